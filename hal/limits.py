@@ -1,0 +1,64 @@
+"""The limits of a Franka Research 3, each with its source.
+
+Source FR3: the vendor's limits for system version >= 5.9 (robot specification, "Limits for Franka Research 3").
+Source FCI: the interface's own constants (libfranka, rate_limiting.h).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def _fixed(*values: float) -> Array:
+    array = np.array(values, dtype=np.float64)
+    array.flags.writeable = False
+    return array
+
+
+@dataclass(frozen=True, slots=True)
+class ArmLimits:
+    """Limits of one arm. Arrays have shape (7,), SI units.
+
+    The velocity limit depends on the position (source FR3): close to a position limit q_upper,
+    dq <= min(dq_max, max(0, sqrt(2 deceleration (q_upper - q)) - velocity_offset)), and likewise below.
+    """
+
+    q_lower: Array
+    q_upper: Array
+    dq_max: Array
+    velocity_offset: Array
+    deceleration: Array
+    ddq_max: Array
+    dddq_max: Array
+    tau_max: Array
+    tau_rate_max: float
+
+    def dq_upper(self, q: Array) -> Array:
+        """Largest allowed velocity at `q`, shape (7,), rad/s."""
+        room = np.maximum(self.q_upper - q, 0.0)
+        return np.minimum(self.dq_max, np.maximum(0.0, np.sqrt(2.0 * self.deceleration * room) - self.velocity_offset))
+
+    def dq_lower(self, q: Array) -> Array:
+        """Smallest (most negative) allowed velocity at `q`, shape (7,), rad/s."""
+        room = np.maximum(q - self.q_lower, 0.0)
+        return -np.minimum(
+            self.dq_max, np.maximum(0.0, np.sqrt(2.0 * self.deceleration * room) - self.velocity_offset)
+        )
+
+
+FR3 = ArmLimits(
+    q_lower=_fixed(-2.7501, -1.7918, -2.9065, -3.0481, -2.8101, 0.54092, -3.0196),  # FR3
+    q_upper=_fixed(2.7501, 1.7918, 2.9065, -0.1458, 2.8101, 4.5205, 3.0196),  # FR3
+    dq_max=_fixed(2.62, 2.62, 2.62, 2.62, 5.26, 4.18, 5.26),  # FR3
+    velocity_offset=_fixed(0.30, 0.20, 0.20, 0.30, 0.35, 0.35, 0.35),  # FR3
+    deceleration=_fixed(6.0, 2.585, 3.5, 4.0, 17.0, 5.5, 17.0),  # FR3
+    ddq_max=_fixed(10.0, 10.0, 10.0, 10.0, 10.0, 10.0, 10.0),  # FR3
+    dddq_max=_fixed(5000.0, 5000.0, 5000.0, 5000.0, 5000.0, 5000.0, 5000.0),  # FR3
+    tau_max=_fixed(87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0),  # FR3
+    tau_rate_max=1000.0,  # FCI, Nm/s
+)
+
+CONTROL_PERIOD_S = 1e-3  # FCI: one state and one command every millisecond

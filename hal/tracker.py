@@ -1,0 +1,39 @@
+"""The object tracker (motion capture): where the object is, as the tracker saw it."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+# position (3,) m, quaternion wxyz (4,), both of the object in the world; seen = 0 until the tracker saw it once
+OBJECT_POSE = np.dtype([("t_ns", "i8"), ("position", "f8", 3), ("orientation_wxyz", "f8", 4), ("seen", "i8")])
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectPose:
+    """A record of dtype OBJECT_POSE, shape (1,), and views of its arrays. Owned and overwritten by the tracker."""
+
+    record: NDArray[np.void]
+    position: NDArray[np.float64]
+    orientation_wxyz: NDArray[np.float64]
+
+    @classmethod
+    def empty(cls) -> "ObjectPose":
+        """Return a pose that was not seen yet, at the origin."""
+        record = np.zeros(1, OBJECT_POSE)
+        record["orientation_wxyz"][0, 0] = 1.0
+        return cls(record=record, position=record["position"][0], orientation_wxyz=record["orientation_wxyz"][0])
+
+    @property
+    def t_ns(self) -> int:
+        """Robot's time at which the object was seen, ns."""
+        return int(self.record["t_ns"][0])
+
+
+class ObjectTracker(Protocol):
+    """Source of object poses at 100 Hz or more."""
+
+    def latest(self) -> ObjectPose:
+        """Return the newest pose without blocking. It belongs to the tracker and is overwritten by the next call."""
+        ...

@@ -1,0 +1,1 @@
+"""A trial: one process, one MCAP file, one result."""

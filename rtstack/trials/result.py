@@ -1,0 +1,46 @@
+"""The result of a trial (contract): the JSON that `--json` prints and the metadata record `result` of the log."""
+
+import json
+from dataclasses import asdict, dataclass
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class TrialResult:
+    """What came out of a trial. Times in s since the start of the trial, forces in N, None where nothing happened.
+
+    average_force_norm is the mean of (33) over the 200 ms around the nominal impact time; _linear_n its force part
+    alone. peak_torque_ratio and peak_velocity_ratio are the largest |tau_J| and |dq| over their limits. success: the
+    object was held until release and no safety limit was hit. impact_verdict is None where no monitor judged.
+    """
+
+    success: bool
+    failure_reason: str | None
+    controller: str
+    object: str
+    displacement_mm: float
+    seed: int
+    cell: str
+    nominal_impact_time_s: float
+    detected_impact_time_s: float | None
+    impact_verdict: str | None
+    average_force_norm: float | None
+    average_force_norm_linear_n: float | None
+    peak_force_norm: float | None
+    max_lift_mm: float | None
+    peak_torque_ratio: float
+    peak_velocity_ratio: float
+    ticks: int
+    missed_deadlines: int
+    compute_us_p50: float
+    compute_us_p99: float
+    safety_interventions: int
+    log: str | None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the result as JSON-ready values."""
+        return asdict(self)
+
+    def as_json(self) -> str:
+        """Return the result as one line of JSON."""
+        return json.dumps(self.as_dict())

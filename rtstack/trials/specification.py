@@ -1,0 +1,42 @@
+"""What a trial is asked to do: data, and nothing else."""
+
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from typing import Any
+
+
+class Controller(StrEnum):
+    """The paper's controller and its three baselines (part V)."""
+
+    PROPOSED = "proposed"
+    NO_REFERENCE_SPREADING = "no_reference_spreading"
+    NO_VELOCITY_FEEDBACK = "no_velocity_feedback"
+    NO_INTERIM = "no_interim"
+
+
+@dataclass(frozen=True, slots=True)
+class TrialSpecification:
+    """One trial. `reference` is the path of a recording, `displacement_mm` the object's shift along the world's y."""
+
+    reference: str
+    controller: Controller = Controller.PROPOSED
+    object: str = "rice_box"
+    displacement_mm: float = 0.0
+    seed: int = 0
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the specification as JSON-ready values."""
+        return {**asdict(self), "controller": str(self.controller)}
+
+
+@dataclass(frozen=True, slots=True)
+class DemonstrationSpecification:
+    """One scripted demonstration: variations by number differ as a person's would."""
+
+    object: str = "rice_box"
+    variation: int = 0
+    seed: int = 0
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the specification as JSON-ready values."""
+        return asdict(self)
