@@ -1,0 +1,106 @@
+"""The mailbox: aligned 64-bit words in shared memory, from the console's processes to the real-time loop.
+
+The loop only loads words, so that no writer can make it wait, whatever happens to that writer. A word has one
+meaning and is written whole; a block of several words (a teleoperation target) is to be appended behind a sequence
+word of its own, odd while it is being written, and a heartbeat is one more word: host's monotonic time, ns.
+"""
+
+import mmap
+import os
+from enum import IntEnum
+from pathlib import Path
+
+_FOLDER = Path("/dev/shm")  # where Linux keeps POSIX shared memory
+_MAGIC = 0x7274_6D62_6F78_0001  # "rtmbox", layout version 1
+
+
+class _Word(IntEnum):
+    """Index of a word. New words go to the end; a changed meaning is a new layout version."""
+
+    MAGIC = 0
+    STOP = 1
+
+
+_SIZE_BYTES = 4096  # a page: room for targets and heartbeats
+
+
+class MailboxError(Exception):
+    """The mailbox cannot be created or attached; the message says why."""
+
+
+class Mailbox:
+    """One mailbox. The process that created it owns it, and removes it when it closes it."""
+
+    __slots__ = ("_map", "_owner", "_path", "_words")
+
+    def __init__(self, path: Path, memory: mmap.mmap, owner: bool) -> None:
+        self._path = path
+        self._map = memory
+        self._owner = owner
+        self._words = memoryview(memory).cast("q")
+
+    @classmethod
+    def create(cls, name: str) -> "Mailbox":
+        """Create the mailbox `name`, all words zero. Raises MailboxError when it exists or the name is no name."""
+        path = _path_of(name)
+        try:
+            descriptor = os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600)
+        except OSError as error:
+            raise MailboxError(f"mailbox {name}: cannot be created: {error.strerror}") from None
+        try:
+            os.ftruncate(descriptor, _SIZE_BYTES)
+            box = cls(path, mmap.mmap(descriptor, _SIZE_BYTES), owner=True)
+        finally:
+            os.close(descriptor)
+        box._words[_Word.MAGIC] = _MAGIC
+        return box
+
+    @classmethod
+    def attach(cls, name: str) -> "Mailbox":
+        """Attach to the mailbox `name` of another process. Raises MailboxError when it is not there, or not ours."""
+        path = _path_of(name)
+        try:
+            descriptor = os.open(path, os.O_RDWR)
+        except OSError as error:
+            raise MailboxError(f"mailbox {name}: cannot be attached: {error.strerror}") from None
+        try:
+            if os.fstat(descriptor).st_size != _SIZE_BYTES:
+                raise MailboxError(f"mailbox {name}: not a mailbox")
+            box = cls(path, mmap.mmap(descriptor, _SIZE_BYTES), owner=False)
+        finally:
+            os.close(descriptor)
+        if box._words[_Word.MAGIC] != _MAGIC:
+            box.close()
+            raise MailboxError(f"mailbox {name}: another layout version")
+        return box
+
+    def request_stop(self) -> None:
+        """Ask the loop for a controlled stop. Any process, any time, any number of times."""
+        self._words[_Word.STOP] = 1
+
+    @property
+    def stop_requested(self) -> bool:
+        """Whether a stop is asked for: one load of one word."""
+        return self._words[_Word.STOP] != 0
+
+    def clear_stop(self) -> None:
+        """Forget the request. Only for the process that owns the robot, at the moment when it accepts a new job."""
+        self._words[_Word.STOP] = 0
+
+    def close(self) -> None:
+        """Let go of the memory; the owner also removes the name. May be called twice."""
+        self._words.release()
+        self._map.close()
+        if self._owner:
+            self._path.unlink(missing_ok=True)
+
+
+def remove_mailbox(name: str) -> None:
+    """Remove what an owner that was killed left behind. Does nothing when there is nothing."""
+    _path_of(name).unlink(missing_ok=True)
+
+
+def _path_of(name: str) -> Path:
+    if not name or not all(letter.isascii() and (letter.isalnum() or letter in "-_") for letter in name):
+        raise MailboxError(f"mailbox {name!r}: a name has letters, digits, - and _ only")
+    return _FOLDER / name
