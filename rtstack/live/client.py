@@ -1,0 +1,93 @@
+"""A program's side of the robot process: what the console uses, and any other program may."""
+
+import socket
+import threading
+from pathlib import Path
+
+from rtstack.live.protocol import (
+    MAX_LINE_BYTES,
+    JobRequest,
+    ProtocolError,
+    RecoverRequest,
+    Request,
+    Status,
+    StatusRequest,
+    StopRequest,
+    decode_answer,
+    encode,
+)
+
+
+class RobotUnreachable(Exception):
+    """The robot process does not answer. The message says what was tried."""
+
+
+class RobotRefused(Exception):
+    """The robot process answered no. The message is its reason, one line."""
+
+
+class RobotClient:
+    """Speaks with the robot process at a socket. Connects when needed; may be shared by threads."""
+
+    def __init__(self, path: Path, timeout_s: float = 12.0) -> None:
+        self._path = path
+        self._timeout_s = timeout_s
+        self._lock = threading.Lock()
+        self._socket: socket.socket | None = None
+
+    def status(self) -> Status:
+        """Return how the robot process is. Raises RobotUnreachable."""
+        return self.request(StatusRequest())
+
+    def start(self, job: JobRequest) -> Status:
+        """Order a job. Raises RobotRefused with the reason, RobotUnreachable."""
+        return self.request(job)
+
+    def stop(self) -> Status:
+        """Ask for a controlled stop by way of the socket; the mailbox is the shorter way. Raises RobotUnreachable."""
+        return self.request(StopRequest())
+
+    def recover(self) -> Status:
+        """Ask for a recovery and wait for it. Raises RobotRefused while the cause persists, RobotUnreachable."""
+        return self.request(RecoverRequest())
+
+    def request(self, request: Request) -> Status:
+        """Send a request and return the status that answers it. Raises RobotRefused, RobotUnreachable."""
+        with self._lock:
+            try:
+                line = self._exchange(encode(request))
+                answer = decode_answer(line)
+            except (OSError, ProtocolError) as error:
+                self._drop()
+                raise RobotUnreachable(f"the robot process does not answer: {error}") from None
+        if answer.error is not None:
+            raise RobotRefused(answer.error)
+        if answer.status is None:
+            raise RobotUnreachable("the robot process sent an empty answer")
+        return answer.status
+
+    def close(self) -> None:
+        """Let go of the connection."""
+        with self._lock:
+            self._drop()
+
+    def _exchange(self, line: bytes) -> bytes:
+        if self._socket is None:
+            self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+            self._socket.settimeout(self._timeout_s)
+            self._socket.connect(str(self._path))
+        self._socket.sendall(line)
+        received = bytearray()
+        while not received.endswith(b"\n"):
+            part = self._socket.recv(65536)
+            if not part:
+                raise ConnectionError("it closed the connection")
+            received += part
+            if len(received) > MAX_LINE_BYTES:
+                raise ConnectionError("its answer is too long")
+        return bytes(received)
+
+    def _drop(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None

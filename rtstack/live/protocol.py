@@ -1,0 +1,204 @@
+"""What is said over the robot process's socket: one JSON object a line, one answer a request, in order.
+
+Requests and answers are frozen dataclasses, checked on arrival; what does not fit is refused with one line that
+names the key. The socket carries intentions and status, never samples (rings) and never the stop's fast path (mailbox).
+"""
+
+import json
+from dataclasses import asdict
+from enum import StrEnum
+from typing import Annotated, Any, Literal
+
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass as checked
+
+from rtstack.trials.specification import Controller, DemonstrationSpecification, TrialSpecification
+
+MAX_LINE_BYTES = 1 << 20  # a request or an answer is far shorter: what is longer is not ours
+
+_STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+ObjectName = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_-]+$")]
+Seed = Annotated[int, Field(ge=0, le=2**31 - 1)]
+
+
+class ProtocolError(Exception):
+    """A line that is no request or no answer. The message is one line that names the key."""
+
+
+class JobKind(StrEnum):
+    """What the robot process can be asked to carry out."""
+
+    DEMONSTRATION = "demonstration"
+    TRIAL = "trial"
+
+
+class JobState(StrEnum):
+    """Where a job is. The last three are final."""
+
+    STARTING = "starting"
+    RUNNING = "running"
+    STOPPING = "stopping"
+    DONE = "done"
+    STOPPED = "stopped"
+    FAILED = "failed"
+
+
+@checked(frozen=True, slots=True, config=_STRICT)
+class StatusRequest:
+    """Ask how things are."""
+
+    verb: Literal["status"] = "status"
+
+
+@checked(frozen=True, slots=True, config=_STRICT)
+class DemonstrationRequest:
+    """Ask for a scripted demonstration."""
+
+    object: ObjectName = "rice_box"
+    variation: Annotated[int, Field(ge=0, le=10_000)] = 0
+    seed: Seed = 0
+    verb: Literal["demonstration"] = "demonstration"
+
+    def specification(self) -> DemonstrationSpecification:
+        """Return what the trial module is asked for."""
+        return DemonstrationSpecification(object=self.object, variation=self.variation, seed=self.seed)
+
+
+@checked(frozen=True, slots=True, config=_STRICT)
+class TrialRequest:
+    """Ask for a trial. `reference` is the path of a recording, the displacement is along the world's y, mm."""
+
+    reference: Annotated[str, Field(min_length=1, max_length=4096)]
+    controller: Controller = Controller.PROPOSED
+    object: ObjectName = "rice_box"
+    displacement_mm: Annotated[float, Field(ge=-1000.0, le=1000.0)] = 0.0
+    seed: Seed = 0
+    verb: Literal["trial"] = "trial"
+
+    def specification(self) -> TrialSpecification:
+        """Return what the trial module is asked for."""
+        return TrialSpecification(
+            reference=self.reference,
+            controller=self.controller,
+            object=self.object,
+            displacement_mm=self.displacement_mm,
+            seed=self.seed,
+        )
+
+
+@checked(frozen=True, slots=True, config=_STRICT)
+class StopRequest:
+    """Ask for a controlled stop of the running job."""
+
+    verb: Literal["stop"] = "stop"
+
+
+@checked(frozen=True, slots=True, config=_STRICT)
+class RecoverRequest:
+    """Ask both arms to clear a latched error, or for a new cell where the last one was lost."""
+
+    verb: Literal["recover"] = "recover"
+
+
+JobRequest = DemonstrationRequest | TrialRequest
+Request = StatusRequest | DemonstrationRequest | TrialRequest | StopRequest | RecoverRequest
+
+
+@checked(frozen=True, slots=True, config=_STRICT)
+class Job:
+    """One job. `progress` from 0 to 1, `reason` says why it failed or was stopped, `started_s` is Unix time.
+
+    `log` is the file's name in the folder of logs; `success` is the trial's verdict, None until there is one.
+    """
+
+    number: int
+    kind: JobKind
+    state: JobState
+    title: str
+    progress: float
+    started_s: float
+    reason: str | None = None
+    success: bool | None = None
+    log: str | None = None
+
+    @property
+    def active(self) -> bool:
+        """Whether the job holds the robot."""
+        return self.state in (JobState.STARTING, JobState.RUNNING, JobState.STOPPING)
+
+
+@checked(frozen=True, slots=True, config=_STRICT)
+class ObjectShape:
+    """An object of the cell and its box, m."""
+
+    name: str
+    size_m: tuple[float, float, float]
+
+
+@checked(frozen=True, slots=True, config=_STRICT)
+class FixtureShape:
+    """A box that stands in the cell for good: its centre in the world and its size, m."""
+
+    name: str
+    centre_m: tuple[float, float, float]
+    size_m: tuple[float, float, float]
+
+
+@checked(frozen=True, slots=True, config=_STRICT)
+class Status:
+    """How the robot process is. `job` is the running job or the last one; `refusal` says why no job is accepted now.
+
+    `object` is what the open cell holds; `last_error` is what the hardware said last, until a recovery or a new job.
+    """
+
+    cell: str
+    simulated: bool
+    objects: tuple[ObjectShape, ...]
+    fixtures: tuple[FixtureShape, ...]
+    object: str
+    job: Job | None
+    refusal: str | None
+    last_error: str | None
+    stop_requested: bool
+
+
+@checked(frozen=True, slots=True, config=_STRICT)
+class Answer:
+    """The answer to a request: the status after it, or one line that says why it was refused."""
+
+    status: Status | None = None
+    error: str | None = None
+
+
+_REQUESTS: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="verb")])
+_ANSWERS: TypeAdapter[Answer] = TypeAdapter(Answer)
+
+
+def encode(message: Request | Answer) -> bytes:
+    """Return the line of a message, with its end."""
+    return json.dumps(asdict(message), separators=(",", ":")).encode() + b"\n"
+
+
+def decode_request(line: bytes) -> Request:
+    """Return the request on a line. Raises ProtocolError."""
+    return _checked(_REQUESTS, line, "request")
+
+
+def decode_answer(line: bytes) -> Answer:
+    """Return the answer on a line. Raises ProtocolError."""
+    return _checked(_ANSWERS, line, "answer")
+
+
+def status_document(status: Status) -> dict[str, Any]:
+    """Return the status as JSON-ready values, for the page."""
+    return asdict(status)
+
+
+def _checked(adapter: TypeAdapter[Any], line: bytes, kind: str) -> Any:
+    try:
+        return adapter.validate_json(line)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False)[0]
+        key = ".".join(str(part) for part in first["loc"]) or "the line"
+        raise ProtocolError(f"{kind}: {key}: {first['msg']}") from None

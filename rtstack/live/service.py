@@ -1,0 +1,84 @@
+"""The robot process's socket: a side thread that reads requests and writes answers, and never touches an arm."""
+
+import contextlib
+import os
+import socketserver
+import threading
+from concurrent.futures import TimeoutError as RecoveryTimeout
+from pathlib import Path
+
+from hal.errors import HardwareError
+from rtstack.live.desk import Desk, Refused
+from rtstack.live.protocol import (
+    MAX_LINE_BYTES,
+    Answer,
+    DemonstrationRequest,
+    ProtocolError,
+    RecoverRequest,
+    Request,
+    StopRequest,
+    TrialRequest,
+    decode_request,
+    encode,
+)
+
+_RECOVERY_TIMEOUT_S = 10.0  # libfranka's automatic recovery takes a few seconds on a real arm
+
+
+class Service:
+    """Serves a desk at a Unix-domain socket that only this user can open."""
+
+    def __init__(self, desk: Desk, path: Path) -> None:
+        self._path = path
+        mask = os.umask(0o177)  # the socket is ours alone from the first moment on
+        try:
+            self._server = _Server(str(path), _Handler)
+        finally:
+            os.umask(mask)
+        self._server.desk = desk
+        self._thread = threading.Thread(
+            target=self._server.serve_forever, args=(0.1,), daemon=True, name="service"
+        )
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop serving and remove the socket."""
+        self._server.shutdown()
+        self._server.server_close()
+        self._path.unlink(missing_ok=True)
+
+
+class _Server(socketserver.ThreadingUnixStreamServer):
+    daemon_threads = True
+    desk: Desk
+
+
+class _Handler(socketserver.StreamRequestHandler):
+    def handle(self) -> None:
+        assert isinstance(self.server, _Server)
+        with contextlib.suppress(ConnectionError):
+            while line := self.rfile.readline(MAX_LINE_BYTES):
+                self.wfile.write(encode(answer(self.server.desk, line)))
+
+
+def answer(desk: Desk, line: bytes) -> Answer:
+    """Return the answer to the request on a line. Never raises: what is wrong becomes the answer's error."""
+    try:
+        _act(desk, decode_request(line))
+        return Answer(status=desk.status())
+    except (ProtocolError, Refused, HardwareError) as error:
+        return Answer(error=str(error))
+    except RecoveryTimeout:
+        return Answer(error=f"no answer from the robot within {_RECOVERY_TIMEOUT_S:g} s")
+
+
+def _act(desk: Desk, request: Request) -> None:
+    match request:
+        case DemonstrationRequest() | TrialRequest():
+            desk.take(request)
+        case StopRequest():
+            desk.stop()
+        case RecoverRequest():
+            desk.recover(request).result(_RECOVERY_TIMEOUT_S)
+        case _:
+            pass  # a status is what every answer carries

@@ -1,0 +1,163 @@
+"""The whole stack on one machine: a supervisor, the robot process and the console, started and ended in order.
+
+The supervisor holds the console's listening socket before anything starts, so that a busy port costs nothing, and the
+write end of both children's standard input, so that they end when it does, whatever ends it.
+"""
+
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+
+from rtstack.loop.mailbox import remove_mailbox
+
+_START_TIMEOUT_S = 90.0  # compiled code may have to be compiled for this machine first
+_END_TIMEOUT_S = 10.0  # a controlled stop, the end of the log, and a margin
+_POLL_S = 0.2
+
+
+class StackError(Exception):
+    """The stack cannot go on; the message is one line, `status` the exit status."""
+
+    def __init__(self, message: str, status: int) -> None:
+        super().__init__(message)
+        self.status = status
+
+
+@dataclass(frozen=True, slots=True)
+class StackSettings:
+    """What to start. `source` names the factory of the cell (rtstack.live.source), port 0 takes a free one."""
+
+    port: int
+    logs: Path
+    source: str
+    cell: Path | None = None
+
+
+class _Ended(Exception):
+    """Somebody asked for the end: Ctrl-C or SIGTERM."""
+
+
+def run_stack(settings: StackSettings) -> int:
+    """Run the stack until Ctrl-C or SIGTERM. Returns the exit status: 0, 1 when a process died, 2 for bad input."""
+    previous = {number: signal.signal(number, _raise_ended) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        with ExitStack() as stack:
+            _supervise(settings, stack)
+    except _Ended:
+        return 0
+    except StackError as error:
+        print(f"rtstack: {error}", file=sys.stderr, flush=True)
+        return error.status
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+    return 0
+
+
+def _raise_ended(_number: int, _frame: FrameType | None) -> None:
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)  # a second Ctrl-C must not interrupt the orderly end
+    raise _Ended
+
+
+def _supervise(settings: StackSettings, stack: ExitStack) -> None:
+    listener = stack.enter_context(_listen(settings.port))
+    folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="rtstack-")))
+    name = f"rtstack-{os.getpid()}"
+    stack.callback(remove_mailbox, f"{name}-mailbox")
+    shared = ["--run", str(folder), "--name", name, "--logs", str(settings.logs)]
+    cell = [] if settings.cell is None else ["--cell", str(settings.cell)]
+
+    robot = _Child("robot process", "rtstack.live.robot", [*shared, "--source", settings.source, *cell])
+    stack.callback(robot.end)
+    rings = robot.first_line()
+    console = _Child(
+        "console",
+        "console",
+        [*shared, "--rings", rings, "--listener", str(listener.fileno()), *cell],
+        inherited=(listener.fileno(),),
+    )
+    stack.callback(console.end)  # ended first: callbacks run backwards
+    print(f"rtstack is up: {console.first_line()}", flush=True)
+    while True:
+        for child in (robot, console):
+            if child.ended:
+                raise StackError(f"the {child.what} died: {child.how_it_ended()}", status=1)
+        time.sleep(_POLL_S)
+
+
+def _listen(port: int) -> socket.socket:
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind(("127.0.0.1", port))
+        listener.listen(128)
+    except (OSError, OverflowError) as error:
+        listener.close()
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise StackError(
+            f"port {port} cannot be used: {reason}; choose another one with --port", status=2
+        ) from None
+    return listener
+
+
+class _Child:
+    """A child process of ours, in a session of its own, so that Ctrl-C reaches the supervisor alone."""
+
+    def __init__(self, what: str, module: str, arguments: list[str], inherited: tuple[int, ...] = ()) -> None:
+        self.what = what
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", module, *arguments],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,
+            pass_fds=inherited,
+        )
+
+    def first_line(self) -> str:
+        """Return the line that says that the child is ready. Raises StackError when it ends or stays silent."""
+        assert self._process.stdout is not None
+        deadline = time.monotonic() + _START_TIMEOUT_S
+        while not select.select([self._process.stdout], [], [], _POLL_S)[0]:
+            if time.monotonic() > deadline:
+                raise StackError(f"the {self.what} did not start within {_START_TIMEOUT_S:g} s", status=1)
+        line = self._process.stdout.readline().decode().strip()
+        if not line:
+            status = self._process.wait()
+            raise StackError(
+                f"the {self.what} did not start: {self.how_it_ended()}", status=2 if status == 2 else 1
+            )
+        return line
+
+    @property
+    def ended(self) -> bool:
+        return self._process.poll() is not None
+
+    def how_it_ended(self) -> str:
+        status = self._process.returncode
+        if status is not None and status < 0:
+            return f"killed by {signal.Signals(-status).name}"
+        return f"exit status {status}; its reason is above"
+
+    def end(self) -> None:
+        """End the child in order, and by force when it does not answer."""
+        with suppress(OSError):
+            self._process.terminate()
+        try:
+            self._process.wait(_END_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            print(f"rtstack: the {self.what} does not end, killing it", file=sys.stderr, flush=True)
+            self._process.kill()
+            self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe is not None:
+                pipe.close()
