@@ -1,0 +1,107 @@
+"""The arm as its URDF describes it, in the form that the plant needs."""
+
+from dataclasses import dataclass
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hal.description import fr3_urdf
+
+Array = NDArray[np.float64]
+JOINTS = 7
+
+
+@dataclass(frozen=True, slots=True)
+class Capsule:
+    """A capsule in its link's frame: T_link_capsule (4, 4), axis along z; radius and half length of the axis, m."""
+
+    T_link_capsule: Array
+    radius: float
+    half_length: float
+
+
+@dataclass(frozen=True, slots=True)
+class Link:
+    """One link: mass kg, centre of mass (3,) m and inertia (3, 3) kg m^2 about it, in the link's frame."""
+
+    name: str
+    mass: float
+    centre: Array
+    inertia: Array
+    capsules: tuple[Capsule, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ArmDescription:
+    """links: link0 (fixed) to link7; T_parent_joint: (7, 4, 4), where joint i + 1 sits on link i, axis z."""
+
+    links: tuple[Link, ...]
+    T_parent_joint: Array
+    flange_offset_z: float
+
+
+def _vector(text: str | None) -> Array:
+    return np.array([float(word) for word in (text or "0 0 0").split()])
+
+
+def _transform(origin: ElementTree.Element | None) -> Array:
+    """Transform of a URDF origin: R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    T = np.eye(4)
+    if origin is None:
+        return T
+    (cr, cp, cy), (sr, sp, sy) = np.cos(_vector(origin.get("rpy"))), np.sin(_vector(origin.get("rpy")))
+    T[:3, :3] = [
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+        [-sp, cp * sr, cp * cr],
+    ]
+    T[:3, 3] = _vector(origin.get("xyz"))
+    return T
+
+
+def _required(element: ElementTree.Element, path: str) -> ElementTree.Element:
+    found = element.find(path)
+    if found is None:
+        raise ValueError(f"URDF: {element.tag} '{element.get('name')}' has no {path}")
+    return found
+
+
+def _link(element: ElementTree.Element) -> Link:
+    inertial = _required(element, "inertial")
+    pose = _transform(inertial.find("origin"))
+    i = {key: float(value) for key, value in _required(inertial, "inertia").attrib.items()}
+    tensor = np.array(
+        [[i["ixx"], i["ixy"], i["ixz"]], [i["ixy"], i["iyy"], i["iyz"]], [i["ixz"], i["iyz"], i["izz"]]]
+    )
+    capsules = tuple(
+        Capsule(
+            _transform(c.find("origin")), float(shape.attrib["radius"]), float(shape.attrib["length"]) / 2.0
+        )
+        for c in element.findall("collision")
+        if (shape := c.find("geometry/cylinder")) is not None  # the spheres are the ends of these cylinders
+    )
+    return Link(
+        name=element.attrib["name"],
+        mass=float(_required(inertial, "mass").attrib["value"]),
+        centre=pose[:3, 3],
+        inertia=pose[:3, :3] @ tensor @ pose[:3, :3].T,
+        capsules=capsules,
+    )
+
+
+def fr3_description() -> ArmDescription:
+    """Read hal's URDF of the FR3. Raises ValueError where it is not a chain of seven z joints."""
+    root = ElementTree.fromstring(fr3_urdf())
+    links = {link.attrib["name"]: link for link in root.findall("link")}
+    joints = {joint.attrib["name"]: joint for joint in root.findall("joint")}
+    chain = [joints[f"joint{i}"] for i in range(1, JOINTS + 1)]
+    if any(
+        not np.array_equal(_vector(_required(joint, "axis").get("xyz")), (0.0, 0.0, 1.0)) for joint in chain
+    ):
+        raise ValueError("URDF: every joint must turn about its z axis")
+    return ArmDescription(
+        links=tuple(_link(links[f"link{i}"]) for i in range(JOINTS + 1)),
+        T_parent_joint=np.array([_transform(joint.find("origin")) for joint in chain]),
+        flange_offset_z=float(_transform(joints["joint8"].find("origin"))[2, 3]),
+    )

@@ -1,0 +1,179 @@
+"""The simulated cell behind hal's contract: two arms and a tracker on one plant, in one process.
+
+A read by an arm that has already seen the present state advances the plant by 1 ms, for both arms: so it does not
+matter which arm is served first, and an arm that did not write keeps its last torque. The first reads return the
+state at t = 0.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hal.cell import Cell
+from hal.errors import CommandRejected, ConnectionLost, RecoveryRefused
+from hal.robot_errors import error_names
+from hal.state import ArmState, RobotMode
+from sim_robot import reflexes
+from sim_robot.clock import Clock
+from sim_robot.control_box import ControlBox
+from sim_robot.model import SIDES
+from sim_robot.plant import Plant
+from sim_robot.plant_parameters import PlantParameters, load_plant_parameters
+from sim_robot.scene import Scene, load_scene
+from sim_robot.sensors import Sensors
+from sim_robot.tracker import SimulatedTracker
+
+Array = NDArray[np.float64]
+
+
+class SimulatedArm:
+    """One arm of a simulated cell: a hal.arm.Arm."""
+
+    def __init__(self, cell: "SimulatedCell", side: int) -> None:
+        self._cell, self._side = cell, side
+        self._state = ArmState.empty()
+        self._seen_tick = -1
+        self._closed = False
+
+    def read(self) -> ArmState:
+        """Return the next state. Raises CommandRejected in a reflex (the plant goes on), ConnectionLost when closed."""
+        self._check_open()
+        if self._seen_tick == self._cell.plant.ticks:
+            self._cell.next_state()
+        self._seen_tick = self._cell.plant.ticks
+        self._state.record[0] = self._cell.states[self._side]
+        self._check_no_reflex()
+        return self._state
+
+    def write(self, tau: Array) -> None:
+        """Answer with a torque, (7,), Nm. The first one starts torque control. Raises as read does."""
+        self._check_open()
+        self._check_no_reflex()
+        self._cell.boxes[self._side].take(np.asarray(tau, dtype=np.float64))
+
+    def stop(self) -> None:
+        """End torque control: the arm brakes and holds. A reflex stays latched."""
+        self._cell.boxes[self._side].stop()
+
+    def recover(self) -> None:
+        """Clear a reflex: the arm is idle and holds. Raises RecoveryRefused while its cause persists."""
+        self._check_open()
+        self._cell.recover(self._side)
+
+    def close(self) -> None:
+        """Stop; nothing can be read or written any more."""
+        self.stop()
+        self._closed = True
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise ConnectionLost(f"the {SIDES[self._side]} arm was closed; open the cell again")
+
+    def _check_no_reflex(self) -> None:
+        box = self._cell.boxes[self._side]
+        if box.mode == RobotMode.REFLEX:
+            names = box.error_names
+            raise CommandRejected(
+                f"{SIDES[self._side]} arm in reflex: {', '.join(names)}; recover it first", names
+            )
+
+
+class SimulatedCell:
+    """Two arms, a tracker, one plant. Has every attribute of hal.cell.Cell; `as_cell` returns the real thing."""
+
+    def __init__(
+        self,
+        plant: Plant,
+        scene: Scene,
+        parameters: PlantParameters,
+        seed: int,
+        clock: Clock | None = None,
+    ) -> None:
+        self.plant, self.clock = plant, clock
+        self._sensors = Sensors(plant, parameters.sensors, scene.pad.face_offset_z, seed)
+        self.states = self._sensors.states  # both arms' present states, dtype ARM_STATE, (2,)
+        self._overload = parameters.reflexes.tau_J_overload
+        self._masks = np.zeros(2, dtype=np.int64)
+        timeout_ms = parameters.reflexes.communication_timeout_ms
+        self.boxes = tuple(ControlBox(plant, side, timeout_ms) for side in range(2))
+        self.tracker = SimulatedTracker(plant, parameters.tracker, seed)
+        self.left, self.right = SimulatedArm(self, 0), SimulatedArm(self, 1)
+        self._observe()
+
+    def next_state(self) -> None:
+        """Advance by 1 ms, or in real time by as many as have passed, with the last torques held for those missed."""
+        milliseconds = self.clock.wait() if self.clock is not None else 1
+        for remaining in range(milliseconds - 1, -1, -1):
+            for box in self.boxes:
+                box.begin_millisecond(on_time=remaining == 0)
+            self.plant.advance()
+            self._observe()
+
+    def _observe(self) -> None:
+        self._sensors.sense()
+        self.tracker.update()
+        reflexes.judge_states(self.states, self._overload, self._masks)
+        for side, box in enumerate(self.boxes):
+            if self._masks[side] and box.mode == RobotMode.MOVE:
+                box.trip(int(self._masks[side]))
+            state = self.states[side]
+            state["robot_mode"], state["current_errors"] = box.mode, box.errors
+            state["control_command_success_rate"] = box.success_rate
+
+    def recover(self, side: int) -> None:
+        """Clear the reflex of arm 0 (left) or 1 (right). Raises RecoveryRefused while its cause persists."""
+        persisting = error_names(self.boxes[side].errors & int(self._masks[side]))
+        if persisting:
+            raise RecoveryRefused(
+                f"the cause persists: {', '.join(persisting)}; move the {SIDES[side]} arm back first"
+            )
+        self.boxes[side].recover()
+
+    def as_cell(self, name: str) -> Cell:
+        """Return the cell as hal knows it. `name` is the kind as the command line spells it."""
+        return Cell(name, self.left, self.right, self.tracker)
+
+    def close(self) -> None:
+        """Stop both arms. Never raises."""
+        self.left.close()
+        self.right.close()
+
+    def object_truth(self) -> tuple[Array, Array]:
+        """Return where the object really is, (3,) m and wxyz (4,). For tests only: no robot knows it."""
+        return self.plant.object_pose()
+
+    def apply_pad_force(self, side: int, force_world: Array) -> None:
+        """Push on a pad's face, (3,) N in the world, until the next call. For tests and faults."""
+        self.plant.apply_pad_force(side, force_world)
+
+
+def simulated_cell(
+    object_name: str,
+    displacement_m: float,
+    seed: int,
+    *,
+    scene: Path | None = None,
+    parameters: PlantParameters | None = None,
+    clock: Clock | None = None,
+) -> SimulatedCell:
+    """Build the cell with this object, `displacement_m` along the world's y from its place.
+
+    Without a clock it is lockstep: nothing waits, and a seed gives bit-identical states. Raises UnknownObject,
+    ObjectOutOfReach, BadParameterFile.
+    """
+    layout = load_scene(scene)
+    parameters = load_plant_parameters() if parameters is None else parameters
+    plant = Plant(layout, parameters, object_name, displacement_m, seed)
+    return SimulatedCell(plant, layout, parameters, seed, clock)
+
+
+def nominal_cell(
+    object_name: str, displacement_m: float = 0.0, parameters: PlantParameters | None = None
+) -> SimulatedCell:
+    """Return a cell without scatter, noise or quantisation, in lockstep. For tests of what is exact."""
+    layout = load_scene()
+    parameters = (load_plant_parameters() if parameters is None else parameters).nominal()
+    return SimulatedCell(
+        Plant.nominal(layout, parameters, object_name, displacement_m), layout, parameters, seed=0
+    )

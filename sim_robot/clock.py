@@ -1,0 +1,46 @@
+"""What paces the plant when it must keep real time. In lockstep there is no clock."""
+
+import time
+from typing import Protocol
+
+PERIOD_NS = 1_000_000
+# time.sleep wakes up late by the kernel's timer slack; the rest of the wait is this short
+FINAL_WAIT_NS = 60_000
+# after a longer pause (a suspended process) the plant does not catch up, it goes on from where it is
+LONGEST_CATCH_UP_MS = 1000
+
+
+class Clock(Protocol):
+    """Paces the cell: one `wait` for each state that is read."""
+
+    missed: int
+
+    def wait(self) -> int:
+        """Block until the next state is due; return how many ms have passed since the last one, at least 1."""
+        ...
+
+
+class RealtimeClock:
+    """1 kHz by absolute deadlines of the monotonic clock. `missed` counts the ms whose deadline nobody met."""
+
+    def __init__(self) -> None:
+        self.missed = 0
+        self._deadline_ns: int | None = None
+
+    def wait(self) -> int:
+        """Sleep until the next deadline, or return at once with every ms that has passed. See Clock."""
+        now = time.monotonic_ns()
+        if self._deadline_ns is None:
+            self._deadline_ns = now
+        self._deadline_ns += PERIOD_NS
+        if now < self._deadline_ns:
+            spare = self._deadline_ns - now - FINAL_WAIT_NS
+            if spare > 0:
+                time.sleep(spare * 1e-9)
+            while time.monotonic_ns() < self._deadline_ns:
+                pass
+            return 1
+        late = (now - self._deadline_ns) // PERIOD_NS
+        self.missed += late
+        self._deadline_ns += late * PERIOD_NS
+        return 1 + min(late, LONGEST_CATCH_UP_MS)

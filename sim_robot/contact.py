@@ -1,0 +1,53 @@
+"""Contact stiffness and damping: physical numbers into MuJoCo's direct solref.
+
+MuJoCo holds a contact point with f = (a_ref - a_0) / (A + R), a_ref = -(b / d) v - (k / d) r, R = (1 - d) / d A_diag,
+for solref = (-k, -b) and a constant impedance d; k and b are mass-normalised (1/s^2, 1/s). At rest this is a spring
+of k / ((1 - d) A_diag) newton a metre whatever d is; with a small d it is that spring, and the damper
+b / ((1 - d) A_diag), in motion too. A_diag is what the compiler estimated for the two bodies, so the wanted
+stiffness K and damping C of one point give k = K (1 - d) A_diag and b = C (1 - d) A_diag.
+Four points, the corners of the pad's face or of the object's base, share a face.
+"""
+
+from math import sqrt
+
+import mujoco
+import numpy as np
+
+from sim_robot.scene import GraspObject, Scene
+
+POINTS_PER_FACE = 4.0
+
+
+def series(stiffness: float, other: float) -> float:
+    """Stiffness of two springs in series, N/m."""
+    return 1.0 / (1.0 / stiffness + 1.0 / other)
+
+
+def set_contacts(model: mujoco.MjModel, scene: Scene, thing: GraspObject) -> None:
+    """Set solref and solimp of every geom: pads on the object, the object on the table, and hard links.
+
+    The damping is 2 zeta sqrt(K m), m the object's mass: the ratio of the object alone on that face.
+    """
+    weights = model.body_invweight0[:, 0]
+    w_object = weights[model.body("object").id]
+    on_table = series(thing.stiffness, scene.table.stiffness)
+    _set(model, slice(None), scene, thing, on_table, w_object)
+    for side in ("left", "right"):
+        body = model.body(f"{side}_pad").id
+        on_pad = series(thing.stiffness, scene.pad.stiffness)
+        _set(model, model.geom(f"{side}_pad").id, scene, thing, on_pad, w_object + weights[body])
+
+
+def _set(
+    model: mujoco.MjModel,
+    geoms: slice | int,
+    scene: Scene,
+    thing: GraspObject,
+    stiffness: float,
+    inverse_mass: float,
+) -> None:
+    d = scene.contact.impedance
+    normalised = (1.0 - d) * inverse_mass / POINTS_PER_FACE
+    damping = 2.0 * thing.damping_ratio * sqrt(stiffness * thing.mass)
+    model.geom_solref[geoms] = (-stiffness * normalised, -damping * normalised)
+    model.geom_solimp[geoms] = np.array([d, d, 1e-3, 0.5, 2.0])  # constant impedance

@@ -1,0 +1,82 @@
+"""One arm's control box: idle, moving or in reflex, which torque counts, and how many commands were lost."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hal.robot_errors import error_names
+from hal.state import RobotMode
+from sim_robot import reflexes
+from sim_robot.plant import Plant
+
+Array = NDArray[np.float64]
+RATE_WINDOW = 100  # control_command_success_rate covers the last 100 packets (Franka Control Interface)
+_ALL_ARRIVED = (1 << RATE_WINDOW) - 1
+
+
+class ControlBox:
+    """What stands between commands and the plant for one arm (side 0 left, 1 right)."""
+
+    def __init__(self, plant: Plant, side: int, timeout_ms: int) -> None:
+        self.mode = RobotMode.IDLE
+        self.errors = 0
+        self._plant, self._side, self._timeout_ms = plant, side, timeout_ms
+        self._tau = np.zeros(7)  # the last torque taken, zero before the first one
+        self._waiting = False  # a torque that the plant has not felt yet
+        self._lost = 0
+        self._arrived = _ALL_ARRIVED
+
+    @property
+    def error_names(self) -> tuple[str, ...]:
+        """The vendor's names of the latched errors."""
+        return error_names(self.errors)
+
+    @property
+    def success_rate(self) -> float:
+        """Share of the last 100 ms that had a command; 0 when not moving."""
+        return self._arrived.bit_count() / RATE_WINDOW if self.mode == RobotMode.MOVE else 0.0
+
+    def take(self, tau: Array) -> None:
+        """Take a torque for the next millisecond, (7,), Nm, copied. A bad one is a reflex, and never reaches the plant."""
+        errors = reflexes.judge_command(tau, self._tau)
+        if errors:
+            self.trip(errors)
+            return
+        self._tau[:] = tau
+        self._waiting = True
+
+    def begin_millisecond(self, on_time: bool) -> None:
+        """Hand the waiting torque to the plant if it came on time; otherwise the last one stays, and is counted lost."""
+        if self._waiting and on_time:
+            if self.mode != RobotMode.MOVE:
+                self.mode, self._arrived = RobotMode.MOVE, _ALL_ARRIVED
+            self._waiting, self._lost = False, 0
+            self._arrived = (self._arrived << 1 | 1) & _ALL_ARRIVED
+            self._plant.command(self._side, self._tau)
+        elif self.mode == RobotMode.MOVE:
+            self._lost += 1
+            self._arrived = self._arrived << 1 & _ALL_ARRIVED
+            if self._lost >= self._timeout_ms:
+                self.trip(reflexes.COMMUNICATION)
+
+    def trip(self, errors: int) -> None:
+        """Latch errors: brake, hold, take nothing more until the recovery."""
+        self._to(RobotMode.REFLEX)
+        self.errors |= errors
+
+    def stop(self) -> None:
+        """End torque control and hold; a reflex stays latched."""
+        if self.mode != RobotMode.REFLEX:
+            self._to(RobotMode.IDLE)
+
+    def recover(self) -> None:
+        """Clear the latched errors. Whether their cause persists is for the caller to judge."""
+        self.errors = 0
+        self._to(RobotMode.IDLE)
+
+    def _to(self, mode: RobotMode) -> None:
+        # braking starts once: a second reason must not move the place where the arm holds
+        if self.mode == RobotMode.MOVE:
+            self._plant.hold(self._side)
+        self.mode = mode
+        self._tau[:] = 0.0
+        self._waiting, self._lost = False, 0

@@ -1,0 +1,133 @@
+"""The MuJoCo model of the cell, generated in memory from the arms' description and the scene.
+
+Degrees of freedom: left joints 0-6, right joints 7-13, the object's free joint 14-19 (qpos 14-20). MuJoCo sees the
+link side of the arms only: no armature, no joint damping, no actuators, no joint limits (the reflexes watch those).
+"""
+
+from dataclasses import dataclass
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_robot.arm_description import JOINTS, ArmDescription
+from sim_robot.contact import set_contacts
+from sim_robot.scene import ArmPlacement, ObjectPlacement, Scene
+
+Array = NDArray[np.float64]
+SIDES = ("left", "right")
+SUBSTEPS = 4
+TIMESTEP_S = 0.25e-3  # the vendor's torque loop runs at 4 kHz
+GRAVITY = 9.81
+
+# collision masks: an arm meets the other arm, the table and the object, never itself
+_LEFT, _RIGHT, _OBJECT, _TABLE = 1, 2, 4, 8
+_MASKS = {
+    "left": (_LEFT, _RIGHT),
+    "right": (_RIGHT, _LEFT),
+    "object": (_OBJECT, _LEFT | _RIGHT),
+    "table": (_TABLE, _LEFT | _RIGHT | _OBJECT),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class CellModel:
+    """The compiled model and where things are in it. Body indices (2,) are (left, right)."""
+
+    model: mujoco.MjModel
+    pad_bodies: tuple[int, int]
+    link1_bodies: tuple[int, int]
+    object_body: int
+
+
+def _text(values: object) -> str:
+    return " ".join(repr(float(value)) for value in np.asarray(values, dtype=float).ravel())
+
+
+def _quaternion(R: Array) -> Array:
+    quaternion = np.zeros(4)
+    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(R).ravel())
+    return quaternion
+
+
+def _collides(geom: Element, what: str) -> None:
+    contype, conaffinity = _MASKS[what]
+    geom.set("contype", str(contype))
+    geom.set("conaffinity", str(conaffinity))
+
+
+def _add_arm(world: Element, side: str, place: ArmPlacement, arm: ArmDescription, scene: Scene) -> None:
+    body = SubElement(world, "body", name=f"{side}_link0", pos=_text(place.T_world_base_position))
+    body.set("quat", _text(place.T_world_base_wxyz))
+    for index, link in enumerate(arm.links):
+        if index > 0:
+            T = arm.T_parent_joint[index - 1]
+            body = SubElement(body, "body", name=f"{side}_{link.name}", pos=_text(T[:3, 3]))
+            body.set("quat", _text(_quaternion(T[:3, :3])))
+            SubElement(body, "joint", name=f"{side}_joint{index}", type="hinge", axis="0 0 1")
+        I = link.inertia  # noqa: E741 - the field's name
+        inertial = SubElement(body, "inertial", pos=_text(link.centre), mass=_text(link.mass))
+        inertial.set("fullinertia", _text((I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2])))
+        for number, capsule in enumerate(link.capsules):
+            T = capsule.T_link_capsule
+            geom = SubElement(
+                body, "geom", name=f"{side}_{link.name}_{number}", type="capsule", pos=_text(T[:3, 3])
+            )
+            geom.set("quat", _text(_quaternion(T[:3, :3])))
+            geom.set("size", _text((capsule.radius, capsule.half_length)))
+            _collides(geom, side)
+    pad = scene.pad
+    centre = (0.0, 0.0, pad.face_offset_z - pad.size[2] / 2.0)
+    body = SubElement(body, "body", name=f"{side}_pad", pos=_text(centre))
+    geom = SubElement(body, "geom", name=f"{side}_pad", type="box", size=_text(np.array(pad.size) / 2.0))
+    geom.set("mass", repr(pad.mass))
+    geom.set("friction", f"{pad.friction!r} 0 0")
+    geom.set("priority", "1")  # the pad's friction and stiffness count, not the larger of the two
+    _collides(geom, side)
+
+
+def cell_xml(
+    scene: Scene, object_name: str, placement: ObjectPlacement, arms: tuple[ArmDescription, ...]
+) -> str:
+    """Return the MJCF of the cell with this object. `arms` are the drawn descriptions (left, right)."""
+    thing, table = scene.find(object_name), scene.table
+    root = Element("mujoco", model=scene.name)
+    SubElement(root, "compiler", angle="radian", autolimits="false")
+    option = SubElement(root, "option", timestep=repr(TIMESTEP_S), integrator="implicitfast", cone="elliptic")
+    option.set("gravity", f"0 0 {-GRAVITY}")
+    option.set("impratio", repr(scene.contact.friction_ratio))
+    # a simulation that diverges must stop, not start again in silence
+    SubElement(option, "flag", autoreset="disable")
+    world = SubElement(root, "worldbody")
+    for side, place, arm in zip(SIDES, (scene.left, scene.right), arms, strict=True):
+        _add_arm(world, side, place, arm, scene)
+    geom = SubElement(
+        world, "geom", name="table", type="box", pos=_text((*table.centre_xy, table.top_z / 2.0))
+    )
+    geom.set("size", _text((table.size_xy[0] / 2.0, table.size_xy[1] / 2.0, table.top_z / 2.0)))
+    geom.set("friction", f"{table.friction!r} 0 0")
+    _collides(geom, "table")
+    body = SubElement(world, "body", name="object", pos=_text(placement.position), quat=_text(placement.wxyz))
+    SubElement(body, "freejoint", name="object")
+    geom = SubElement(body, "geom", name="object", type="box", size=_text(np.array(thing.size) / 2.0))
+    geom.set("mass", repr(thing.mass))
+    geom.set("friction", f"{table.friction!r} 0 0")
+    _collides(geom, "object")
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def build_cell(
+    scene: Scene, object_name: str, placement: ObjectPlacement, arms: tuple[ArmDescription, ...]
+) -> CellModel:
+    """Compile the cell, with its contacts set. Raises UnknownObject."""
+    model = mujoco.MjModel.from_xml_string(cell_xml(scene, object_name, placement, arms))
+    if model.nv != 2 * JOINTS + 6:
+        raise ValueError(f"the cell has {model.nv} degrees of freedom, expected {2 * JOINTS + 6}")
+    set_contacts(model, scene, scene.find(object_name))
+
+    def bodies(part: str) -> tuple[int, int]:
+        return model.body(f"left_{part}").id, model.body(f"right_{part}").id
+
+    return CellModel(model, bodies("pad"), bodies("link1"), model.body("object").id)

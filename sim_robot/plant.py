@@ -1,0 +1,151 @@
+"""The plant: two arms with flexible joints, an object and the contacts between them, stepped by the millisecond."""
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from hal.errors import HardwareError
+from hal.limits import FR3
+from sim_robot.arm_description import JOINTS, fr3_description
+from sim_robot.model import SIDES, build_cell
+from sim_robot.plant_parameters import PlantParameters
+from sim_robot.scatter import DrawnArm, draw_arm
+from sim_robot.scene import ArmPlacement, ObjectPlacement, Scene
+from sim_robot.substeps import JOINT_RECORD, MOTOR_RECORD, advance_millisecond
+
+Array = NDArray[np.float64]
+
+
+class SimulationDiverged(HardwareError):
+    """The simulation produced a number that is not finite, and cannot go on."""
+
+
+def pad_face(place: ArmPlacement, face_offset_z: float) -> Array:
+    """Return the pad's face in the start pose, (3,) m in the world, from the nominal kinematics."""
+    T = np.eye(4)
+    rotation = np.zeros(9)
+    mujoco.mju_quat2Mat(rotation, np.array(place.T_world_base_wxyz))
+    T[:3, :3], T[:3, 3] = rotation.reshape(3, 3), place.T_world_base_position
+    for T_parent_joint, angle in zip(fr3_description().T_parent_joint, place.home, strict=True):
+        turn = np.eye(4)
+        c, s = np.cos(angle), np.sin(angle)
+        turn[:2, :2] = [[c, -s], [s, c]]
+        T = T @ T_parent_joint @ turn
+    return T[:3, 3] + face_offset_z * T[:3, 2]
+
+
+class Plant:
+    """The physical cell. Owns MuJoCo's model and data; deterministic for a seed.
+
+    `joints` and `motors` are records (2,), (left, right): what each arm is made of, and its motor side. Friction is
+    the sigmoid of JointParameters as seen at the commanded torque (tau_fric of (7)-(10)), so that the friction at the
+    motor itself is B / B_theta times it.
+    """
+
+    def __init__(
+        self, scene: Scene, parameters: PlantParameters, object_name: str, displacement_m: float, seed: int
+    ) -> None:
+        """Build the cell at rest in its start pose, with the arms held. Raises UnknownObject, ObjectOutOfReach."""
+        arms_seed, placement_seed = np.random.SeedSequence([seed, 0]).spawn(2)
+        places = (scene.left, scene.right)
+        faces_y = [float(pad_face(place, scene.pad.face_offset_z)[1]) for place in places]
+        generator = np.random.default_rng(placement_seed)
+        placement = scene.place(object_name, displacement_m, (faces_y[0], faces_y[1]), generator)
+        self._start(scene, parameters, object_name, placement, np.random.default_rng(arms_seed))
+
+    @classmethod
+    def nominal(
+        cls, scene: Scene, parameters: PlantParameters, object_name: str, displacement_m: float = 0.0
+    ) -> "Plant":
+        """Return a plant without any scatter, the object exactly in its place. For tests."""
+        faces_y = [float(pad_face(place, scene.pad.face_offset_z)[1]) for place in (scene.left, scene.right)]
+        placement = scene.place(object_name, displacement_m, (faces_y[0], faces_y[1]), None)
+        plant = cls.__new__(cls)
+        plant._start(scene, parameters.nominal(), object_name, placement, np.random.default_rng(0))
+        return plant
+
+    def _start(
+        self,
+        scene: Scene,
+        parameters: PlantParameters,
+        object_name: str,
+        placement: ObjectPlacement,
+        generator: np.random.Generator,
+    ) -> None:
+        description = fr3_description()
+        arms = tuple(draw_arm(description, parameters, generator) for _ in SIDES)
+        cell = build_cell(scene, object_name, placement, tuple(arm.description for arm in arms))
+        self.model, self.data = cell.model, mujoco.MjData(cell.model)
+        self.ticks = 0  # ms since the start
+        self._pad_bodies, self._object_body = cell.pad_bodies, cell.object_body
+        self._pad_force = np.zeros((2, 3))
+        self._pad_pushed = False
+        self._face_in_pad = np.array([0.0, 0.0, scene.pad.size[2] / 2.0])
+        self._jacobian = np.zeros((3, self.model.nv))
+        data = self.data
+        data.qpos[:JOINTS], data.qpos[JOINTS : 2 * JOINTS] = scene.left.home, scene.right.home
+        mujoco.mj_forward(self.model, data)
+        self.joints, self.motors = np.zeros(2, JOINT_RECORD), np.zeros(2, MOTOR_RECORD)
+        for side, arm in enumerate(arms):
+            self._fill(side, arm, parameters)
+        self._arguments = (
+            self.model._address, data._address, data.qpos, data.qvel, data.qfrc_applied, data.qfrc_constraint,
+            data.xanchor, data.xaxis, data.subtree_com, self.model.body_subtreemass,
+            np.array(cell.link1_bodies, dtype=np.int64), self.joints, self.motors,
+        )  # fmt: skip
+
+    def _fill(self, side: int, arm: DrawnArm, parameters: PlantParameters) -> None:
+        joint, motor, data = self.joints[side], self.motors[side], self.data
+        for name in ("B", "B_theta", "K", "D", "friction_p1", "friction_p2", "friction_p3", "gravity_factor"):
+            joint[name] = getattr(arm, name)
+        joint["friction_offset"] = arm.friction_p1 / (1.0 + np.exp(-arm.friction_p2 * arm.friction_p3))
+        M = np.zeros((self.model.nv, self.model.nv))
+        mujoco.mj_fullM(self.model, data, M)
+        dofs = slice(JOINTS * side, JOINTS * (side + 1))
+        joint["hold_stiffness"] = parameters.holding.stiffness
+        joint["hold_damping"] = 2.0 * np.sqrt(joint["hold_stiffness"] * (np.diag(M)[dofs] + arm.B_theta))
+        joint["hold_tau_max"] = FR3.tau_max
+        # the gears start wound up by gravity, so that nothing moves at the start
+        motor["tau_J"] = data.qfrc_bias[dofs]
+        motor["theta"] = data.qpos[dofs] + motor["tau_J"] / arm.K
+        motor["theta_hold"], motor["holding"] = motor["theta"], 1
+
+    def advance(self) -> None:
+        """Advance by 1 ms. Raises SimulationDiverged."""
+        if self._pad_pushed:
+            self._push_pads()
+        self.ticks += 1
+        if not advance_millisecond(*self._arguments):
+            raise SimulationDiverged(
+                f"the simulation diverged {self.ticks} ms after its start: a position or velocity is not finite; "
+                "start a new trial, and look at the last commanded torques"
+            )
+
+    def command(self, side: int, tau: Array) -> None:
+        """Take a torque, shape (7,), Nm, gravity excluded, for arm 0 (left) or 1 (right) until the next one."""
+        motor = self.motors[side]
+        motor["tau_command"], motor["holding"] = tau, 0
+
+    def hold(self, side: int) -> None:
+        """Let the arm brake and hold where it is now."""
+        motor = self.motors[side]
+        motor["tau_command"], motor["theta_hold"], motor["holding"] = 0.0, motor["theta"], 1
+
+    def apply_pad_force(self, side: int, force: Array) -> None:
+        """Push on the middle of a pad's face with a force, (3,) N in the world's axes, until the next call."""
+        self._pad_force[side] = force
+        self._pad_pushed = True
+
+    def _push_pads(self) -> None:
+        for side, body in enumerate(self._pad_bodies):
+            data = self.data
+            point = data.xpos[body] + data.xmat[body].reshape(3, 3) @ self._face_in_pad
+            mujoco.mj_jac(self.model, data, self._jacobian, None, point, body)
+            dofs = slice(JOINTS * side, JOINTS * (side + 1))
+            self.motors[side]["tau_applied"] = self._jacobian[:, dofs].T @ self._pad_force[side]
+        self._pad_pushed = bool(self._pad_force.any())
+
+    def object_pose(self) -> tuple[Array, Array]:
+        """Return the object's centre in the world (3,) m and its quaternion wxyz (4,), copied."""
+        pose = self.data.qpos[2 * JOINTS :]
+        return pose[:3].copy(), pose[3:].copy()

@@ -1,0 +1,152 @@
+"""The plant's parameters: nominal values, their seeded scatter, noise levels. Read from a file of the plant alone."""
+
+from dataclasses import dataclass, replace
+from importlib.resources import as_file, files
+from pathlib import Path
+
+from sim_robot.strict_toml import read_record
+
+Joints = tuple[float, float, float, float, float, float, float]
+ZEROS: Joints = (0.0,) * 7
+
+
+def _check(record: object, positive: tuple[str, ...], not_negative: tuple[str, ...]) -> None:
+    for name in positive + not_negative:
+        value = getattr(record, name)
+        for item in value if isinstance(value, tuple) else (value,):
+            if item < 0.0 or (item == 0.0 and name in positive):
+                raise ValueError(
+                    f"{name} must {'be positive' if name in positive else 'not be negative'}: {item}"
+                )
+
+
+@dataclass(frozen=True, slots=True)
+class JointParameters:
+    """Seven flexible joints: B, B_theta kg m^2; K Nm/rad; D Nms/rad; friction p1 Nm, p2 s/rad, p3 rad/s."""
+
+    B: Joints
+    B_theta: Joints
+    K: Joints
+    D: Joints
+    friction_p1: Joints
+    friction_p2: Joints
+    friction_p3: Joints
+
+    def __post_init__(self) -> None:
+        _check(self, ("B", "B_theta", "K"), ("D", "friction_p1", "friction_p2"))
+
+
+@dataclass(frozen=True, slots=True)
+class Scatter:
+    """Standard deviations of what differs from the nominal plant, as fractions (link_centre_mm in mm)."""
+
+    link_mass: float
+    link_inertia: float
+    link_centre_mm: float
+    joint_stiffness: float
+    joint_damping: float
+    motor_inertia: float
+    friction: float
+    gravity_compensation: float
+
+    def __post_init__(self) -> None:
+        _check(self, (), tuple(self.__slots__))
+
+
+@dataclass(frozen=True, slots=True)
+class Holding:
+    """The robot's own joint impedance, Nm/rad."""
+
+    stiffness: Joints
+
+    def __post_init__(self) -> None:
+        _check(self, ("stiffness",), ())
+
+
+@dataclass(frozen=True, slots=True)
+class SensorParameters:
+    """Noise (standard deviations), quantisation and filters of what the robot reports. SI units, Hz."""
+
+    q_quantum: float
+    q_noise: float
+    dq_noise: float
+    theta_noise: float
+    dtheta_noise: float
+    tau_J_noise: Joints
+    dtau_J_cutoff_hz: float
+    tau_ext_cutoff_hz: float
+    tau_ext_noise: Joints
+    smallest_singular_value: float
+    wrench_damping: float
+
+    def __post_init__(self) -> None:
+        positive = ("dtau_J_cutoff_hz", "tau_ext_cutoff_hz", "smallest_singular_value")
+        _check(self, positive, tuple(name for name in self.__slots__ if name not in positive))
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerParameters:
+    """Motion capture: rate Hz and noise."""
+
+    rate_hz: float
+    position_noise_mm: float
+    orientation_noise_deg: float
+
+    def __post_init__(self) -> None:
+        _check(self, ("rate_hz",), ("position_noise_mm", "orientation_noise_deg"))
+        if self.rate_hz > 1000.0 or 1000.0 % self.rate_hz != 0.0:
+            raise ValueError(f"rate_hz must divide 1000, got {self.rate_hz}")
+
+
+@dataclass(frozen=True, slots=True)
+class ReflexParameters:
+    """What the robot tolerates: factor on the torque range, ms without a command."""
+
+    tau_J_overload: float
+    communication_timeout_ms: int
+
+    def __post_init__(self) -> None:
+        _check(self, ("tau_J_overload", "communication_timeout_ms"), ())
+
+
+@dataclass(frozen=True, slots=True)
+class PlantParameters:
+    """Everything about the plant that is not the scene."""
+
+    joints: JointParameters
+    scatter: Scatter
+    holding: Holding
+    sensors: SensorParameters
+    tracker: TrackerParameters
+    reflexes: ReflexParameters
+
+    def nominal(self) -> "PlantParameters":
+        """Return the same plant without scatter, sensor noise and quantisation. Friction, filters and limits stay."""
+        quiet = replace(
+            self.sensors,
+            q_quantum=0.0,
+            q_noise=0.0,
+            dq_noise=0.0,
+            theta_noise=0.0,
+            dtheta_noise=0.0,
+            tau_J_noise=ZEROS,
+            tau_ext_noise=ZEROS,
+        )
+        return replace(
+            self,
+            scatter=Scatter(*(0.0,) * len(Scatter.__slots__)),
+            sensors=quiet,
+            tracker=replace(self.tracker, position_noise_mm=0.0, orientation_noise_deg=0.0),
+        )
+
+    def frictionless(self) -> "PlantParameters":
+        """Return the same plant without joint friction."""
+        return replace(self, joints=replace(self.joints, friction_p1=ZEROS))
+
+
+def load_plant_parameters(path: Path | None = None) -> PlantParameters:
+    """Read the plant's parameters, the package's own by default. Raises BadParameterFile, naming the key."""
+    if path is not None:
+        return read_record(PlantParameters, path)
+    with as_file(files("sim_robot") / "parameters" / "plant.toml") as default:
+        return read_record(PlantParameters, default)

@@ -1,0 +1,68 @@
+"""The basic reflexes: what the vendor's controller refuses, as masks of hal.robot_errors. Pure functions.
+
+They judge what the robot can know: the command it was sent and the state it measured.
+"""
+
+from math import sqrt
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from hal.limits import CONTROL_PERIOD_S, FR3
+from hal.robot_errors import error_bit
+from sim_robot.arm_description import JOINTS
+
+Array = NDArray[np.float64]
+
+TORQUE_DISCONTINUITY = error_bit("controller_torque_discontinuity")
+COMMUNICATION = error_bit("communication_constraints_violation")
+POSITION_LIMITS = error_bit("joint_position_limits_violation")
+VELOCITY = error_bit("joint_velocity_violation")
+TORQUE_RANGE = error_bit("tau_j_range_violation")
+# what the state alone can show, and what therefore can persist
+STATE_ERRORS = POSITION_LIMITS | VELOCITY | TORQUE_RANGE
+
+# the limit is met exactly by who limits the rate to it: rounding must not trip it
+_LARGEST_STEP = FR3.tau_rate_max * CONTROL_PERIOD_S + 1e-6
+_LIMITS = np.array([FR3.q_lower, FR3.q_upper, FR3.dq_max, FR3.velocity_offset, FR3.deceleration, FR3.tau_max])
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _step_too_large(tau, tau_last, largest):
+    for j in range(JOINTS):
+        # written so that NaN is too large as well
+        if not abs(tau[j] - tau_last[j]) <= largest:
+            return True
+    return False
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _judge(states, limits, overload, position, velocity, torque, masks):
+    for arm in range(2):
+        state, mask = states[arm], 0
+        for j in range(JOINTS):
+            q, dq = state.q[j], state.dq[j]
+            if q < limits[0, j] or q > limits[1, j]:
+                mask |= position
+            above = sqrt(2.0 * limits[4, j] * max(limits[1, j] - q, 0.0)) - limits[3, j]
+            below = sqrt(2.0 * limits[4, j] * max(q - limits[0, j], 0.0)) - limits[3, j]
+            if dq > min(limits[2, j], max(0.0, above)) or -dq > min(limits[2, j], max(0.0, below)):
+                mask |= velocity
+            if abs(state.tau_J[j]) > overload * limits[5, j]:
+                mask |= torque
+        masks[arm] = mask
+
+
+def judge_command(tau: Array, tau_last: Array) -> int:
+    """Return the errors of a command after the last one, both (7,), Nm: not finite, or more than 1000 Nm/s."""
+    return TORQUE_DISCONTINUITY if _step_too_large(tau, tau_last, _LARGEST_STEP) else 0
+
+
+def judge_states(states: NDArray[np.void], tau_J_overload: float, masks: NDArray[np.int64]) -> None:
+    """Write the errors of both states (2,) into masks (2,): position, velocity, torque beyond the FR3's limits.
+
+    The velocity limit shrinks towards the position limits as hal.limits says; torque trips at `tau_J_overload` times
+    the range.
+    """
+    _judge(states, _LIMITS, tau_J_overload, POSITION_LIMITS, VELOCITY, TORQUE_RANGE, masks)

@@ -1,0 +1,183 @@
+"""The scene: where the arms, the table and the objects are, read from a TOML file and checked."""
+
+from dataclasses import dataclass
+from importlib.resources import as_file, files
+from math import cos, pi, sin
+from pathlib import Path
+
+import numpy as np
+
+from hal.errors import ObjectOutOfReach, UnknownObject
+from sim_robot.strict_toml import read_record
+
+Vector2 = tuple[float, float]
+Vector3 = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+Joints = tuple[float, float, float, float, float, float, float]
+
+
+def _positive(**values: float) -> None:
+    for name, value in values.items():
+        if not value > 0.0:
+            raise ValueError(f"{name} must be positive, got {value}")
+
+
+@dataclass(frozen=True, slots=True)
+class ArmPlacement:
+    """One arm: its base in the world (m, quaternion wxyz) and its start position (7 joints, rad)."""
+
+    T_world_base_position: Vector3
+    T_world_base_wxyz: Quaternion
+    home: Joints
+
+    def __post_init__(self) -> None:
+        if abs(np.linalg.norm(self.T_world_base_wxyz) - 1.0) > 1e-6:
+            raise ValueError("T_world_base_wxyz must be a unit quaternion")
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A box from the floor to top_z, m. stiffness in N/m."""
+
+    centre_xy: Vector2
+    size_xy: Vector2
+    top_z: float
+    stiffness: float
+    friction: float
+
+    def __post_init__(self) -> None:
+        _positive(size_x=self.size_xy[0], size_y=self.size_xy[1], top_z=self.top_z, stiffness=self.stiffness)
+        _positive(friction=self.friction)
+
+
+@dataclass(frozen=True, slots=True)
+class Pad:
+    """The silicone pad on each flange: a box of `size` m whose face is face_offset_z beyond joint 7. N/m, kg."""
+
+    size: Vector3
+    mass: float
+    face_offset_z: float
+    stiffness: float
+    friction: float
+
+    def __post_init__(self) -> None:
+        _positive(size_x=self.size[0], size_y=self.size[1], size_z=self.size[2], mass=self.mass)
+        _positive(face_offset_z=self.face_offset_z, stiffness=self.stiffness, friction=self.friction)
+
+
+@dataclass(frozen=True, slots=True)
+class ContactModel:
+    """MuJoCo's constraint impedance d, and its ratio of frictional to normal impedance."""
+
+    impedance: float
+    friction_ratio: float
+
+    def __post_init__(self) -> None:
+        _positive(friction_ratio=self.friction_ratio)
+        if not 1e-4 <= self.impedance <= 0.9999:
+            raise ValueError(f"impedance must be within 0.0001 and 0.9999, got {self.impedance}")
+
+
+@dataclass(frozen=True, slots=True)
+class PlacementScatter:
+    """Standard deviations of where the object stands."""
+
+    position_mm: float
+    yaw_deg: float
+
+    def __post_init__(self) -> None:
+        if self.position_mm < 0.0 or self.yaw_deg < 0.0:
+            raise ValueError("position_mm and yaw_deg must not be negative")
+
+
+@dataclass(frozen=True, slots=True)
+class GraspObject:
+    """A box: mass kg, size m along world x, y, z; the stiffness N/m of its wall and a damping ratio."""
+
+    mass: float
+    size: Vector3
+    stiffness: float
+    damping_ratio: float
+
+    def __post_init__(self) -> None:
+        _positive(size_x=self.size[0], size_y=self.size[1], size_z=self.size[2], mass=self.mass)
+        _positive(stiffness=self.stiffness, damping_ratio=self.damping_ratio)
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectPlacement:
+    """Where the object starts: centre in the world (3,) m, quaternion wxyz (4,)."""
+
+    position: Vector3
+    wxyz: Quaternion
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """The whole cell. Object 'sizes', positions and poses are in the world's frame."""
+
+    name: str
+    object_position_xy: Vector2
+    pad_clearance: float
+    left: ArmPlacement
+    right: ArmPlacement
+    table: Table
+    pad: Pad
+    contact: ContactModel
+    placement_scatter: PlacementScatter
+    objects: dict[str, GraspObject]
+
+    def __post_init__(self) -> None:
+        if not self.objects:
+            raise ValueError("objects must not be empty")
+
+    def find(self, object_name: str) -> GraspObject:
+        """Return the object of this name. Raises UnknownObject."""
+        if object_name not in self.objects:
+            known = ", ".join(sorted(self.objects))
+            raise UnknownObject(f"unknown object '{object_name}'; this cell has: {known}")
+        return self.objects[object_name]
+
+    def displacement_range(self, object_name: str, pad_faces_y: Vector2) -> Vector2:
+        """Return the smallest and largest displacement along y, m, for pads starting at y (left, right), m."""
+        half = self.find(object_name).size[1] / 2.0
+        y0, table_half = self.object_position_xy[1], self.table.size_xy[1] / 2.0
+        left, right = pad_faces_y
+        upper = min(left - self.pad_clearance, self.table.centre_xy[1] + table_half) - half - y0
+        lower = max(right + self.pad_clearance, self.table.centre_xy[1] - table_half) + half - y0
+        return lower, upper
+
+    def place(
+        self,
+        object_name: str,
+        displacement_m: float,
+        pad_faces_y: Vector2,
+        generator: np.random.Generator | None,
+    ) -> ObjectPlacement:
+        """Put the object on the table, `displacement_m` along y from its place, with scatter if there is a generator.
+
+        Raises UnknownObject, and ObjectOutOfReach naming the allowed range.
+        """
+        thing = self.find(object_name)
+        lower, upper = self.displacement_range(object_name, pad_faces_y)
+        if not lower <= displacement_m <= upper:
+            raise ObjectOutOfReach(
+                f"{object_name} cannot stand {1e3 * displacement_m:+.0f} mm from its place along y: "
+                f"allowed are {1e3 * lower:+.0f} to {1e3 * upper:+.0f} mm (table edge and pads)"
+            )
+        x, y = self.object_position_xy
+        yaw = 0.0
+        if generator is not None:
+            scatter = 1e-3 * self.placement_scatter.position_mm * generator.standard_normal(2)
+            x, y = x + float(scatter[0]), y + float(scatter[1])
+            yaw = self.placement_scatter.yaw_deg * pi / 180.0 * float(generator.standard_normal())
+        z = self.table.top_z + thing.size[2] / 2.0
+        return ObjectPlacement((x, y + displacement_m, z), (cos(yaw / 2.0), 0.0, 0.0, sin(yaw / 2.0)))
+
+
+def load_scene(path: Path | None = None) -> Scene:
+    """Read a scene, the grabbing cell by default. Raises BadParameterFile, naming the key."""
+    if path is not None:
+        return read_record(Scene, path)
+    with as_file(files("sim_robot") / "scenes" / "grab.toml") as default:
+        return read_record(Scene, default)

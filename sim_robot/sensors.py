@@ -1,0 +1,117 @@
+"""What the robot reports of the plant: encoders, torque sensors and the estimate of external forces, with noise.
+
+Signs as in libfranka: tau_ext_hat_filtered and O_F_ext_hat_K are positive where the robot pushes the environment.
+Every float is rounded to float32 at the end, as the wire carries it.
+"""
+
+from math import exp, floor, pi
+
+import numba
+import numpy as np
+
+from hal.limits import CONTROL_PERIOD_S
+from hal.state import ARM_STATE
+from sim_robot.arm_description import JOINTS, fr3_description
+from sim_robot.kinematics import KINEMATICS_RECORD, estimate_wrench, forward_kinematics
+from sim_robot.plant import Plant
+from sim_robot.plant_parameters import SensorParameters
+
+CHANNELS = 6  # q, dq, theta, dtheta, tau_J, tau_ext
+BLOCK = 512  # ms of noise drawn at a time
+
+SENSOR_RECORD = np.dtype(
+    [
+        ("q_quantum", "f8"),
+        ("noise", "f8", (CHANNELS, JOINTS)),  # standard deviations
+        ("dtau_J_gain", "f8"),
+        ("tau_ext_gain", "f8"),
+        ("smallest_singular_value", "f8"),
+        ("wrench_damping", "f8"),
+        ("tau_J_last", "f8", JOINTS),
+        ("dtau_J", "f8", JOINTS),
+        ("tau_ext", "f8", JOINTS),  # filtered, before its noise
+        ("tau_ext_measured", "f8", JOINTS),
+        ("started", "i8"),
+    ]
+)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _wire(value):
+    return np.float64(np.float32(value))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _sense(qpos, qvel, motors, sensors, kinematics, draws, states):
+    """Fill the measured fields of both states. draws: (2, CHANNELS, 7), standard normal."""
+    for arm in range(2):
+        state, sensor, motor, draw = states[arm], sensors[arm], motors[arm], draws[arm]
+        noise = sensor.noise
+        for j in range(JOINTS):
+            i = arm * JOINTS + j
+            q = qpos[i] + noise[0, j] * draw[0, j]
+            if sensor.q_quantum > 0.0:
+                q = sensor.q_quantum * floor(q / sensor.q_quantum + 0.5)
+            tau_J = motor.tau_J[j] + noise[4, j] * draw[4, j]
+            if sensor.started != 0:
+                rate = (tau_J - sensor.tau_J_last[j]) / CONTROL_PERIOD_S
+                sensor.dtau_J[j] += sensor.dtau_J_gain * (rate - sensor.dtau_J[j])
+            sensor.tau_J_last[j] = tau_J
+            sensor.tau_ext[j] += sensor.tau_ext_gain * (motor.tau_ext[j] - sensor.tau_ext[j])
+            tau_ext = sensor.tau_ext[j] + noise[5, j] * draw[5, j]
+            sensor.tau_ext_measured[j] = tau_ext
+            state.q[j] = _wire(q)
+            state.dq[j] = _wire(qvel[i] + noise[1, j] * draw[1, j])
+            state.theta[j] = _wire(motor.theta[j] + noise[2, j] * draw[2, j])
+            state.dtheta[j] = _wire(motor.dtheta[j] + noise[3, j] * draw[3, j])
+            state.tau_J[j] = _wire(tau_J)
+            state.dtau_J[j] = _wire(sensor.dtau_J[j])
+            state.tau_J_d[j] = _wire(motor.tau_command[j])
+            state.tau_ext_hat_filtered[j] = _wire(tau_ext)
+        sensor.started = 1
+        body = kinematics[arm]
+        forward_kinematics(body, state.q)
+        estimate_wrench(body, sensor.tau_ext_measured, sensor.smallest_singular_value, sensor.wrench_damping)
+        for r in range(6):
+            state.O_F_ext_hat_K[r] = _wire(body.wrench[r])
+        for r in range(3):
+            for c in range(4):
+                state.O_T_EE[r, c] = _wire(body.T[r, c])
+
+
+class Sensors:
+    """The measured part of both arms' states: `states`, records of dtype ARM_STATE, shape (2,), (left, right).
+
+    Noise comes from one generator, drawn in blocks: deterministic for a seed and the number of milliseconds.
+    """
+
+    def __init__(self, plant: Plant, parameters: SensorParameters, face_offset_z: float, seed: int) -> None:
+        self.states = np.zeros(2, ARM_STATE)
+        self.states["O_T_EE"][:] = np.eye(4)
+        self._plant = plant
+        self._generator = np.random.default_rng(np.random.SeedSequence([seed, 1]))
+        self._draws = np.zeros((BLOCK, 2, CHANNELS, JOINTS))
+        self._next = BLOCK
+        self._kinematics = np.zeros(2, KINEMATICS_RECORD)
+        self._kinematics["T_parent_joint"] = fr3_description().T_parent_joint
+        self._kinematics["face_offset_z"] = face_offset_z
+        self._records = np.zeros(2, SENSOR_RECORD)
+        record = self._records
+        for name in ("q_quantum", "smallest_singular_value", "wrench_damping"):
+            record[name] = getattr(parameters, name)
+        scalar = (parameters.q_noise, parameters.dq_noise, parameters.theta_noise, parameters.dtheta_noise)
+        record["noise"][:, :4] = np.array(scalar)[:, None]
+        record["noise"][:, 4], record["noise"][:, 5] = parameters.tau_J_noise, parameters.tau_ext_noise
+        record["dtau_J_gain"] = 1.0 - exp(-2.0 * pi * parameters.dtau_J_cutoff_hz * CONTROL_PERIOD_S)
+        record["tau_ext_gain"] = 1.0 - exp(-2.0 * pi * parameters.tau_ext_cutoff_hz * CONTROL_PERIOD_S)
+        self._qpos, self._qvel, self._motors = plant.data.qpos, plant.data.qvel, plant.motors
+
+    def sense(self) -> None:
+        """Measure the plant now: once a millisecond, since the filters and the noise count the calls."""
+        if self._next == BLOCK:
+            self._generator.standard_normal(out=self._draws)
+            self._next = 0
+        draws = self._draws[self._next]
+        self._next += 1
+        _sense(self._qpos, self._qvel, self._motors, self._records, self._kinematics, draws, self.states)
+        self.states["t_ns"] = self._plant.ticks * 1_000_000

@@ -1,0 +1,121 @@
+"""One millisecond of the plant, compiled: four substeps of flexible joints around MuJoCo's own step.
+
+MuJoCo is called through its C symbol, so that no Python runs between two substeps. The arrays are views of MuJoCo's
+memory and two records; nothing is allocated.
+"""
+
+from math import exp, isfinite
+from pathlib import Path
+
+import llvmlite.binding
+import mujoco
+import numba
+import numpy as np
+from numba import types
+
+from sim_robot.arm_description import JOINTS
+from sim_robot.model import GRAVITY, SUBSTEPS, TIMESTEP_S
+
+_LIBRARY = next(Path(mujoco.__file__).parent.glob("libmujoco.so.*"))
+llvmlite.binding.load_library_permanently(str(_LIBRARY))
+_mj_step = types.ExternalFunction("mj_step", types.void(types.intp, types.intp))
+
+# one record an arm; units as in JointParameters, torques in Nm
+JOINT_RECORD = np.dtype(
+    [
+        ("B", "f8", JOINTS),
+        ("B_theta", "f8", JOINTS),
+        ("K", "f8", JOINTS),
+        ("D", "f8", JOINTS),
+        ("friction_p1", "f8", JOINTS),
+        ("friction_p2", "f8", JOINTS),
+        ("friction_p3", "f8", JOINTS),
+        ("friction_offset", "f8", JOINTS),  # p1 / (1 + exp(-p2 p3))
+        ("gravity_factor", "f8", JOINTS),
+        ("hold_stiffness", "f8", JOINTS),
+        ("hold_damping", "f8", JOINTS),
+        ("hold_tau_max", "f8", JOINTS),
+    ]
+)
+MOTOR_RECORD = np.dtype(
+    [
+        ("theta", "f8", JOINTS),
+        ("dtheta", "f8", JOINTS),
+        (
+            "tau_J",
+            "f8",
+            JOINTS,
+        ),  # torque through the joint, K(theta - q) + D(dtheta - dq), at the end of the last ms
+        ("tau_command", "f8", JOINTS),  # gravity excluded
+        ("tau_gravity", "f8", JOINTS),  # what the robot adds itself
+        ("theta_hold", "f8", JOINTS),
+        ("tau_applied", "f8", JOINTS),  # a force applied from outside, seen at the joints
+        ("tau_ext", "f8", JOINTS),  # contacts and tau_applied over the last ms, positive where the arm pushes
+        ("holding", "i8"),
+    ]
+)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def advance_millisecond(
+    model_address, data_address, qpos, qvel, qfrc_applied, qfrc_constraint, xanchor, xaxis, subtree_com, subtree_mass,
+    link1_bodies, joints, motors,
+):  # fmt: skip
+    """Advance the plant by four substeps; False as soon as a number is not finite.
+
+    In the order of the vendor's loop, with the same old tau_t on both sides of the gear:
+    tau_t = K(theta - q) + D(dtheta - dq); the link side takes tau_t for one step; then
+    ddtheta = (tau_act - tau_t + B / B_theta tau_fric) / B with tau_act = B / B_theta tau_d + (1 - B / B_theta) tau_t,
+    which is B_theta ddtheta = tau_d - tau_t + tau_fric: equations (4), (6), (8) of the impact-map paper.
+    """
+    for arm in range(2):
+        motor = motors[arm]
+        for j in range(JOINTS):
+            body, joint = link1_bodies[arm] + j, arm * JOINTS + j
+            rx = subtree_com[body, 0] - xanchor[joint, 0]
+            ry = subtree_com[body, 1] - xanchor[joint, 1]
+            lever = xaxis[joint, 0] * ry - xaxis[joint, 1] * rx
+            motor.tau_gravity[j] = joints[arm].gravity_factor[j] * GRAVITY * subtree_mass[body] * lever
+            motor.tau_ext[j] = 0.0
+    for _ in range(SUBSTEPS):
+        for arm in range(2):
+            joint, motor = joints[arm], motors[arm]
+            for j in range(JOINTS):
+                i = arm * JOINTS + j
+                tau_t = joint.K[j] * (motor.theta[j] - qpos[i]) + joint.D[j] * (motor.dtheta[j] - qvel[i])
+                motor.tau_J[j] = tau_t
+                qfrc_applied[i] = tau_t + motor.tau_applied[j]
+        _mj_step(model_address, data_address)
+        for arm in range(2):
+            joint, motor = joints[arm], motors[arm]
+            for j in range(JOINTS):
+                i = arm * JOINTS + j
+                tau_t, dtheta = motor.tau_J[j], motor.dtheta[j]
+                tau_d = motor.tau_command[j]
+                if motor.holding != 0:
+                    tau_d = joint.hold_stiffness[j] * (motor.theta_hold[j] - motor.theta[j])
+                    tau_d -= joint.hold_damping[j] * dtheta
+                    tau_d = max(-joint.hold_tau_max[j], min(joint.hold_tau_max[j], tau_d))
+                tau_d += motor.tau_gravity[j]
+                sigmoid = joint.friction_p1[j] / (
+                    1.0 + exp(-joint.friction_p2[j] * (dtheta + joint.friction_p3[j]))
+                )
+                tau_fric = joint.friction_offset[j] - sigmoid
+                ratio = joint.B[j] / joint.B_theta[j]
+                tau_act = ratio * tau_d + (1.0 - ratio) * tau_t
+                motor.dtheta[j] = dtheta + TIMESTEP_S * (tau_act - tau_t + ratio * tau_fric) / joint.B[j]
+                motor.theta[j] += TIMESTEP_S * motor.dtheta[j]
+                motor.tau_ext[j] -= (qfrc_constraint[i] + motor.tau_applied[j]) / SUBSTEPS
+                if not (isfinite(qvel[i]) and isfinite(motor.dtheta[j])):
+                    return False
+        for i in range(2 * JOINTS, qvel.shape[0]):
+            if not isfinite(qvel[i]):
+                return False
+    for arm in range(2):
+        joint, motor = joints[arm], motors[arm]
+        for j in range(JOINTS):
+            i = arm * JOINTS + j
+            motor.tau_J[j] = joint.K[j] * (motor.theta[j] - qpos[i]) + joint.D[j] * (
+                motor.dtheta[j] - qvel[i]
+            )
+    return True
