@@ -1,0 +1,114 @@
+"""The log process: rings in, MCAP out. Started by rtstack.log.writer with two open files, never by hand.
+
+It ends when it is told to, or when its parent is gone, and finishes the file either way. Everything that may
+block (compression, the disk) happens here.
+"""
+
+import json
+import os
+import signal
+import sys
+import time
+import traceback
+
+from hal.description import fr3_urdf
+from rtstack.log.frames import FrameTree
+from rtstack.log.job import LogJob, get_job, get_result
+from rtstack.log.ring import LogState, Rings
+from rtstack.log.sink import TRANSFORMS, McapSink
+from rtstack.samples import SIDES, TOPICS
+
+POLL_S = 0.01  # ten records a topic at 1 kHz: enough for a batch, little for a ring
+
+
+class LogWriter:
+    """Moves what is in the rings into the file, a batch at a time."""
+
+    def __init__(self, rings: Rings, sink: McapSink, frames: FrameTree | None) -> None:
+        self._rings = rings
+        self._sink = sink
+        self._frames = frames
+        self._readers = {topic: rings.log_reader(topic) for topic in TOPICS}
+
+    def step(self) -> None:
+        """Read every ring and write what was in it."""
+        batches = {topic: reader.drain() for topic, reader in self._readers.items()}
+        if any(len(records) for records in batches.values()):
+            self._sink.write(batches, self._transforms(batches))
+            self._rings.transforms = self._sink.messages[TRANSFORMS]
+        self._sink.flush_if_due()
+
+    def _transforms(self, batches: dict) -> list[tuple[int, bytes]]:
+        if self._frames is None:
+            return []
+        poses = batches["/object/pose"]
+        return self._frames.update(
+            {side: batches[f"/{side}/arm"] for side in SIDES}, poses[poses["seen"] != 0]
+        )
+
+    def finish(self, result: dict[str, str], ended: str) -> None:
+        """Write what is left, the result and the account of what was lost, and finish the file."""
+        self.step()
+        lost = {topic: reader.lost for topic, reader in self._readers.items()}
+        counts = {
+            topic: {"messages": n, "lost": lost.get(topic, 0)} for topic, n in self._sink.messages.items()
+        }
+        if result:
+            self._sink.write_metadata("result", result)
+        account = {
+            "ended": ended,
+            "messages": str(sum(self._sink.messages.values())),
+            "lost": str(sum(lost.values())),
+            "topics": json.dumps(counts),
+        }
+        self._sink.write_metadata("log", account)
+        self._sink.close()
+
+
+def run(job_descriptor: int, log_descriptor: int, parent: int) -> None:
+    """Write one log. Raises OSError when the disk refuses."""
+    job: LogJob = get_job(job_descriptor)
+    rings = Rings.attach(job.rings)
+    try:
+        with os.fdopen(log_descriptor, "wb") as file:
+            sink = McapSink(file)
+            for name, values in job.metadata:
+                sink.write_metadata(name, values)
+            for attachment in job.attachments:
+                sink.attach(attachment.name, attachment.media_type, attachment.data)
+            sink.flush()
+            writer = LogWriter(rings, sink, FrameTree(job.cell, fr3_urdf()) if job.cell else None)
+            rings.state = LogState.READY
+            while not rings.closing and os.getppid() == parent:
+                writer.step()
+                time.sleep(POLL_S)
+            if rings.closing:
+                writer.finish(get_result(job_descriptor), "closed")
+            else:
+                writer.finish({}, "the program died")
+        rings.state = LogState.FINISHED
+    except OSError as error:
+        rings.fail(error.strerror or str(error))
+        raise
+    except Exception as error:
+        rings.fail(f"{type(error).__name__}: {error}")
+        raise
+
+
+def main() -> int:
+    """Entry point: job descriptor, log descriptor, process id of the parent."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which then closes the log
+    if os.sched_getscheduler(0) != os.SCHED_OTHER:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))  # not the priority of who started us
+    job_descriptor, log_descriptor, parent = (int(argument) for argument in sys.argv[1:])
+    try:
+        run(job_descriptor, log_descriptor, parent)
+    except Exception:
+        traceback.print_exc()
+        sys.stderr.flush()
+        os._exit(1)  # no destructor of the SDK tries the broken file again
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

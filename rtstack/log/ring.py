@@ -1,0 +1,299 @@
+"""Shared-memory rings between the real-time loop and who watches it: one ring a topic, one block for all.
+
+One writer, any number of readers, nobody waits for anybody: a reader that is too slow loses records and knows
+how many. The block also carries how far the log process has read, its state, and the request to finish.
+"""
+
+import contextlib
+import mmap
+import os
+import secrets
+import threading
+from collections.abc import Mapping
+from enum import IntEnum
+from multiprocessing import shared_memory
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtstack.log.errors import LogError
+from rtstack.samples import TOPICS
+
+CAPACITY = 8192  # records, 8 s at 1 kHz: what a start-up of the log process takes, several times over
+_DIRECTORY = "/dev/shm"  # shm_overview(7): where Linux keeps named shared memory
+_MAGIC = b"rtrings1"
+_CACHE_LINE = 64
+
+
+class LogState(IntEnum):
+    """What the log process is doing."""
+
+    STARTING = 0
+    READY = 1
+    FAILED = 2
+    FINISHED = 3
+
+
+_CONTROL = np.dtype(
+    [("magic", "S8"), ("closing", "i8"), ("state", "i8"), ("transforms", "i8"), ("error", "S480")]
+)
+# the writer's word and the log process's words on cache lines of their own
+_TOPIC = np.dtype(
+    {
+        "names": ["capacity", "itemsize", "head", "consumed", "lost"],
+        "formats": ["i8", "i8", "i8", "i8", "i8"],
+        "offsets": [0, 8, _CACHE_LINE, 2 * _CACHE_LINE, 2 * _CACHE_LINE + 8],
+        "itemsize": 3 * _CACHE_LINE,
+    }
+)
+_SLOTS_OFFSET = _CONTROL.itemsize + len(TOPICS) * _TOPIC.itemsize
+
+
+def _slot_dtype(topic: str) -> np.dtype:
+    return np.dtype([("sequence", "i8"), ("record", TOPICS[topic])])
+
+
+class Pusher:
+    """The writer's side of one ring. One thread of one process pushes."""
+
+    __slots__ = ("_address", "_dtype", "_head", "_keep", "_mask", "_push", "_record", "_slots", "_stride")
+
+    def __init__(self, head: NDArray[np.int64], slots: NDArray[Any]) -> None:
+        from rtstack.log.push import push  # numba: only who pushes pays for its import
+
+        self._push = push
+        self._keep = (head, slots)
+        self._head = head.ctypes.data
+        self._slots = slots.ctypes.data
+        self._stride = slots.dtype.itemsize
+        self._mask = len(slots) - 1
+        self._dtype = slots.dtype["record"]
+        self._record: NDArray[Any] | None = None
+        self._address = 0
+
+    def push(self, record: NDArray[Any]) -> None:
+        """Publish a copy of `record`, shape (1,), of the topic's dtype. Never waits and never allocates.
+
+        The first push of an array looks up its address and checks it (TypeError): push the same array always.
+        """
+        if record is not self._record:
+            self._bind(record)
+        self._push(self._head, self._slots, self._stride, self._mask, self._address)
+
+    def _bind(self, record: NDArray[Any]) -> None:
+        if record.dtype != self._dtype or record.shape != (1,):
+            raise TypeError(f"a record of shape (1,) and dtype {self._dtype} is needed, not {record.dtype}")
+        self._record = record
+        self._address = record.ctypes.data
+
+
+class RingReader:
+    """One reader's position in one ring. `lost` counts what was overwritten before it was read."""
+
+    def __init__(self, topic: NDArray[Any], slots: NDArray[Any], next_record: int, publishes: bool) -> None:
+        self._topic = topic
+        self._head = topic["head"]
+        self._slots = slots
+        self._next = next_record
+        self._publishes = publishes
+        self._barrier = threading.Lock()  # taken by nobody else: its acquire and release order our loads
+        self.lost = 0
+
+    def drain(self) -> NDArray[Any]:
+        """Return a copy of everything published since the last call, shape (n,), oldest first."""
+        capacity = len(self._slots)
+        with self._barrier:
+            head = int(self._head[0])
+        first = max(self._next, head - capacity)
+        records = np.empty(head - first, self._slots.dtype["record"])
+        sequence = np.empty(head - first, np.int64)
+        start = first % capacity
+        before_end = min(len(records), capacity - start)
+        parts = (
+            (slice(0, before_end), slice(start, start + before_end)),
+            (slice(before_end, None), slice(0, len(records) - before_end)),
+        )
+        for target, source in parts:
+            records[target] = self._slots["record"][source]
+        with self._barrier:
+            for target, source in parts:
+                sequence[target] = self._slots["sequence"][source]
+        # the sequence moves on before the record does: the right sequence after the copy means an untorn copy
+        whole = sequence == 2 * np.arange(first, head) + 2
+        if not whole.all():
+            records = records[whole]
+        self.lost += head - self._next - len(records)
+        self._next = head
+        if self._publishes:
+            self._topic["lost"] = self.lost
+            self._topic["consumed"] = head
+        return records
+
+    def latest(self) -> NDArray[Any] | None:
+        """Return a copy of the newest record, shape (1,), None before the first. Does not move the reader."""
+        capacity = len(self._slots)
+        while True:
+            with self._barrier:
+                head = int(self._head[0])
+            if head == 0:
+                return None
+            slot = (head - 1) % capacity
+            record = self._slots["record"][slot : slot + 1].copy()
+            with self._barrier:
+                if self._slots["sequence"][slot] == 2 * head:
+                    return record
+
+
+class Rings:
+    """All rings of a trial. The process that creates them owns the block and unlinks it in `close`."""
+
+    def __init__(self, name: str, owned: shared_memory.SharedMemory | None) -> None:
+        descriptor = os.open(os.path.join(_DIRECTORY, name), os.O_RDWR | os.O_CLOEXEC)
+        try:
+            block = mmap.mmap(descriptor, 0)
+        finally:
+            os.close(descriptor)
+        self.name = name
+        self._owned = owned
+        self._control = np.frombuffer(block, _CONTROL, 1)
+        self._topics = np.frombuffer(block, _TOPIC, len(TOPICS), _CONTROL.itemsize)
+        self._block = block
+
+    @classmethod
+    def create(cls, capacity: int = CAPACITY, capacities: Mapping[str, int] | None = None) -> "Rings":
+        """Create the block: `capacity` records a topic, a power of two; `capacities` overrides single topics.
+
+        Raises ValueError for a capacity that is no power of two, LogError where shared memory is exhausted.
+        """
+        sizes = {topic: (capacities or {}).get(topic, capacity) for topic in TOPICS}
+        for topic, records in sizes.items():
+            if records < 2 or records & (records - 1):
+                raise ValueError(f"{topic}: the capacity of a ring is a power of two, not {records}")
+        size = _SLOTS_OFFSET + sum(_slot_dtype(topic).itemsize * records for topic, records in sizes.items())
+        name = f"rtstack-{os.getpid()}-{secrets.token_hex(4)}"
+        owned = shared_memory.SharedMemory(name, create=True, size=size)
+        owned.close()  # we map it ourselves: views of SharedMemory.buf make its close fail
+        try:
+            # take the pages now: a write beyond the last free page would be a SIGBUS in the middle of a tick
+            descriptor = os.open(os.path.join(_DIRECTORY, name), os.O_RDWR | os.O_CLOEXEC)
+            try:
+                os.posix_fallocate(descriptor, 0, size)
+            finally:
+                os.close(descriptor)
+            rings = cls(name, owned)
+        except OSError as error:
+            owned.unlink()
+            raise LogError(f"no shared memory for the log ({size / 1e6:.0f} MB): {error.strerror}") from error
+        for index, (topic, records) in enumerate(sizes.items()):
+            rings._topics[index]["capacity"] = records
+            rings._topics[index]["itemsize"] = TOPICS[topic].itemsize
+        rings._control["magic"] = _MAGIC
+        return rings
+
+    @classmethod
+    def attach(cls, name: str) -> "Rings":
+        """Map another process's block. Raises LogError where there is none, or one of another version."""
+        # not through SharedMemory: before Python 3.13 its tracker unlinks the block when this process ends
+        try:
+            rings = cls(name, None)
+        except (OSError, ValueError) as error:
+            raise LogError(f"there are no rings named {name}") from error
+        sizes = [dtype.itemsize for dtype in TOPICS.values()]
+        if rings._control["magic"][0] != _MAGIC or rings._topics["itemsize"].tolist() != sizes:
+            raise LogError(f"the rings {name} belong to another version of the program")
+        return rings
+
+    def _slots(self, topic: str) -> tuple[int, NDArray[Any]]:
+        offset = _SLOTS_OFFSET
+        for index, name in enumerate(TOPICS):
+            capacity = int(self._topics[index]["capacity"])
+            if name == topic:
+                return index, np.frombuffer(self._block, _slot_dtype(topic), capacity, offset)
+            offset += _slot_dtype(name).itemsize * capacity
+        raise KeyError(topic)
+
+    def pusher(self, topic: str) -> Pusher:
+        """Return the writer's side of a ring. Raises KeyError for a topic that is not in TOPICS."""
+        index, slots = self._slots(topic)
+        return Pusher(self._topics["head"][index : index + 1], slots)
+
+    def reader(self, topic: str) -> RingReader:
+        """Return a reader that starts with the next record. Raises KeyError for a topic not in TOPICS."""
+        index, slots = self._slots(topic)
+        line = self._topics[index : index + 1]
+        return RingReader(line, slots, int(line["head"][0]), publishes=False)
+
+    def log_reader(self, topic: str) -> RingReader:
+        """Return the log process's reader: starts with the first record, publishes how far it has read."""
+        index, slots = self._slots(topic)
+        return RingReader(self._topics[index : index + 1], slots, 0, publishes=True)
+
+    def room(self) -> int:
+        """Return how many records every ring takes before the log loses one.
+
+        A run that is faster than real time waits, outside of the tick, while there is little room. Without a
+        log process to wait for (it failed or finished) there is always room.
+        """
+        topics = self._topics
+        if self.state in (LogState.FAILED, LogState.FINISHED):
+            return int(topics["capacity"].min())
+        return max(0, int((topics["capacity"] - (topics["head"] - topics["consumed"])).min()))
+
+    def published(self, topic: str) -> int:
+        """Return how many records were pushed to a topic."""
+        return int(self._topics["head"][list(TOPICS).index(topic)])
+
+    def lost(self, topic: str) -> int:
+        """Return how many records of a topic the log process has lost."""
+        return int(self._topics["lost"][list(TOPICS).index(topic)])
+
+    @property
+    def state(self) -> LogState:
+        """State of the log process."""
+        return LogState(int(self._control["state"][0]))
+
+    @state.setter
+    def state(self, state: LogState) -> None:
+        self._control["state"] = state
+
+    @property
+    def error(self) -> str:
+        """Why the log process failed, empty if it did not."""
+        return bytes(self._control["error"][0]).decode("utf-8", "replace")
+
+    def fail(self, reason: str) -> None:
+        """Say why the log process failed, and that it did."""
+        self._control["error"] = reason.encode()[: _CONTROL["error"].itemsize]
+        self.state = LogState.FAILED
+
+    @property
+    def transforms(self) -> int:
+        """Number of /tf messages that the log process has written."""
+        return int(self._control["transforms"][0])
+
+    @transforms.setter
+    def transforms(self, count: int) -> None:
+        self._control["transforms"] = count
+
+    @property
+    def closing(self) -> bool:
+        """Whether the log process was told to finish."""
+        return bool(self._control["closing"][0])
+
+    def request_close(self) -> None:
+        """Tell the log process to read what is left and to finish the file."""
+        self._control["closing"] = 1
+
+    def close(self) -> None:
+        """Unlink the block, if it is ours. Whoever still has views of it keeps them. May be called twice."""
+        if self._owned is not None:
+            with contextlib.suppress(FileNotFoundError):
+                self._owned.unlink()
+            self._owned = None
+
+    def __enter__(self) -> "Rings":
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()

@@ -1,0 +1,189 @@
+"""The MCAP file while it is being written: foxglove-sdk behind six topics, metadata and attachments."""
+
+import time
+from collections.abc import Callable
+from typing import BinaryIO
+
+import foxglove
+import numpy as np
+from foxglove.mcap import MCAPCompression, MCAPWriteOptions
+from foxglove.messages import (
+    FrameTransforms,
+    Log,
+    LogLevel,
+    Pose,
+    PoseInFrame,
+    Quaternion,
+    Timestamp,
+    Vector3,
+)
+from numpy.typing import NDArray
+
+from rtstack.log.encoding import wire_format
+from rtstack.log.frames import WORLD
+from rtstack.log.schema import PACKAGE, TOPIC_MESSAGES, sample_descriptors
+from rtstack.samples import TOPICS, Level
+
+TRANSFORMS = "/tf"
+# a killed writer loses at most 0.5 s (contract); the other half is for reading the rings and compressing
+FLUSH_NS = 250_000_000
+_NS = 1_000_000_000
+_LEVELS: dict[int, LogLevel] = {
+    Level.DEBUG: LogLevel.Debug,
+    Level.INFO: LogLevel.Info,
+    Level.WARNING: LogLevel.Warning,
+    Level.ERROR: LogLevel.Error,
+    Level.FATAL: LogLevel.Fatal,
+}
+
+
+class _File:
+    """A file that remembers why a write failed: the SDK's own errors say only that one did."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self.error: OSError | None = None
+
+    def write(self, data: bytes | bytearray) -> int:
+        try:
+            return self._file.write(data)
+        except OSError as error:
+            self.error = error
+            raise
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        return self._file.seek(offset, whence)
+
+    def flush(self) -> None:
+        try:
+            self._file.flush()
+        except OSError as error:
+            self.error = error
+            raise
+
+
+class McapSink:
+    """Writes batches of records and finishes a chunk at least every 0.25 s, of robot's time and of wall time.
+
+    Every method raises OSError when the disk refuses.
+    """
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = _File(file)
+        self._context = context = (
+            foxglove.Context()
+        )  # channels hold no reference to it, and fall silent without it
+        # without seeking, a chunk is written in one piece: a killed writer leaves whole chunks behind
+        options = MCAPWriteOptions(
+            compression=MCAPCompression.Lz4, disable_seeking=True, chunk_size=None, compression_threads=0
+        )
+        self._writer = foxglove.open_mcap(self._file, context=context, writer_options=options)
+        descriptors = sample_descriptors()
+        schemas = {
+            topic: foxglove.Schema(name=f"{PACKAGE}.{name}", encoding="protobuf", data=descriptors)
+            for topic, name in TOPIC_MESSAGES.items()
+        }
+        schemas["/object/pose"] = PoseInFrame.get_schema()
+        schemas["/events"] = Log.get_schema()
+        schemas[TRANSFORMS] = FrameTransforms.get_schema()
+        self._channels = {
+            topic: foxglove.Channel(topic, schema=schema, message_encoding="protobuf", context=context).base
+            for topic, schema in schemas.items()
+        }
+        self.messages = dict.fromkeys(self._channels, 0)
+        self._flushed_wall_ns = time.monotonic_ns()
+        self._flushed_log_ns: int | None = None
+        self._dirty = False
+
+    def write_metadata(self, name: str, values: dict[str, str]) -> None:
+        """Write a metadata record; one without values would be left out by the SDK, so it is not written."""
+        self._guard(self._writer.write_metadata, name, values)
+
+    def attach(self, name: str, media_type: str, data: bytes) -> None:
+        """Write an attachment. Its log time is 0: it belongs to the whole run."""
+        self._guard(
+            lambda: self._writer.attach(
+                log_time=0, create_time=time.time_ns(), name=name, media_type=media_type, data=data
+            )
+        )
+
+    def write(self, batches: dict[str, NDArray], transforms: list[tuple[int, bytes]]) -> None:
+        """Write records of all topics and the /tf messages that belong to them, in order of robot's time."""
+        times = [np.maximum(records["t_ns"], 0) for records in batches.values()]
+        times.append(np.array([t for t, _ in transforms], np.int64))
+        topics = [self._channels[topic] for topic in batches] + [self._channels[TRANSFORMS]]
+        messages = [_encode(topic, records) for topic, records in batches.items()]
+        messages.append([message for _, message in transforms])
+        for topic, encoded in zip([*batches, TRANSFORMS], messages, strict=True):
+            self.messages[topic] += sum(message is not None for message in encoded)
+        all_times = np.concatenate(times)
+        order = np.argsort(all_times, kind="stable").tolist()
+        channel_of = [channel for channel, encoded in zip(topics, messages, strict=True) for _ in encoded]
+        flat = [message for encoded in messages for message in encoded]
+        for row in order:
+            t_ns, message = int(all_times[row]), flat[row]
+            if message is None:
+                continue
+            if self._flushed_log_ns is None:
+                self._flushed_log_ns = t_ns
+            elif t_ns - self._flushed_log_ns >= FLUSH_NS:
+                self.flush()
+                self._flushed_log_ns = t_ns
+            channel_of[row].log(message, t_ns)
+            self._dirty = True
+
+    def flush_if_due(self) -> None:
+        """Finish the chunk when the last one is 0.25 s of wall time old."""
+        if self._dirty and time.monotonic_ns() - self._flushed_wall_ns >= FLUSH_NS:
+            self.flush()
+
+    def flush(self) -> None:
+        """Finish the chunk and hand it to the operating system."""
+        self._guard(self._writer.flush)
+        self._flushed_wall_ns = time.monotonic_ns()
+        self._dirty = False
+
+    def close(self) -> None:
+        """Write the summary and finish the file."""
+        self._guard(self._writer.close)
+
+    def _guard(self, call: Callable[..., None], *arguments: object) -> None:
+        try:
+            call(*arguments)
+        except RuntimeError as error:
+            raise self._file.error or OSError(str(error)) from error
+        if self._file.error is not None:
+            raise self._file.error
+
+
+def _encode(topic: str, records: NDArray) -> list[bytes | None]:
+    """One message a record; None for a record that says nothing (an object that was never seen)."""
+    if topic in TOPIC_MESSAGES:
+        return list(wire_format(TOPIC_MESSAGES[topic]).encode(records))
+    if topic == "/object/pose":
+        return [_pose(record) if record["seen"] else None for record in records]
+    return [_event(record) for record in records]
+
+
+def _stamp(t_ns: int) -> Timestamp:
+    t_ns = max(t_ns, 0)
+    return Timestamp(t_ns // _NS, t_ns % _NS)
+
+
+def _pose(record: np.void) -> bytes:
+    x, y, z = record["position"].tolist()
+    qw, qx, qy, qz = record["orientation_wxyz"].tolist()
+    pose = Pose(position=Vector3(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
+    return PoseInFrame(timestamp=_stamp(int(record["t_ns"])), frame_id=WORLD, pose=pose).encode()
+
+
+def _event(record: np.void) -> bytes:
+    return Log(
+        timestamp=_stamp(int(record["t_ns"])),
+        level=_LEVELS.get(int(record["level"]), LogLevel.Unknown),
+        name=bytes(record["name"]).decode("utf-8", "replace"),
+        message=bytes(record["text"]).decode("utf-8", "replace"),
+    ).encode()
+
+
+assert set(TOPICS) == {*TOPIC_MESSAGES, "/object/pose", "/events"}, "every topic has an encoder"
