@@ -14,7 +14,7 @@ JOINTS = 7
 
 @dataclass(frozen=True, slots=True)
 class Capsule:
-    """A capsule in its link's frame: T_link_capsule (4, 4), axis along z; radius and half length of the axis, m."""
+    """A capsule in its link's frame: T_link_capsule (4, 4), axis along z; radius and half length, m."""
 
     T_link_capsule: Array
     radius: float

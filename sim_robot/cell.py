@@ -1,8 +1,8 @@
 """The simulated cell behind hal's contract: two arms and a tracker on one plant, in one process.
 
-A read by an arm that has already seen the present state advances the plant by 1 ms, for both arms: so it does not
-matter which arm is served first, and an arm that did not write keeps its last torque. The first reads return the
-state at t = 0.
+A read by an arm that has already seen the present state advances the plant by 1 ms, for both arms: so it does
+not matter which arm is served first, and an arm that did not write keeps its last torque. The first reads
+return the state at t = 0.
 """
 
 from pathlib import Path
@@ -37,7 +37,10 @@ class SimulatedArm:
         self._closed = False
 
     def read(self) -> ArmState:
-        """Return the next state. Raises CommandRejected in a reflex (the plant goes on), ConnectionLost when closed."""
+        """Return the next state.
+
+        Raises CommandRejected in a reflex (the plant has gone on), ConnectionLost when closed.
+        """
         self._check_open()
         if self._seen_tick == self._cell.plant.ticks:
             self._cell.next_state()
@@ -80,7 +83,7 @@ class SimulatedArm:
 
 
 class SimulatedCell:
-    """Two arms, a tracker, one plant. Has every attribute of hal.cell.Cell; `as_cell` returns the real thing."""
+    """Two arms, a tracker, one plant; `as_cell` gives what hal knows of it."""
 
     def __init__(
         self,
@@ -102,7 +105,7 @@ class SimulatedCell:
         self._observe()
 
     def next_state(self) -> None:
-        """Advance by 1 ms, or in real time by as many as have passed, with the last torques held for those missed."""
+        """Advance by 1 ms, or in real time by all that have passed, with the last torques held meanwhile."""
         milliseconds = self.clock.wait() if self.clock is not None else 1
         for remaining in range(milliseconds - 1, -1, -1):
             for box in self.boxes:
@@ -159,8 +162,8 @@ def simulated_cell(
 ) -> SimulatedCell:
     """Build the cell with this object, `displacement_m` along the world's y from its place.
 
-    Without a clock it is lockstep: nothing waits, and a seed gives bit-identical states. Raises UnknownObject,
-    ObjectOutOfReach, BadParameterFile.
+    Without a clock it is lockstep: nothing waits, and a seed gives bit-identical states. Raises
+    UnknownObject, ObjectOutOfReach, BadParameterFile.
     """
     layout = load_scene(scene)
     parameters = load_plant_parameters() if parameters is None else parameters

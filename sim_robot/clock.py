@@ -16,12 +16,12 @@ class Clock(Protocol):
     missed: int
 
     def wait(self) -> int:
-        """Block until the next state is due; return how many ms have passed since the last one, at least 1."""
+        """Block until the next state is due; return how many ms have passed since the last one, 1 or more."""
         ...
 
 
 class RealtimeClock:
-    """1 kHz by absolute deadlines of the monotonic clock. `missed` counts the ms whose deadline nobody met."""
+    """1 kHz by absolute deadlines of the monotonic clock. `missed` counts the ms that nobody answered."""
 
     def __init__(self) -> None:
         self.missed = 0

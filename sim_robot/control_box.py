@@ -36,7 +36,7 @@ class ControlBox:
         return self._arrived.bit_count() / RATE_WINDOW if self.mode == RobotMode.MOVE else 0.0
 
     def take(self, tau: Array) -> None:
-        """Take a torque for the next millisecond, (7,), Nm, copied. A bad one is a reflex, and never reaches the plant."""
+        """Take a torque for the next ms, (7,), Nm. A bad one is a reflex and never reaches the plant."""
         errors = reflexes.judge_command(tau, self._tau)
         if errors:
             self.trip(errors)
@@ -45,7 +45,7 @@ class ControlBox:
         self._waiting = True
 
     def begin_millisecond(self, on_time: bool) -> None:
-        """Hand the waiting torque to the plant if it came on time; otherwise the last one stays, and is counted lost."""
+        """Hand the waiting torque to the plant if it came on time; otherwise the last one stays."""
         if self._waiting and on_time:
             if self.mode != RobotMode.MOVE:
                 self.mode, self._arrived = RobotMode.MOVE, _ALL_ARRIVED

@@ -1,4 +1,4 @@
-"""Compiled kinematics of the nominal arm: pose and Jacobian of the pad's face in the base, and the wrench estimate."""
+"""Compiled kinematics of the nominal arm: pose and Jacobian of the pad's face, and the wrench estimate."""
 
 from math import cos, sin, sqrt
 
@@ -53,7 +53,7 @@ def forward_kinematics(kinematics, q):
 
 @numba.njit(cache=True, error_model="numpy")
 def _cholesky(A, shift, L):
-    """Factor A + shift I = L L^T, 6 x 6, into the lower part of L; False where it is not positive definite."""
+    """Factor A + shift I = L L^T, 6 x 6, into the lower part of L; False where not positive definite."""
     for i in range(6):
         for j in range(i + 1):
             total = A[i, j] + (shift if i == j else 0.0)

@@ -1,7 +1,8 @@
 """The MuJoCo model of the cell, generated in memory from the arms' description and the scene.
 
-Degrees of freedom: left joints 0-6, right joints 7-13, the object's free joint 14-19 (qpos 14-20). MuJoCo sees the
-link side of the arms only: no armature, no joint damping, no actuators, no joint limits (the reflexes watch those).
+Degrees of freedom: left joints 0-6, right joints 7-13, the object's free joint 14-19 (qpos 14-20). MuJoCo
+sees the link side of the arms only: no armature, no joint damping, no actuators, no joint limits (the
+reflexes watch those).
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The plant: two arms with flexible joints, an object and the contacts between them, stepped by the millisecond."""
+"""The plant: two arms with flexible joints and an object between them, stepped by the millisecond."""
 
 import mujoco
 import numpy as np
@@ -37,15 +37,15 @@ def pad_face(place: ArmPlacement, face_offset_z: float) -> Array:
 class Plant:
     """The physical cell. Owns MuJoCo's model and data; deterministic for a seed.
 
-    `joints` and `motors` are records (2,), (left, right): what each arm is made of, and its motor side. Friction is
-    the sigmoid of JointParameters as seen at the commanded torque (tau_fric of (7)-(10)), so that the friction at the
-    motor itself is B / B_theta times it.
+    `joints` and `motors` are records (2,), (left, right): what each arm is made of, and its motor side.
+    Friction is the sigmoid of JointParameters as seen at the commanded torque (tau_fric of (7)-(10)), so that
+    the friction at the motor itself is B / B_theta times it.
     """
 
     def __init__(
         self, scene: Scene, parameters: PlantParameters, object_name: str, displacement_m: float, seed: int
     ) -> None:
-        """Build the cell at rest in its start pose, with the arms held. Raises UnknownObject, ObjectOutOfReach."""
+        """Build the cell at rest, both arms held. Raises UnknownObject, ObjectOutOfReach."""
         arms_seed, placement_seed = np.random.SeedSequence([seed, 0]).spawn(2)
         places = (scene.left, scene.right)
         faces_y = [float(pad_face(place, scene.pad.face_offset_z)[1]) for place in places]
@@ -117,12 +117,12 @@ class Plant:
         self.ticks += 1
         if not advance_millisecond(*self._arguments):
             raise SimulationDiverged(
-                f"the simulation diverged {self.ticks} ms after its start: a position or velocity is not finite; "
+                f"the simulation diverged {self.ticks} ms after its start (a velocity is not finite); "
                 "start a new trial, and look at the last commanded torques"
             )
 
     def command(self, side: int, tau: Array) -> None:
-        """Take a torque, shape (7,), Nm, gravity excluded, for arm 0 (left) or 1 (right) until the next one."""
+        """Take a torque, (7,), Nm, gravity excluded, for arm 0 (left) or 1 (right) until the next one."""
         motor = self.motors[side]
         motor["tau_command"], motor["holding"] = tau, 0
 
@@ -132,7 +132,7 @@ class Plant:
         motor["tau_command"], motor["theta_hold"], motor["holding"] = 0.0, motor["theta"], 1
 
     def apply_pad_force(self, side: int, force: Array) -> None:
-        """Push on the middle of a pad's face with a force, (3,) N in the world's axes, until the next call."""
+        """Push on the middle of a pad's face with a force, (3,) N along the world's axes, until changed."""
         self._pad_force[side] = force
         self._pad_pushed = True
 

@@ -1,13 +1,13 @@
-"""The plant's parameters: nominal values, their seeded scatter, noise levels. Read from a file of the plant alone."""
+"""The plant's parameters: nominal values, seeded scatter, noise. From a file that only the plant reads."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from importlib.resources import as_file, files
 from pathlib import Path
 
 from sim_robot.strict_toml import read_record
 
 Joints = tuple[float, float, float, float, float, float, float]
-ZEROS: Joints = (0.0,) * 7
+ZEROS: Joints = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def _check(record: object, positive: tuple[str, ...], not_negative: tuple[str, ...]) -> None:
@@ -121,7 +121,7 @@ class PlantParameters:
     reflexes: ReflexParameters
 
     def nominal(self) -> "PlantParameters":
-        """Return the same plant without scatter, sensor noise and quantisation. Friction, filters and limits stay."""
+        """Return the same plant without scatter, noise and quantisation. Friction, filters, limits stay."""
         quiet = replace(
             self.sensors,
             q_quantum=0.0,
@@ -134,7 +134,7 @@ class PlantParameters:
         )
         return replace(
             self,
-            scatter=Scatter(*(0.0,) * len(Scatter.__slots__)),
+            scatter=Scatter(*(0.0 for _ in fields(Scatter))),
             sensors=quiet,
             tracker=replace(self.tracker, position_noise_mm=0.0, orientation_noise_deg=0.0),
         )

@@ -30,7 +30,7 @@ _LIMITS = np.array([FR3.q_lower, FR3.q_upper, FR3.dq_max, FR3.velocity_offset, F
 
 @numba.njit(cache=True, error_model="numpy")
 def _step_too_large(tau, tau_last, largest):
-    for j in range(JOINTS):
+    for j in range(JOINTS):  # noqa: SIM110 - compiled
         # written so that NaN is too large as well
         if not abs(tau[j] - tau_last[j]) <= largest:
             return True
@@ -55,14 +55,14 @@ def _judge(states, limits, overload, position, velocity, torque, masks):
 
 
 def judge_command(tau: Array, tau_last: Array) -> int:
-    """Return the errors of a command after the last one, both (7,), Nm: not finite, or more than 1000 Nm/s."""
+    """Return the errors of a command after the last one, both (7,), Nm: not finite, or above 1000 Nm/s."""
     return TORQUE_DISCONTINUITY if _step_too_large(tau, tau_last, _LARGEST_STEP) else 0
 
 
 def judge_states(states: NDArray[np.void], tau_J_overload: float, masks: NDArray[np.int64]) -> None:
-    """Write the errors of both states (2,) into masks (2,): position, velocity, torque beyond the FR3's limits.
+    """Write the errors of both states (2,) into masks (2,): position, velocity, torque beyond limits.
 
-    The velocity limit shrinks towards the position limits as hal.limits says; torque trips at `tau_J_overload` times
-    the range.
+    The velocity limit shrinks towards the position limits as hal.limits says; torque trips at
+    `tau_J_overload` times the range.
     """
     _judge(states, _LIMITS, tau_J_overload, POSITION_LIMITS, VELOCITY, TORQUE_RANGE, masks)

@@ -14,7 +14,7 @@ SMALLEST_FACTOR = 0.2  # a draw never leaves a mass or a stiffness at zero or be
 
 @dataclass(frozen=True, slots=True)
 class DrawnArm:
-    """One arm as it is in this cell. Arrays (7,), units as in JointParameters; gravity_factor multiplies a torque."""
+    """One arm as it is in this cell. Arrays (7,), units as in JointParameters; gravity_factor is a ratio."""
 
     description: ArmDescription
     B: Array

@@ -52,7 +52,7 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Pad:
-    """The silicone pad on each flange: a box of `size` m whose face is face_offset_z beyond joint 7. N/m, kg."""
+    """The silicone pad on each flange: a box of `size` m, its face face_offset_z beyond joint 7. N/m, kg."""
 
     size: Vector3
     mass: float
@@ -139,7 +139,7 @@ class Scene:
         return self.objects[object_name]
 
     def displacement_range(self, object_name: str, pad_faces_y: Vector2) -> Vector2:
-        """Return the smallest and largest displacement along y, m, for pads starting at y (left, right), m."""
+        """Return the smallest and largest displacement along y, m, for pads that start at y (left, right)."""
         half = self.find(object_name).size[1] / 2.0
         y0, table_half = self.object_position_xy[1], self.table.size_xy[1] / 2.0
         left, right = pad_faces_y
@@ -154,7 +154,7 @@ class Scene:
         pad_faces_y: Vector2,
         generator: np.random.Generator | None,
     ) -> ObjectPlacement:
-        """Put the object on the table, `displacement_m` along y from its place, with scatter if there is a generator.
+        """Put the object on the table, `displacement_m` along y from its place; scattered with a generator.
 
         Raises UnknownObject, and ObjectOutOfReach naming the allowed range.
         """

@@ -1,7 +1,7 @@
-"""What the robot reports of the plant: encoders, torque sensors and the estimate of external forces, with noise.
+"""What the robot reports of the plant: encoders, torque sensors and an estimate of external forces.
 
-Signs as in libfranka: tau_ext_hat_filtered and O_F_ext_hat_K are positive where the robot pushes the environment.
-Every float is rounded to float32 at the end, as the wire carries it.
+Signs as in libfranka: tau_ext_hat_filtered and O_F_ext_hat_K are positive where the robot pushes the
+environment. Every float is rounded to float32 at the end, as the wire carries it.
 """
 
 from math import exp, floor, pi
@@ -80,7 +80,7 @@ def _sense(qpos, qvel, motors, sensors, kinematics, draws, states):
 
 
 class Sensors:
-    """The measured part of both arms' states: `states`, records of dtype ARM_STATE, shape (2,), (left, right).
+    """The measured part of both arms' states: `states`, dtype ARM_STATE, shape (2,), (left, right).
 
     Noise comes from one generator, drawn in blocks: deterministic for a seed and the number of milliseconds.
     """

@@ -1,4 +1,4 @@
-"""TOML tables into frozen dataclasses, strictly: every key is expected, present and of its type, or it is an error."""
+"""TOML tables into frozen dataclasses, strictly: every key is expected, present and of its type."""
 
 import math
 import tomllib
@@ -15,7 +15,7 @@ class BadParameterFile(ValueError):
 
 
 def read_record(kind: type[Record], path: Path) -> Record:
-    """Read the file at `path` into the dataclass `kind`. Raises BadParameterFile, OSError where there is no file."""
+    """Read the file at `path` into the dataclass `kind`. Raises BadParameterFile, OSError without a file."""
     try:
         with path.open("rb") as file:
             table = tomllib.load(file)
@@ -27,8 +27,8 @@ def read_record(kind: type[Record], path: Path) -> Record:
 def record_from_table(kind: type[Record], table: Any, where: str) -> Record:
     """Return the dataclass `kind` filled from `table`. Raises BadParameterFile.
 
-    Field types: float, int, str, bool, another dataclass, tuple[X, ...] or tuple of a fixed length, dict[str, X]. An
-    integer is taken for a float, nothing else is converted; floats are finite.
+    Field types: float, int, str, bool, another dataclass, tuple[X, ...] or tuple of a fixed length, dict[str,
+    X]. An integer is taken for a float, nothing else is converted; floats are finite.
     """
     if not isinstance(table, dict):
         raise BadParameterFile(f"{where}: expected a table, got {table!r}")

@@ -1,7 +1,7 @@
 """One millisecond of the plant, compiled: four substeps of flexible joints around MuJoCo's own step.
 
-MuJoCo is called through its C symbol, so that no Python runs between two substeps. The arrays are views of MuJoCo's
-memory and two records; nothing is allocated.
+MuJoCo is called through its C symbol, so that no Python runs between two substeps. The arrays are views of
+MuJoCo's memory and two records; nothing is allocated.
 """
 
 from math import exp, isfinite
@@ -58,15 +58,15 @@ MOTOR_RECORD = np.dtype(
 
 @numba.njit(cache=True, error_model="numpy")
 def advance_millisecond(
-    model_address, data_address, qpos, qvel, qfrc_applied, qfrc_constraint, xanchor, xaxis, subtree_com, subtree_mass,
-    link1_bodies, joints, motors,
+    model_address, data_address, qpos, qvel, qfrc_applied, qfrc_constraint, xanchor, xaxis, subtree_com,
+    subtree_mass, link1_bodies, joints, motors,
 ):  # fmt: skip
     """Advance the plant by four substeps; False as soon as a number is not finite.
 
     In the order of the vendor's loop, with the same old tau_t on both sides of the gear:
-    tau_t = K(theta - q) + D(dtheta - dq); the link side takes tau_t for one step; then
-    ddtheta = (tau_act - tau_t + B / B_theta tau_fric) / B with tau_act = B / B_theta tau_d + (1 - B / B_theta) tau_t,
-    which is B_theta ddtheta = tau_d - tau_t + tau_fric: equations (4), (6), (8) of the impact-map paper.
+    tau_t = K (theta - q) + D (dtheta - dq); the link side takes tau_t for one step; then the motor side
+    B ddtheta = tau_act - tau_t + B / B_theta tau_fric, tau_act = B / B_theta tau_d + (1 - B / B_theta) tau_t,
+    which is B_theta ddtheta = tau_d - tau_t + tau_fric: (4), (6) and (8) of the impact-map paper.
     """
     for arm in range(2):
         motor = motors[arm]

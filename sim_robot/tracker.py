@@ -8,7 +8,7 @@ from sim_robot.plant_parameters import TrackerParameters
 
 
 class SimulatedTracker:
-    """An ObjectTracker of the plant's object: position (3,) m in the world and quaternion wxyz (4,), noisy."""
+    """An ObjectTracker of the plant's object: position (3,) m in the world, quaternion wxyz (4,), noisy."""
 
     def __init__(self, plant: Plant, parameters: TrackerParameters, seed: int) -> None:
         self._plant = plant
