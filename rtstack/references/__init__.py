@@ -1,0 +1,1 @@
+"""What the arms follow: a scripted demonstration, a recording, and the extended references made from it."""

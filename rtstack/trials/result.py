@@ -44,3 +44,29 @@ class TrialResult:
     def as_json(self) -> str:
         """Return the result as one line of JSON."""
         return json.dumps(self.as_dict())
+
+
+@dataclass(frozen=True, slots=True)
+class DemonstrationResult:
+    """What came out of a demonstration: a recording with an impact in it, or why not."""
+
+    success: bool
+    failure_reason: str | None
+    object: str
+    variation: int
+    seed: int
+    cell: str
+    detected_impact_time_s: float | None
+    max_lift_mm: float | None
+    ticks: int
+    missed_deadlines: int
+    safety_interventions: int
+    log: str | None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the result as JSON-ready values."""
+        return asdict(self)
+
+    def as_json(self) -> str:
+        """Return the result as one line of JSON."""
+        return json.dumps(self.as_dict())

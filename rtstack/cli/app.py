@@ -1,0 +1,137 @@
+"""The commands. Each imports what it needs when it runs, so that `rtstack --help` answers at once."""
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rtstack.trials.specification import Controller
+
+app = typer.Typer(
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    help="Impact-aware dual-arm control: demonstrate, run, review.",
+)
+bench_app = typer.Typer(help="Measure the stack on this machine.")
+app.add_typer(bench_app, name="bench")
+
+BAD_INPUT = 2
+FAILED = 1
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else.")]
+CellFile = Annotated[Path | None, typer.Option("--cell-file", help="TOML description of the cell.")]
+ObjectName = Annotated[str, typer.Option("--object", help="An object of the cell.")]
+Seed = Annotated[int, typer.Option(help="Seed of noise, plant and placement.", min=0)]
+
+
+@app.command()
+def teach(
+    output: Annotated[Path, typer.Argument(metavar="OUT.mcap", help="The recording to write.")],
+    object_name: ObjectName = "rice_box",
+    variation: Annotated[int, typer.Option(help="Number of the demonstration.", min=0)] = 0,
+    seed: Seed = 0,
+    cell: Annotated[str, typer.Option(help="direct or realtime.")] = "direct",
+    cell_file: CellFile = None,
+    json: Json = False,
+) -> None:
+    """Record a scripted demonstration through the teleoperation path."""
+    from rtstack.cli.trials import teach as run
+
+    run(output, object_name, variation, seed, cell, cell_file, json)
+
+
+@app.command()
+def trial(
+    reference: Annotated[Path, typer.Option(metavar="REC.mcap", help="A recording, made by `rtstack teach`.")],
+    controller: Annotated[Controller, typer.Option(help="The proposed controller or a baseline.")] = Controller.PROPOSED,
+    object_name: ObjectName = "rice_box",
+    displacement_mm: Annotated[float, typer.Option(help="Shift of the object along y.")] = 0.0,
+    seed: Seed = 0,
+    log: Annotated[Path | None, typer.Option(metavar="OUT.mcap", help="The log to write.")] = None,
+    cell: Annotated[str, typer.Option(help="direct or realtime.")] = "direct",
+    cell_file: CellFile = None,
+    json: Json = False,
+) -> None:
+    """Run one trial: follow a recording through the impact."""
+    from rtstack.cli.trials import trial as run
+
+    run(reference, controller, object_name, displacement_mm, seed, log, cell, cell_file, json)
+
+
+@app.command()
+def review(
+    log: Annotated[Path, typer.Argument(metavar="LOG.mcap")],
+    json: Json = False,
+) -> None:
+    """Say what is in a log: result, events, impacts, recomputed from its samples."""
+    from rtstack.cli.logs import review as run
+
+    run(log, json)
+
+
+@app.command()
+def recover(log: Annotated[Path, typer.Argument(metavar="LOG.mcap")]) -> None:
+    """Make a complete log of one that was cut off. The original stays as it is."""
+    from rtstack.cli.logs import recover as run
+
+    run(log)
+
+
+@app.command()
+def up(
+    port: Annotated[int, typer.Option(help="Port of the console, on the loopback address.", min=1, max=65535)] = 8080,
+    logs: Annotated[Path, typer.Option(help="Where logs are written.")] = Path("logs"),
+    cell_file: Annotated[Path | None, typer.Option("--cell", help="TOML description of the cell.")] = None,
+) -> None:
+    """Start the whole stack with the simulated cell; Ctrl-C ends all of it."""
+    from rtstack.cli.stack import up as run
+
+    run(port, logs, cell_file)
+
+
+@bench_app.command("tick")
+def bench_tick(
+    ticks: Annotated[int, typer.Option(help="Ticks of each kind.", min=100)] = 3000,
+    json: Json = False,
+) -> None:
+    """The dual-arm tick and its parts, beside the same tick in plain numpy, in one run."""
+    from rtstack.cli.bench import tick as run
+
+    run(ticks, json)
+
+
+def main() -> None:
+    """Run the command line. Bad input is one line on stderr and exit status 2; no traceback reaches a user."""
+    arguments = sys.argv[1:] or ["--help"]
+    try:
+        status = app(arguments, prog_name="rtstack", standalone_mode=False)
+    except Exception as error:
+        status = _explain(error)
+    sys.exit(status if isinstance(status, int) else 0)
+
+
+def _explain(error: Exception) -> int:
+    """Print the one line that an error deserves, and return the exit status."""
+    from hal.errors import HardwareError
+    from rtstack.configuration import ConfigurationError
+    from rtstack.log.errors import LogError
+    from rtstack.trials.errors import TrialError
+
+    usage = getattr(error, "format_message", None)  # what typer raises for a wrong option or argument
+    if usage is not None:
+        return _say(f"{usage()} (see --help)", BAD_INPUT)
+    if isinstance(error, TrialError | LogError | ConfigurationError | HardwareError):
+        return _say(str(error), BAD_INPUT)
+    if os.environ.get("RTSTACK_TRACEBACK"):
+        raise error
+    return _say(
+        f"internal error: {type(error).__name__}: {error}; set RTSTACK_TRACEBACK=1 to see where, and report it", FAILED
+    )
+
+
+def _say(message: str, status: int) -> int:
+    print("rtstack: " + " ".join(message.split()), file=sys.stderr)
+    return status

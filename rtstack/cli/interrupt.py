@@ -1,0 +1,31 @@
+"""Ctrl-C asks for a controlled stop: the arms brake, the log is finished. A second one ends the program at once."""
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+
+class Interrupt:
+    """A stop signal of the loop that Ctrl-C and SIGTERM raise."""
+
+    def __init__(self) -> None:
+        self.stop_requested = False
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        """Handle the signal."""
+        if self.stop_requested:
+            raise KeyboardInterrupt
+        self.stop_requested = True
+
+
+@contextmanager
+def interruptible() -> Iterator[Interrupt]:
+    """Catch Ctrl-C and SIGTERM for the time of a run."""
+    interrupt = Interrupt()
+    previous = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield interrupt
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)

@@ -1,0 +1,86 @@
+"""`rtstack teach` and `rtstack trial`: everything is checked before the cell is opened and the log is begun."""
+
+from pathlib import Path
+
+import typer
+
+from rtstack.cli.cells import load_description, open_cell
+from rtstack.cli.interrupt import interruptible
+from rtstack.cli.progress import progress_bar
+from rtstack.log.writer import Attachment, check_log_path
+from rtstack.trials.record import open_log
+from rtstack.trials.result import DemonstrationResult, TrialResult
+from rtstack.trials.run import check_object, prepare_trial, run_demonstration, run_trial
+from rtstack.trials.specification import Controller, DemonstrationSpecification, TrialSpecification
+
+FAILED = 1
+
+
+def teach(
+    output: Path, object_name: str, variation: int, seed: int, cell_kind: str, cell_file: Path | None, json: bool
+) -> None:
+    """Record a demonstration to `output`, which must not exist yet."""
+    description, source = load_description(cell_file)
+    specification = DemonstrationSpecification(object_name, variation, seed)
+    check_object(object_name, description)
+    check_log_path(output)
+    cell = open_cell(cell_kind, object_name, 0.0, seed)
+    try:
+        with interruptible() as stop, progress_bar("demonstration", not json) as progress:
+            log = open_log(output, specification, description, cell_kind, source)
+            result = run_demonstration(specification, description, cell, log=log, stop=stop, progress=progress)
+    finally:
+        cell.close()
+    _report(result, json, _demonstration_line(result))
+
+
+def trial(
+    reference: Path, controller: Controller, object_name: str, displacement_mm: float, seed: int, log_path: Path | None,
+    cell_kind: str, cell_file: Path | None, json: bool,
+) -> None:  # fmt: skip
+    """Run a trial on the recording `reference`; without `log_path` nothing is written."""
+    description, source = load_description(cell_file)
+    specification = TrialSpecification(str(reference), controller, object_name, displacement_mm, seed)
+    if log_path is not None:
+        check_log_path(log_path)
+    check_object(object_name, description)
+    prepared = prepare_trial(specification, description)
+    cell = open_cell(cell_kind, object_name, displacement_mm * 1e-3, seed)
+    try:
+        with interruptible() as stop, progress_bar(f"trial, {controller}", not json) as progress:
+            log = None
+            if log_path is not None:
+                recording = Attachment("reference.mcap", "application/octet-stream", reference.read_bytes())
+                log = open_log(log_path, specification, description, cell_kind, source, [recording])
+            result = run_trial(prepared, cell, log=log, stop=stop, progress=progress)
+    finally:
+        cell.close()
+    _report(result, json, _trial_line(result))
+
+
+def _report(result: TrialResult | DemonstrationResult, json: bool, line: str) -> None:
+    typer.echo(result.as_json() if json else line)
+    if not result.success:
+        raise typer.Exit(FAILED)
+
+
+def _demonstration_line(result: DemonstrationResult) -> str:
+    if not result.success:
+        return f"demonstration failed: {result.failure_reason}"
+    return (
+        f"recorded {result.log}: {result.object}, variation {result.variation}, impact at "
+        f"{result.detected_impact_time_s:.3f} s, lifted {result.max_lift_mm:.0f} mm"
+    )
+
+
+def _trial_line(result: TrialResult) -> str:
+    outcome = "success" if result.success else f"failed: {result.failure_reason}"
+    detected = result.detected_impact_time_s
+    impact = "none" if detected is None else f"{detected:.3f} s"
+    lift = "-" if result.max_lift_mm is None else f"{result.max_lift_mm:.0f} mm"
+    norm = "-" if result.average_force_norm is None else f"{result.average_force_norm:.1f}"
+    return (
+        f"{outcome} | {result.controller}, {result.object}, {result.displacement_mm:+g} mm, seed {result.seed} | impact "
+        f"{impact} (nominal {result.nominal_impact_time_s:.3f} s) | mean force norm {norm} | lift {lift} | "
+        f"compute p50 {result.compute_us_p50:.0f} us"
+    )

@@ -1,0 +1,110 @@
+"""Impedance and posture tasks: (5)-(11), (22)-(25), (27)-(32) of the reference-spreading paper, as one law."""
+
+import math
+
+from numba import njit
+
+from rtstack.control.dense import cholesky, solve_lower, symmetric_eigen
+from rtstack.control.rotation import log_so3, quaternion_from_rotation, transpose_multiply
+
+
+@njit(cache=True)
+def task_inertia(work):
+    """Lambda^-1 = J M^-1 J^T (8) and sqrt(Lambda) from its eigenvectors."""
+    L = work.factor
+    cholesky(work.M, 7, L)
+    X = work.rows  # rows: L^-1 J^T
+    for i in range(6):
+        row = X[i]
+        for k in range(7):
+            row[k] = work.J[i, k]
+        solve_lower(L, 7, row)
+    A = work.symmetric
+    for i in range(6):
+        for j in range(i + 1):
+            s = 0.0
+            for k in range(7):
+                s += X[i, k] * X[j, k]
+            A[i, j] = s
+            A[j, i] = s
+            work.Lambda_inverse[i, j] = s
+            work.Lambda_inverse[j, i] = s
+    V = work.vectors
+    symmetric_eigen(A, 6, V)
+    root = work.six
+    for k in range(6):
+        root[k] = 1.0 / math.sqrt(max(A[k, k], 1e-12))
+    for i in range(6):
+        for j in range(i + 1):
+            s = 0.0
+            for k in range(6):
+                s += V[i, k] * root[k] * V[j, k]
+            work.sqrt_Lambda[i, j] = s
+            work.sqrt_Lambda[j, i] = s
+
+
+@njit(cache=True)
+def desired_wrench(work, setpoint, control):
+    """(5), (22), (27): feedforward + D (v_d - v) weight + K pose error; D from (7), rotation error along inertial axes."""
+    relative = work.relative
+    local = work.three
+    error = work.six
+    transpose_multiply(work.rotation, setpoint.rotation, relative)
+    log_so3(relative, local)
+    for i in range(3):
+        error[i] = setpoint.position[i] - work.position[i]
+        error[3 + i] = (
+            work.rotation[i, 0] * local[0] + work.rotation[i, 1] * local[1] + work.rotation[i, 2] * local[2]
+        )
+    for i in range(6):
+        root_i = math.sqrt(setpoint.stiffness[i])
+        damping = 0.0
+        for j in range(6):
+            d = work.sqrt_Lambda[i, j] * (root_i + math.sqrt(setpoint.stiffness[j]))
+            work.D[i, j] = d
+            damping += d * (setpoint.twist[j] - work.twist[j])
+        control.wrench_desired[i] = (
+            setpoint.wrench_ff[i] + setpoint.velocity_weight * damping + setpoint.stiffness[i] * error[i]
+        )
+        control.wrench_ff[i] = setpoint.wrench_ff[i]
+        control.twist_ref[i] = setpoint.twist[i]
+    for i in range(3):
+        control.pose_ref[i] = setpoint.position[i]
+    quaternion_from_rotation(setpoint.rotation, control.pose_ref[3:7])
+
+
+@njit(cache=True)
+def desired_posture(q, dq, setpoint, control, joint):
+    """(10), (24), (31): beta = beta_ff + 2 sqrt(k) weight (dxi_d - dxi) + k (xi_d - xi)."""
+    k = setpoint.posture_gain
+    control.beta = (
+        setpoint.beta
+        + 2.0 * math.sqrt(k) * setpoint.velocity_weight * (setpoint.dxi - dq[joint])
+        + k * (setpoint.xi - q[joint])
+    )
+
+
+@njit(cache=True)
+def quadratic_cost(work, control, joint, weight_impedance, weight_posture, regularisation):
+    """Hessian and gradient of (15) and (26): w_imp |J ddq + dJ dq - Lambda^-1 f|^2 + w_pos (ddq_joint - beta)^2."""
+    b = work.six
+    for i in range(6):
+        s = -work.dJdq[i]
+        for j in range(6):
+            s += work.Lambda_inverse[i, j] * control.wrench_desired[j]
+        b[i] = s
+    for i in range(7):
+        for j in range(i + 1):
+            s = 0.0
+            for k in range(6):
+                s += work.J[k, i] * work.J[k, j]
+            s *= weight_impedance
+            work.H[i, j] = s
+            work.H[j, i] = s
+        work.H[i, i] += regularisation
+        s = 0.0
+        for k in range(6):
+            s += work.J[k, i] * b[k]
+        work.gradient[i] = -weight_impedance * s
+    work.H[joint, joint] += weight_posture
+    work.gradient[joint] -= weight_posture * control.beta

@@ -1,0 +1,101 @@
+"""The compiled part of an arm's tick, in two calls: observe what is, then find the torque for what is wanted."""
+
+import math
+
+from numba import njit
+
+from rtstack.control.dense import cholesky, solve_lower, solve_lower_transposed
+from rtstack.control.detector import impact_now
+from rtstack.control.friction import friction_torque
+from rtstack.control.impedance import desired_posture, desired_wrench, quadratic_cost, task_inertia
+from rtstack.control.kinematics import end_effector
+from rtstack.control.limits import acceleration_bounds, torque_bounds
+from rtstack.control.observer import momentum_residual
+
+
+@njit(cache=True)
+def observe(
+    samples, workspaces, controls, M, C, g, J0, dJ0, R7, p7, face, R_joint_ee, R_world_base, B_theta,
+    p1, p2, p3, friction_scale, observer_gain, dt, history, head, count, force_low, force_high, velocity_bound,
+):  # fmt: skip
+    """Take the state in samples[0] and the model's arrays at it; return whether this arm was hit in this tick."""
+    sample = samples[0]
+    work = workspaces[0]
+    control = controls[0]
+    end_effector(work, J0, dJ0, R7, p7, face, R_joint_ee, sample.dq)
+    for i in range(7):
+        coriolis = 0.0
+        for j in range(7):
+            coriolis += C[i, j] * sample.dq[j]
+            m = M[i, j] if j >= i else M[j, i]
+            work.M[i, j] = m + B_theta[i] if i == j else m
+        work.coriolis[i] = coriolis
+        work.gravity[i] = g[i]
+    friction_torque(sample.dq, p1, p2, p3, friction_scale, work.friction)
+    momentum_residual(work, M, C, sample.tau_J, sample.dq, observer_gain, dt, control)
+    for i in range(3):
+        # O_F_ext_hat_K is what the robot does to its environment; the detector wants the opposite
+        work.force_world[i] = -(
+            R_world_base[i, 0] * sample.O_F_ext_hat_K[0]
+            + R_world_base[i, 1] * sample.O_F_ext_hat_K[1]
+            + R_world_base[i, 2] * sample.O_F_ext_hat_K[2]
+        )
+    return impact_now(
+        work.force_world, work.twist, history, head, count, force_low, force_high, velocity_bound
+    )
+
+
+@njit(cache=True)
+def pose_problem(
+    samples, workspaces, setpoints, controls, joint, weight_impedance, weight_posture, regularisation,
+    limits_table, tau_max, dt,
+):  # fmt: skip
+    """Write the QP of this tick, and its solution where no limit is active: then True, ddq is the minimiser."""
+    sample = samples[0]
+    work = workspaces[0]
+    control = controls[0]
+    task_inertia(work)
+    desired_wrench(work, setpoints[0], control)
+    desired_posture(sample.q, sample.dq, setpoints[0], control, joint)
+    quadratic_cost(work, control, joint, weight_impedance, weight_posture, regularisation)
+    acceleration_bounds(sample.q, sample.dq, limits_table, dt, work.lower, work.upper)
+    torque_bounds(work, tau_max)
+    if not cholesky(work.H, 7, work.factor):
+        return False
+    for i in range(7):
+        work.ddq[i] = -work.gradient[i]
+    solve_lower(work.factor, 7, work.ddq)
+    solve_lower_transposed(work.factor, 7, work.ddq)
+    for i in range(7):
+        if not (work.lower[i] <= work.ddq[i] <= work.upper[i]):
+            return False
+        tau = 0.0
+        for j in range(7):
+            tau += work.M[i, j] * work.ddq[j]
+        if not (work.tau_lower[i] <= tau <= work.tau_upper[i]):
+            return False
+    return True
+
+
+@njit(cache=True)
+def torque(workspaces, samples, tau_step):
+    """tau = M ddq + C dq + friction (4), gravity excluded, at most tau_step Nm a tick away from the last applied torque."""
+    work = workspaces[0]
+    out = samples[0].tau_desired
+    for i in range(7):
+        tau = work.coriolis[i] + work.friction[i]
+        for j in range(7):
+            tau += work.M[i, j] * work.ddq[j]
+        last = work.tau_previous[i]
+        out[i] = min(max(tau, last - tau_step), last + tau_step)
+
+
+@njit(cache=True)
+def force_norm(left, right):
+    """(33): the norm of both arms' desired wrenches in one vector of twelve. Written to both controls."""
+    square = 0.0
+    for i in range(6):
+        square += left[0].wrench_desired[i] ** 2 + right[0].wrench_desired[i] ** 2
+    norm = math.sqrt(square)
+    left[0].force_norm = norm
+    right[0].force_norm = norm

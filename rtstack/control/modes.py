@@ -1,0 +1,92 @@
+"""The mode machine: which mode the controller is in, as a pure function of time and impact.
+
+The paper's part IV and V: the proposed controller goes ante -> interim at the detected impact -> post after the interim
+duration; the baselines differ in when they switch and in what they feed back.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+from rtstack.control.parameters import ControlParameters
+from rtstack.samples import Mode
+
+
+class Strategy(IntEnum):
+    """How the controller goes through an impact: the proposed one, or a baseline."""
+
+    PROPOSED = 0
+    NO_REFERENCE_SPREADING = 1
+    NO_VELOCITY_FEEDBACK = 2
+    NO_INTERIM = 3
+
+
+@dataclass(slots=True)
+class ModeMachine:
+    """Mode of the trial, shared by both arms. Times in s since the start of the reference.
+
+    `update` moves through the paper's modes; `begin` and `stop` are the only other ways to change `mode`. Once stopping,
+    nothing but `rest` (when the arms are at rest) changes it: a new trial needs a new machine.
+    """
+
+    strategy: Strategy
+    parameters: ControlParameters
+    nominal_impact_s: float
+    mode: Mode = Mode.IDLE
+    gamma: float = 0.0
+    velocity_weight: float = 1.0
+    impact_s: float = -1.0
+    patience_over: bool = False
+
+    def begin(self, mode: Mode) -> None:
+        """Leave idle: to teleoperation or to the ante-impact mode. Ignored in any other mode."""
+        if self.mode is Mode.IDLE and mode in (Mode.TELEOPERATION, Mode.ANTE_IMPACT):
+            self.mode = mode
+
+    def stop(self) -> None:
+        """Enter the controlled stop, from any mode that moves."""
+        if self.mode is not Mode.STOPPED:
+            self.mode = Mode.STOPPING
+
+    def rest(self) -> None:
+        """The arms have come to rest after a stop."""
+        if self.mode is Mode.STOPPING:
+            self.mode = Mode.STOPPED
+
+    def update(self, t_s: float, impact: bool) -> None:
+        """Advance to the time t_s; impact: the detector fired in this tick, on either arm."""
+        if self.mode not in (Mode.ANTE_IMPACT, Mode.INTERIM, Mode.POST_IMPACT):
+            return
+        if impact and self.impact_s < 0.0:
+            self.impact_s = t_s
+        switch = self._on_time if self.strategy in _BY_TIME else self._on_impact
+        switch(t_s)
+        if self.strategy is Strategy.NO_VELOCITY_FEEDBACK:
+            around = abs(t_s - self.nominal_impact_s) <= self.parameters.interim_s
+            self.velocity_weight = 0.0 if around else 1.0
+
+    def _on_time(self, t_s: float) -> None:
+        if self.mode is Mode.ANTE_IMPACT and t_s >= self.nominal_impact_s:
+            self._enter_post()
+
+    def _on_impact(self, t_s: float) -> None:
+        if self.mode is Mode.ANTE_IMPACT:
+            if self.impact_s < 0.0:
+                self.patience_over = t_s > self.nominal_impact_s + self.parameters.impact_patience_s
+            elif self.strategy is Strategy.NO_INTERIM:
+                self._enter_post()
+            else:
+                self.mode = Mode.INTERIM
+        if self.mode is Mode.INTERIM:
+            self.gamma = (t_s - self.impact_s) / self.parameters.interim_s  # (29)
+            if self.gamma >= 1.0 - 1e-9:
+                self._enter_post()
+            else:
+                self.velocity_weight = self.gamma
+
+    def _enter_post(self) -> None:
+        self.mode = Mode.POST_IMPACT
+        self.gamma = 1.0
+        self.velocity_weight = 1.0
+
+
+_BY_TIME = (Strategy.NO_REFERENCE_SPREADING, Strategy.NO_VELOCITY_FEEDBACK)

@@ -1,0 +1,30 @@
+"""Generalised-momentum observer in its flexible-joint form: driven by the measured joint torque, blind to motor friction.
+
+r = K_O (p - int(tau_J + C^T dq - g + r) dt - p(0)), p = M dq with the links' mass matrix: (5)-(7) of the
+collision-monitoring paper. r converges to the torque that the environment exerts on the joints.
+"""
+
+from numba import njit
+
+
+@njit(cache=True)
+def momentum_residual(work, M, C, tau_J, dq, gain, dt, control):
+    """Advance the observer. control.momentum_residual has the sign of tau_ext_hat_filtered, i.e. -r, Nm."""
+    for i in range(7):
+        p = 0.0
+        for j in range(7):
+            # Pinocchio fills the upper triangle only
+            p += (M[i, j] if j >= i else M[j, i]) * dq[j]
+        if work.observed == 0:
+            work.momentum_integral[i] = p
+            work.residual_previous[i] = 0.0
+        drift = tau_J[i] - work.gravity[i] + work.residual_previous[i]
+        for j in range(7):
+            drift += C[j, i] * dq[j]
+        if work.observed != 0:
+            work.momentum_integral[i] += drift * dt
+        r = gain * (p - work.momentum_integral[i])
+        control.momentum_residual[i] = -r
+        control.residual_rate[i] = -(r - work.residual_previous[i]) / dt
+        work.residual_previous[i] = r
+    work.observed = 1

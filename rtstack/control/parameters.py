@@ -1,0 +1,68 @@
+"""The controller's numbers, each with its source: Table I of the reference-spreading paper unless said otherwise."""
+
+from dataclasses import dataclass, field
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def _fixed(*values: float) -> Any:
+    array = np.array(values, dtype=np.float64)
+    array.flags.writeable = False
+    return field(default_factory=lambda: array)
+
+
+@dataclass(frozen=True, slots=True)
+class ControlParameters:
+    """Gains and times of all modes. Stiffness (6,): N/m then Nm/rad along the world's axes."""
+
+    period_s: float = 1e-3
+    exclusion_s: float = 0.1  # Delta T_r, before and after the impact
+    interim_s: float = 0.1  # Delta t_int
+    stiffness_teleoperation: Array = _fixed(300.0, 300.0, 300.0, 20.0, 20.0, 20.0)  # K_r
+    stiffness: Array = _fixed(2000.0, 2000.0, 2000.0, 20.0, 20.0, 20.0)  # K^a = K^int = K^p
+    posture_gain: float = 500.0  # k_pos, 1/s^2
+    posture_joint: int = 0  # the paper's choice: joint 1
+    weight_impedance: float = 1.0
+    weight_posture: float = 1.0
+    # ours: keeps the Hessian positive definite at a singular posture; below the solver's tolerance elsewhere
+    regularisation: float = 1e-8
+    # ours: an impact that is this late does not come any more (30 mm at 0.3 m/s are 0.1 s)
+    impact_patience_s: float = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class DetectorParameters:
+    """Appendix B, with the values of the experiments."""
+
+    force_low_n: float = 4.0
+    force_high_n: float = 5.0
+    velocity_m_s: float = 0.025
+    window_s: float = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class InertiaParameters:
+    """Motor side. B_theta: Table I of the impact-map paper; the vendor's estimate, 10 % margin."""
+
+    B_theta: Array = _fixed(0.2, 0.2, 0.15, 0.15, 0.067, 0.067, 0.067)
+    # (4) of the reference-spreading paper leaves it out; the impact-map paper adds it and says it is the better choice
+    include_B_theta: bool = True
+    observer_gain_hz: float = 200.0  # K_O, 1/s: about 5 ms, the bandwidth of the collision-monitoring study
+
+
+@dataclass(frozen=True, slots=True)
+class FrictionParameters:
+    """Sigmoid friction of an identified Panda (Gaz et al., RA-L 2019):
+
+    tau_fric = p1 / (1 + exp(-p2 (dq + p3))) - p1 / (1 + exp(-p2 p3)), Nm.
+    """
+
+    p1: Array = _fixed(0.54615, 0.87224, 0.64068, 1.2794, 0.83904, 0.30301, 0.56489)
+    p2: Array = _fixed(5.1181, 9.0657, 10.136, 5.5903, 8.3469, 17.133, 10.336)
+    p3: Array = _fixed(0.039533, 0.025882, -0.04607, 0.036194, 0.026226, -0.021047, 0.0035526)
+    scale: float = 1.0

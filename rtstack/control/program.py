@@ -1,0 +1,162 @@
+"""The quadratic program of a tick where a limit is active: min 1/2 x^T H x + g^T x, bounds on x and on M x.
+
+Two solvers behind one face. proxsuite's PrimalLDLT backend is the default; its automatic backend, warm-started, returns
+wrong answers that it calls solved, so every answer is checked against the optimality conditions here.
+"""
+
+import math
+from enum import StrEnum
+from typing import Protocol
+
+import daqp
+import numpy as np
+import proxsuite
+from numba import njit
+from numpy.typing import NDArray
+
+from rtstack.samples import QpStatus
+
+Array = NDArray[np.float64]
+
+ITERATIONS = 20  # enough for seven variables; caps the time of an infeasible problem below a millisecond
+OPTIMALITY_TOLERANCE = 1e-4  # rad/s^2 and Nm: a hundredth of what the joints can resolve
+
+
+class QpSolver(StrEnum):
+    """Which library answers."""
+
+    PROXQP = "proxqp"
+    DAQP = "daqp"
+
+
+class Program(Protocol):
+    """A QP of seven variables, solved again and again with other numbers."""
+
+    def solve(self, H: Array, gradient: Array, lower: Array, upper: Array, M: Array, tau_lower: Array, tau_upper: Array,
+              x: Array) -> tuple[QpStatus, int]:  # fmt: skip
+        """Write the solution to `x` (7,). Return the status and the iterations. Never raises."""
+        ...
+
+
+@njit(cache=True)
+def optimality_error(H, gradient, lower, upper, M, tau_lower, tau_upper, x, multipliers):
+    """Largest violation of the KKT conditions: feasibility (rad/s^2, Nm), signs and complementarity, stationarity.
+
+    multipliers (14,): of the bounds, then of the torque rows; positive at an upper limit, negative at a lower one.
+    Stationarity counts relative to the gradient's scale, complementarity relative to the multiplier's.
+    """
+    worst = 0.0
+    scale = 1.0
+    for i in range(7):
+        scale = max(scale, abs(gradient[i]))
+    for i in range(7):
+        tau = 0.0
+        slope = gradient[i] + multipliers[i]
+        for j in range(7):
+            tau += M[i, j] * x[j]
+            slope += H[i, j] * x[j] + M[j, i] * multipliers[7 + j]
+        if not math.isfinite(slope):
+            return math.inf
+        worst = max(worst, abs(slope) / scale)
+        worst = max(worst, lower[i] - x[i], x[i] - upper[i])
+        worst = max(worst, tau_lower[i] - tau, tau - tau_upper[i])
+        for multiplier, below, above in (
+            (multipliers[i], x[i] - lower[i], upper[i] - x[i]),
+            (multipliers[7 + i], tau - tau_lower[i], tau_upper[i] - tau),
+        ):
+            slack = above if multiplier > 0.0 else below
+            worst = max(worst, min(abs(multiplier) / scale, abs(slack)))
+    return worst
+
+
+class ProxqpProgram:
+    """proxsuite dense, PrimalLDLT, the bounds as a box, warm-started with the last answer."""
+
+    def __init__(self) -> None:
+        proxqp = proxsuite.proxqp
+        self._qp = proxqp.dense.QP(7, 0, 7, True, dense_backend=proxqp.dense.DenseBackend.PrimalLDLT)
+        settings = self._qp.settings
+        settings.eps_abs = 1e-6
+        settings.eps_rel = 0.0
+        settings.max_iter = ITERATIONS
+        settings.max_iter_in = 50
+        settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
+        self._solved = proxqp.QPSolverOutput.PROXQP_SOLVED
+        self._infeasible = (
+            proxqp.QPSolverOutput.PROXQP_PRIMAL_INFEASIBLE,
+            proxqp.QPSolverOutput.PROXQP_DUAL_INFEASIBLE,
+        )
+        self._multipliers = np.zeros(14)
+        self._started = False
+
+    def solve(self, H: Array, gradient: Array, lower: Array, upper: Array, M: Array, tau_lower: Array, tau_upper: Array,
+              x: Array) -> tuple[QpStatus, int]:  # fmt: skip
+        """See Program."""
+        arguments = {"H": H, "g": gradient, "C": M, "l": tau_lower, "u": tau_upper, "l_box": lower, "u_box": upper}
+        if self._started:
+            self._qp.update(**arguments)
+        else:
+            self._qp.init(**arguments)
+            self._started = True
+        self._qp.solve()
+        results = self._qp.results
+        x[:] = results.x
+        iterations = int(results.info.iter)
+        if results.info.status == self._solved:
+            self._multipliers[:7] = results.z[7:]
+            self._multipliers[7:] = results.z[:7]
+            error = optimality_error(H, gradient, lower, upper, M, tau_lower, tau_upper, x, self._multipliers)
+            if error <= OPTIMALITY_TOLERANCE:
+                return QpStatus.SOLVED, iterations
+            self._qp.cleanup()
+            self._started = False
+            return QpStatus.WRONG_ANSWER, iterations
+        # a failed problem must not be the next one's first guess
+        self._qp.cleanup()
+        self._started = False
+        if results.info.status in self._infeasible:
+            return QpStatus.INFEASIBLE, iterations
+        return QpStatus.ITERATIONS_EXHAUSTED, iterations
+
+
+class DaqpProgram:
+    """daqp: a dual active-set method, exact in a finite number of steps."""
+
+    def __init__(self) -> None:
+        self._model = daqp.Model()
+        self._upper = np.zeros(14)
+        self._lower = np.zeros(14)
+        self._started = False
+
+    def solve(self, H: Array, gradient: Array, lower: Array, upper: Array, M: Array, tau_lower: Array, tau_upper: Array,
+              x: Array) -> tuple[QpStatus, int]:  # fmt: skip
+        """See Program."""
+        self._upper[:7] = upper
+        self._upper[7:] = tau_upper
+        self._lower[:7] = lower
+        self._lower[7:] = tau_lower
+        if self._started:
+            flag = self._model.update(H=H, f=gradient, A=M, bupper=self._upper, blower=self._lower)
+        else:
+            flag = self._model.setup(H, gradient, M, self._upper, self._lower)[0]
+            self._model.settings = {"iter_limit": ITERATIONS, "primal_tol": 1e-9}
+            self._started = True
+        if flag < 0:
+            self._started = False
+            return QpStatus.INFEASIBLE, 0
+        solution, _, flag, info = self._model.solve()
+        iterations = int(info["iterations"])
+        x[:] = solution
+        if flag > 0:
+            error = optimality_error(H, gradient, lower, upper, M, tau_lower, tau_upper, x, info["lam"])
+            if error <= OPTIMALITY_TOLERANCE:
+                return QpStatus.SOLVED, iterations
+            self._started = False
+            return QpStatus.WRONG_ANSWER, iterations
+        self._started = False
+        return (QpStatus.INFEASIBLE if flag == -1 else QpStatus.ITERATIONS_EXHAUSTED), iterations
+
+
+def program(solver: QpSolver) -> Program:
+    """Return a fresh program of the chosen library."""
+    return ProxqpProgram() if solver is QpSolver.PROXQP else DaqpProgram()

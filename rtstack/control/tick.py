@@ -1,0 +1,168 @@
+"""The tick: an arm's state and its setpoint become a torque. Pure: no I/O, no clock, no allocation, no exception.
+
+`ArmController` is one arm's tick in two halves, observe and command; `DualArmController` joins two of them by the shared
+mode. Where both states carry one time stamp both are observed before either is commanded, so that the order cannot matter.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hal.limits import FR3
+from rtstack.control.detector import ImpactDetector
+from rtstack.control.law import force_norm, observe, pose_problem, torque
+from rtstack.control.modes import ModeMachine
+from rtstack.control.parameters import ControlParameters, DetectorParameters, FrictionParameters, InertiaParameters
+from rtstack.control.program import QpSolver, program
+from rtstack.control.records import SETPOINT, WORKSPACE
+from rtstack.control.setpoint import choose
+from rtstack.model.arm_model import ArmModel
+from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, Mode, QpStatus
+
+ANTE, INTERIM, POST = 0, 1, 2
+_BLEND = {Mode.TELEOPERATION: ANTE, Mode.ANTE_IMPACT: ANTE, Mode.INTERIM: INTERIM, Mode.POST_IMPACT: POST}
+
+# braking that a joint bound may ask for: the FR3's acceleration limit, or the deceleration of its velocity limits
+_BRAKING = np.maximum(FR3.ddq_max, FR3.deceleration)
+LIMITS_TABLE = np.array(
+    [FR3.q_lower, FR3.q_upper, FR3.dq_max, FR3.velocity_offset, FR3.deceleration, _BRAKING], dtype=np.float64
+)
+
+
+class ArmController:
+    """One arm: its model, observer, detector and QP. `sample` and `control` are what the log sees of a tick."""
+
+    def __init__(
+        self,
+        model: ArmModel,
+        parameters: ControlParameters,
+        detector: DetectorParameters,
+        inertia: InertiaParameters,
+        friction: FrictionParameters,
+        solver: QpSolver = QpSolver.PROXQP,
+    ) -> None:
+        self.model = model
+        self.sample = np.zeros(1, ARM_SAMPLE)
+        self.control = np.zeros(1, CONTROL_SAMPLE)
+        self.setpoint = np.zeros(1, SETPOINT)
+        self.workspace = np.zeros(1, WORKSPACE)
+        self.impact = False
+        self.program = program(solver)
+        self.tau_max = np.array(FR3.tau_max)
+        self.limits_table = LIMITS_TABLE.copy()
+        self.parameters = parameters
+        self._detector = detector
+        self._inertia = inertia
+        self._friction = friction
+        # writable copies: compiled code makes one specialisation for all arrays
+        self._p1, self._p2, self._p3 = (np.array(p) for p in (friction.p1, friction.p2, friction.p3))
+        self._B_theta = np.array(inertia.B_theta) if inertia.include_B_theta else np.zeros(7)
+        self._R_world_base = np.ascontiguousarray(model.T_world_base[:3, :3])
+        history = ImpactDetector(detector, parameters.period_s)
+        self._history, self._head, self._count = history.memory
+        self._tau_step = FR3.tau_rate_max * parameters.period_s * (1.0 - 2e-4)  # a little inside the judge's line
+        sample = self.sample[0]
+        self._q, self._dq = sample["q"], sample["dq"]
+        work = self.workspace[0]
+        self._qp = tuple(work[n] for n in ("H", "gradient", "lower", "upper", "M", "tau_lower", "tau_upper", "ddq"))
+
+    def observe(self) -> None:
+        """Take the state in `sample`: kinematics, dynamics, external force, residual, impact."""
+        model = self.model
+        model.update(self._q, self._dq)
+        d = self._detector
+        self.impact = observe(
+            self.sample, self.workspace, self.control, model.M, model.C, model.g, model.J0, model.dJ0, model.R7,
+            model.p7, model.face, model.R_joint_ee, self._R_world_base, self._B_theta, self._p1, self._p2, self._p3,
+            self._friction.scale, self._inertia.observer_gain_hz, self.parameters.period_s, self._history,
+            self._head, self._count, d.force_low_n, d.force_high_n, d.velocity_m_s,
+        )  # fmt: skip
+
+    def command(self, mode: Mode) -> QpStatus:
+        """Find tau_desired in `sample` for the setpoint. Where the QP has no answer the last torque stays."""
+        control = self.control
+        if mode not in _BLEND:
+            control["qp_status"][0] = QpStatus.NOT_USED
+            control["qp_iterations"][0] = 0
+            control["wrench_desired"][0] = 0.0
+            self.sample["tau_desired"][0] = self.workspace["tau_previous"][0]
+            return QpStatus.NOT_USED
+        p = self.parameters
+        iterations = 0
+        status = QpStatus.UNCONSTRAINED
+        free = pose_problem(
+            self.sample, self.workspace, self.setpoint, control, p.posture_joint, p.weight_impedance, p.weight_posture,
+            p.regularisation, self.limits_table, self.tau_max, p.period_s,
+        )  # fmt: skip
+        if not free:
+            status, iterations = self.program.solve(*self._qp)
+        if status in (QpStatus.UNCONSTRAINED, QpStatus.SOLVED):
+            torque(self.workspace, self.sample, self._tau_step)
+        else:
+            self.sample["tau_desired"][0] = self.workspace["tau_previous"][0]
+        control["qp_status"][0] = status
+        control["qp_iterations"][0] = iterations
+        return status
+
+    def applied(self) -> None:
+        """Remember what the safety judge let through: the next torque starts from there."""
+        self.workspace["tau_previous"][0] = self.sample["tau_applied"][0]
+
+
+class DualArmController:
+    """Two arms and the mode that they share.
+
+    References are arrays of POINT: ante and post (2, N), one point a tick, held at the end.
+    """
+
+    def __init__(self, left: ArmController, right: ArmController, machine: ModeMachine) -> None:
+        self.left = left
+        self.right = right
+        self.arms = (left, right)
+        self.machine = machine
+        self.first_impact_s = -1.0
+        self.impact_arm = ""
+
+    def decide(self, t_s: float) -> None:
+        """Advance the shared mode after the observations of this tick. t_s: time since the start of the reference."""
+        impact = self.left.impact or self.right.impact
+        if impact and self.first_impact_s < 0.0:
+            self.first_impact_s = t_s
+            self.impact_arm = "both" if self.left.impact and self.right.impact else (
+                "left" if self.left.impact else "right"
+            )  # fmt: skip
+        self.machine.update(t_s, impact)
+
+    def choose(self, arm: ArmController, ante: NDArray, post: NDArray, index: int, stiffness: NDArray) -> None:
+        """Write the arm's setpoint from its references, (N,) each, at the tick `index`."""
+        machine = self.machine
+        blend = _BLEND.get(machine.mode, ANTE)
+        last = len(ante) - 1
+        choose(ante, post, min(index, last), blend, machine.gamma, machine.velocity_weight, arm.setpoint, arm.workspace)
+        arm.setpoint["stiffness"][0] = stiffness
+        arm.setpoint["posture_gain"][0] = arm.parameters.posture_gain
+        arm.control["mode"][0] = machine.mode
+        arm.control["gamma"][0] = machine.gamma
+        arm.control["t_ns"][0] = arm.sample["t_ns"][0]
+
+    def finish(self) -> None:
+        """Write what concerns both arms."""
+        force_norm(self.left.control, self.right.control)
+
+
+def make_arm_controller(
+    model: ArmModel,
+    parameters: ControlParameters | None = None,
+    detector: DetectorParameters | None = None,
+    inertia: InertiaParameters | None = None,
+    friction: FrictionParameters | None = None,
+    solver: QpSolver = QpSolver.PROXQP,
+) -> ArmController:
+    """Return an arm's controller with the papers' numbers where none are given."""
+    return ArmController(
+        model,
+        parameters or ControlParameters(),
+        detector or DetectorParameters(),
+        inertia or InertiaParameters(),
+        friction or FrictionParameters(),
+        solver,
+    )

@@ -1,0 +1,56 @@
+"""Everything that a run published, kept in memory: what a result is computed from, in the shape that a log gives back."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, TIMING_SAMPLE
+from hal.tracker import OBJECT_POSE
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """Samples of a run: arm and control (2, n), timing (n,), object (m,), of the records of rtstack.samples."""
+
+    arm: NDArray
+    control: NDArray
+    timing: NDArray
+    object: NDArray
+
+
+class History:
+    """Preallocated memory for a run of at most `capacity` ticks: `append` copies and never allocates."""
+
+    def __init__(self, capacity: int) -> None:
+        self._arm = np.zeros((2, capacity), ARM_SAMPLE)
+        self._control = np.zeros((2, capacity), CONTROL_SAMPLE)
+        self._timing = np.zeros(capacity, TIMING_SAMPLE)
+        self._object = np.zeros(capacity, OBJECT_POSE)
+        self._ticks = 0
+        self._poses = 0
+
+    def append(self, left: tuple[NDArray, NDArray], right: tuple[NDArray, NDArray], timing: NDArray) -> None:
+        """Take the arm and control records of both arms and the timing record, (1,) each. Beyond the capacity: dropped."""
+        k = self._ticks
+        if k == len(self._timing):
+            return
+        self._arm[0, k] = left[0][0]
+        self._control[0, k] = left[1][0]
+        self._arm[1, k] = right[0][0]
+        self._control[1, k] = right[1][0]
+        self._timing[k] = timing[0]
+        self._ticks = k + 1
+
+    def append_pose(self, pose: NDArray) -> None:
+        """Take an object pose, (1,)."""
+        if self._poses < len(self._object):
+            self._object[self._poses] = pose[0]
+            self._poses += 1
+
+    def columns(self) -> Columns:
+        """Return views of what was taken so far."""
+        n = self._ticks
+        return Columns(
+            arm=self._arm[:, :n], control=self._control[:, :n], timing=self._timing[:n], object=self._object[: self._poses]
+        )

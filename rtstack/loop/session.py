@@ -1,0 +1,230 @@
+"""A session: one reference followed from its first tick to rest. Teleoperation and trials are the same loop.
+
+The robot is the clock: `read` blocks until the next state. Nothing here sleeps, and nothing after the reads waits.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hal.cell import Cell
+from hal.errors import HardwareError
+from hal.state import ARM_STATE
+from rtstack.control.tick import ArmController, DualArmController
+from rtstack.loop.publisher import Publisher
+from rtstack.safety.judge import Reason, SafetyJudge
+from rtstack.samples import SIDES, Level, Mode, QpStatus
+
+REST_DQ = 0.02  # rad/s: below it for REST_TICKS the arms are at rest
+REST_TICKS = 50
+STOP_TICKS = 1000  # a stop from the velocity limit takes 0.5 s at 10 rad/s^2; after twice that the session ends anyhow
+
+
+class End(StrEnum):
+    """How a session ended."""
+
+    COMPLETED = "completed"
+    STOP_REQUESTED = "stop requested by the operator"
+    NO_IMPACT = "no impact was detected"
+    SAFETY = "safety stop"
+    QP = "the QP was not solved"
+    HARDWARE = "the robot left torque control"
+
+
+class StopSignal(Protocol):
+    """Somebody who may ask for a stop. Read once a tick."""
+
+    @property
+    def stop_requested(self) -> bool:
+        """Whether a stop is asked for."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What to follow: ante and post (2, n) of POINT, the mode to begin with, and the stiffness (6,)."""
+
+    ante: NDArray
+    post: NDArray
+    mode: Mode
+    stiffness: NDArray[np.float64]
+    period_s: float
+
+    @property
+    def ticks(self) -> int:
+        """Length of the reference in ticks."""
+        return self.ante.shape[1]
+
+
+@dataclass(frozen=True, slots=True)
+class SessionOutcome:
+    """end: how it ended; detail: which limit, error or QP status, empty where all went well."""
+
+    end: End
+    detail: str
+    start_t_ns: int
+    missed_deadlines: int
+    safety_interventions: int
+
+
+class Session:
+    """Runs a plan on a cell. `between_ticks` is called after the answers are out (progress, room in the log)."""
+
+    def __init__(
+        self,
+        cell: Cell,
+        controller: DualArmController,
+        judges: tuple[SafetyJudge, SafetyJudge],
+        publisher: Publisher,
+        plan: Plan,
+        stop: StopSignal | None = None,
+        between_ticks: Callable[[int], None] | None = None,
+    ) -> None:
+        self._cell = cell
+        self._controller = controller
+        self._judges = judges
+        self._publisher = publisher
+        self._plan = plan
+        self._stop = stop
+        self._between_ticks = between_ticks
+        self._arms = (cell.left, cell.right)
+        self._states = tuple(a.sample.view(np.uint8)[: ARM_STATE.itemsize] for a in controller.arms)
+        self._records = tuple((a.sample, a.control) for a in controller.arms)
+        self._end = End.COMPLETED
+        self._detail = ""
+        self._start_ns = -1
+        self._t_ns = 0
+        self._host_start_ns = 0
+        self._host_ns = 0
+        self._missed = 0
+        self._rest = 0
+        self._stopping_ticks = 0
+        self._mode = Mode.IDLE
+
+    def run(self) -> SessionOutcome:
+        """Follow the plan to its end, brake, and leave torque control. Never raises for what a robot does."""
+        try:
+            while self._tick():
+                if self._between_ticks is not None:
+                    self._between_ticks((self._t_ns - self._start_ns) // 1_000_000)
+        except HardwareError as error:
+            self._finish(End.HARDWARE, str(error))
+            self._publisher.event(self._t_ns, Level.ERROR, "robot", str(error))
+        finally:
+            for arm in self._arms:
+                arm.stop()
+        self._controller.machine.rest()
+        self._say_mode()
+        return SessionOutcome(
+            end=self._end,
+            detail=self._detail,
+            start_t_ns=self._start_ns,
+            missed_deadlines=self._missed,
+            safety_interventions=sum(judge.interventions for judge in self._judges),
+        )
+
+    def _tick(self) -> bool:
+        """One tick of both arms on states of one time stamp. Returns whether to go on."""
+        controller = self._controller
+        machine = controller.machine
+        for arm, target in zip(self._arms, self._states, strict=True):
+            target[:] = arm.read().record.view(np.uint8)
+        began_ns = time.perf_counter_ns()
+        self._take_time(began_ns)
+        index = (self._t_ns - self._start_ns) // 1_000_000
+        for arm in controller.arms:
+            arm.observe()
+        controller.decide((self._t_ns - self._start_ns) * 1e-9)
+        self._look_for_an_end(index)
+        self._say_mode()
+        status = QpStatus.NOT_USED
+        for k, arm in enumerate(controller.arms):
+            controller.choose(arm, self._plan.ante[k], self._plan.post[k], index, self._plan.stiffness)
+            status = max(status, arm.command(machine.mode))
+        controller.finish()
+        self._judge(status)
+        for arm, control in zip(self._arms, controller.arms, strict=True):
+            arm.write(control.sample["tau_applied"][0])
+        timing = self._publisher.timing
+        timing["compute_us"][0] = (time.perf_counter_ns() - began_ns) * 1e-3
+        self._publisher.tick(self._records[0], self._records[1], self._cell.tracker)
+        return not (machine.mode is Mode.STOPPING and self._at_rest())
+
+    def _take_time(self, host_ns: int) -> None:
+        """Note the robot's time, and how the host keeps up with it."""
+        t_ns = int(self._controller.left.sample["t_ns"][0])
+        timing = self._publisher.timing
+        timing["t_ns"][0] = t_ns
+        if self._start_ns < 0:
+            self._start_ns = t_ns
+            self._host_start_ns = host_ns
+            self._controller.machine.begin(self._plan.mode)
+        else:
+            self._missed += max(0, round((t_ns - self._t_ns) * 1e-6) - 1)
+            timing["period_us"][0] = (host_ns - self._host_ns) * 1e-3
+            late_ns = (host_ns - self._host_start_ns) - (t_ns - self._start_ns)
+            timing["lateness_us"][0] = max(0.0, late_ns * 1e-3)
+        timing["missed_deadlines"][0] = self._missed
+        self._t_ns = t_ns
+        self._host_ns = host_ns
+
+    def _look_for_an_end(self, index: int) -> None:
+        machine = self._controller.machine
+        if machine.mode is Mode.STOPPING:
+            return
+        if self._stop is not None and self._stop.stop_requested:
+            self._finish(End.STOP_REQUESTED, "")
+        elif machine.patience_over:
+            self._finish(End.NO_IMPACT, f"within {machine.parameters.impact_patience_s} s of the nominal impact")
+        elif index >= self._plan.ticks:
+            self._finish(End.COMPLETED, "")
+
+    def _finish(self, end: End, detail: str) -> None:
+        if self._controller.machine.mode is not Mode.STOPPING:
+            self._end = end
+            self._detail = detail
+            self._controller.machine.stop()
+
+    def _judge(self, status: QpStatus) -> None:
+        """Let the judges see both arms; where one of them stops, the other one's next tick stops too."""
+        stopping = self._controller.machine.mode is Mode.STOPPING
+        demand = Reason.COMMANDED if stopping else Reason.NONE
+        if status > QpStatus.SOLVED and not stopping:
+            demand = Reason.CONTROLLER
+        for judge, arm in zip(self._judges, self._controller.arms, strict=True):
+            judge.judge(arm.sample, demand)
+            arm.applied()
+        if not stopping and any(judge.stopping for judge in self._judges):
+            self._explain_stop(status)
+
+    def _explain_stop(self, status: QpStatus) -> None:
+        side, judge = next((s, j) for s, j in zip(SIDES, self._judges, strict=True) if j.stopping)
+        if judge.reason is Reason.CONTROLLER:
+            self._finish(End.QP, status.name.lower())
+        else:
+            self._finish(End.SAFETY, f"{side} joint {judge.joint}: {judge.reason.name.lower()}")
+        self._publisher.event(self._t_ns, Level.ERROR, "safety", f"{self._end}: {self._detail}")
+
+    def _at_rest(self) -> bool:
+        self._stopping_ticks += 1
+        moving = max(float(np.max(np.abs(a.sample["dq"][0]))) for a in self._controller.arms)
+        self._rest = self._rest + 1 if moving < REST_DQ else 0
+        return self._rest >= REST_TICKS or self._stopping_ticks >= STOP_TICKS
+
+    def _say_mode(self) -> None:
+        machine = self._controller.machine
+        if machine.mode is self._mode:
+            return
+        if machine.mode in (Mode.INTERIM, Mode.POST_IMPACT) and machine.impact_s >= 0.0 and self._mode is Mode.ANTE_IMPACT:
+            self._publisher.event(
+                self._t_ns, Level.INFO, "impact", f"detected at {machine.impact_s:.3f} s, {self._controller.impact_arm}"
+            )
+        self._publisher.event(self._t_ns, Level.INFO, "mode", f"{self._mode.name.lower()} -> {machine.mode.name.lower()}")
+        self._mode = machine.mode
+
+

@@ -1,0 +1,63 @@
+"""Rigid-body model of one arm, by Pinocchio, in the world frame and without allocation in `update`."""
+
+from functools import lru_cache
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from hal.description import fr3_urdf
+from rtstack.model.cell_description import ArmMounting, Pad, base_frame
+
+Array = NDArray[np.float64]
+
+
+@lru_cache(maxsize=1)
+def _flange_model() -> pin.Model:
+    return pin.buildModelFromXML(fr3_urdf())
+
+
+def build_model(mounting: ArmMounting, pad: Pad) -> pin.Model:
+    """Return the Pinocchio model of an arm on its base, with the pad as a solid box fixed to the flange."""
+    model = pin.Model(_flange_model())
+    frame = base_frame(mounting)
+    model.jointPlacements[1] = pin.SE3(frame.rotation, frame.translation) * model.jointPlacements[1]
+    flange = model.frames[model.getFrameId("link8")]
+    centre = flange.placement * pin.SE3(np.eye(3), np.array([0.0, 0.0, pad.flange_to_face - pad.size[2] / 2]))
+    model.appendBodyToJoint(flange.parentJoint, pin.Inertia.FromBox(pad.mass, *pad.size), centre)
+    return model
+
+
+class ArmModel:
+    """Dynamics of one arm at its last `update`. The arrays are views of Pinocchio's memory: read them, never write.
+
+    M (7, 7) mass matrix of the links (upper triangle), C (7, 7) Coriolis matrix, g (7,) gravity torque, J0 and dJ0
+    (6, 7) Jacobian and its time derivative at the world's origin along the world's axes (linear first), R7 (3, 3)
+    and p7 (3,) pose of the last joint, face (3,) position of the pad's face in the last joint's frame.
+    """
+
+    def __init__(self, mounting: ArmMounting, pad: Pad) -> None:
+        self.pin_model = build_model(mounting, pad)
+        self._data = self.pin_model.createData()
+        frame = base_frame(mounting)
+        self.T_world_base = np.eye(4)
+        self.T_world_base[:3, :3] = frame.rotation
+        self.T_world_base[:3, 3] = frame.translation
+        flange = self.pin_model.frames[self.pin_model.getFrameId("link8")]
+        face = flange.placement * pin.SE3(np.eye(3), np.array([0.0, 0.0, pad.flange_to_face]))
+        self.face: Array = face.translation.copy()
+        self.R_joint_ee: Array = np.ascontiguousarray(face.rotation)
+        self.update(np.array(mounting.home), np.zeros(7))
+        self.M: Array = self._data.M
+        self.C: Array = self._data.C
+        self.g: Array = self._data.g
+        self.J0: Array = self._data.J
+        self.dJ0: Array = self._data.dJ
+        self.R7: Array = self._data.oMi[7].rotation
+        self.p7: Array = self._data.oMi[7].translation
+
+    def update(self, q: Array, dq: Array) -> None:
+        """Compute everything at q (7,) rad and dq (7,) rad/s."""
+        pin.computeCoriolisMatrix(self.pin_model, self._data, q, dq)  # C, J, dJ and the joints' placements
+        pin.crba(self.pin_model, self._data, q, pin.Convention.WORLD)
+        pin.computeGeneralizedGravity(self.pin_model, self._data, q)

@@ -1,0 +1,89 @@
+"""What a lab knows about its cell: where the arms stand, what they carry, where a trial starts."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic.dataclasses import dataclass as checked
+
+from rtstack.configuration import STRICT, ConfigurationError, load_toml
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class ArmMounting:
+    """Where an arm stands and where it starts. Base position m, orientation as quaternion wxyz, home in rad."""
+
+    address: str
+    base_position: tuple[float, float, float]
+    base_orientation_wxyz: tuple[float, float, float, float]
+    home: tuple[float, float, float, float, float, float, float]
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class Pad:
+    """The silicone pad on the flange, a box whose outer face is the end effector's origin. m, kg."""
+
+    size: tuple[float, float, float]
+    mass: float
+    flange_to_face: float
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class Table:
+    """The table's top: centre and size along x and y, height of its surface. m."""
+
+    centre_xy: tuple[float, float]
+    size_xy: tuple[float, float]
+    top_z: float
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class ObjectDescription:
+    """An object as a person would measure it: mass kg, outer size m. It stands on the table at the world's origin."""
+
+    mass: float
+    size: tuple[float, float, float]
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class CellDescription:
+    """A cell, as its TOML describes it (deploy/cells)."""
+
+    name: str
+    simulated: bool
+    left: ArmMounting
+    right: ArmMounting
+    pad: Pad
+    table: Table
+    objects: dict[str, ObjectDescription]
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """A rigid transform: rotation (3, 3) and translation (3,), m."""
+
+    rotation: NDArray[np.float64]
+    translation: NDArray[np.float64]
+
+
+def base_frame(mounting: ArmMounting) -> Frame:
+    """Return T_world_base of an arm."""
+    w, x, y, z = np.array(mounting.base_orientation_wxyz) / np.linalg.norm(mounting.base_orientation_wxyz)
+    rotation = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    return Frame(rotation=rotation, translation=np.array(mounting.base_position))
+
+
+def load_cell_description(path: Path) -> CellDescription:
+    """Read and check a cell description. Raises ConfigurationError with one line that names the key."""
+    description = load_toml(path, CellDescription)
+    for side, mounting in (("left", description.left), ("right", description.right)):
+        if not np.linalg.norm(mounting.base_orientation_wxyz) > 1e-6:
+            raise ConfigurationError(f"{path}: key {side}.base_orientation_wxyz: not a quaternion")
+    return description

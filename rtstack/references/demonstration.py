@@ -1,0 +1,118 @@
+"""A scripted operator: moves the two target frames the way a person would grab, lift, carry, put down and let go.
+
+Variations are numbered. Each differs from the next in speed, path, height and timing; variation 0 is the plain one.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtstack.control.records import POINT
+from rtstack.model.arm_model import ArmModel
+from rtstack.model.cell_description import ObjectDescription, Table
+from rtstack.references.quintic import ViaPoint, quintic_path
+
+Array = NDArray[np.float64]
+LEAST_RISE_M = 0.03  # room to gather the upward speed in
+
+
+@dataclass(frozen=True, slots=True)
+class Grab:
+    """The numbers of one demonstration. Times s, lengths m, speeds m/s."""
+
+    rest_s: float = 0.3
+    approach_s: float = 1.0
+    squeeze_s: float = 0.55
+    lift_s: float = 1.2
+    carry_s: float = 0.6
+    lower_s: float = 1.1
+    release_s: float = 0.6
+    speed_y: float = 0.35  # at the surface, towards the object
+    speed_z: float = 0.25  # at the surface, upwards: the arms grab while they rise
+    squeeze: float = 0.12  # how far inside the object the targets go
+    lift: float = 0.25
+    carry_x: float = 0.05
+    height: float = 0.0  # of the impact, above the object's centre
+    retreat: float = 0.12
+    lag_s: tuple[float, float] = (0.0, 0.0)  # no two hands are quite simultaneous
+
+
+def grab(variation: int) -> Grab:
+    """Return the demonstration of this number. The ranges are a person's: some ten per cent in speed and path."""
+    if variation == 0:
+        return Grab()
+    rng = np.random.default_rng([variation, 0x6772])
+    return Grab(
+        approach_s=rng.uniform(0.95, 1.15),
+        squeeze_s=rng.uniform(0.5, 0.65),
+        lift_s=rng.uniform(1.1, 1.35),
+        carry_s=rng.uniform(0.5, 0.7),
+        lower_s=rng.uniform(1.05, 1.2),
+        speed_y=rng.uniform(0.28, 0.38),
+        speed_z=rng.uniform(0.15, 0.27),
+        squeeze=rng.uniform(0.105, 0.13),
+        lift=rng.uniform(0.2, 0.27),
+        carry_x=rng.uniform(-0.04, 0.08),
+        height=rng.uniform(-0.015, 0.015),
+        lag_s=(rng.uniform(0.0, 0.004), rng.uniform(0.0, 0.004)),
+    )
+
+
+def duration_s(script: Grab) -> float:
+    """Length of the demonstration, s, with a rest at its end."""
+    moving = script.approach_s + script.lift_s + script.carry_s + script.lower_s + script.release_s
+    return 2 * script.rest_s + moving
+
+
+def scripted_targets(
+    script: Grab, models: tuple[ArmModel, ArmModel], homes: Array, thing: ObjectDescription, table: Table, period_s: float
+) -> NDArray:
+    """Return the operator's target frames, (2, n) of POINT, one point a tick, for arms that start at `homes` (2, 7) rad."""
+    n = round(duration_s(script) / period_s)
+    targets = np.zeros((2, n), POINT)
+    centre_z = table.top_z + thing.size[2] / 2
+    for arm, model in enumerate(models):
+        start, rotation = end_effector_pose(model, homes[arm])
+        inward = -np.sign(start[1])
+        t = np.arange(n) * period_s - script.lag_s[arm]
+        touch = script.rest_s + script.approach_s
+        surface = -inward * thing.size[1] / 2
+        lower = touch + script.lift_s + script.carry_s
+        release = lower + script.lower_s
+        end = release + script.release_s
+        inside = surface + inward * script.squeeze
+        contact_z = max(centre_z + script.height, start[2] + LEAST_RISE_M)
+        # at half the final speed on average, so that the path rises all the way and never dips towards the table
+        rise_s = 2.0 * (contact_z - start[2]) / script.speed_z
+        paths = (
+            [
+                ViaPoint(touch + script.lift_s, start[0]),
+                ViaPoint(lower, start[0] + script.carry_x),
+            ],
+            [
+                ViaPoint(script.rest_s, start[1]),
+                ViaPoint(touch, surface, inward * script.speed_y),
+                ViaPoint(touch + script.squeeze_s, inside),
+                ViaPoint(release, inside),
+                ViaPoint(end, surface - inward * script.retreat),
+            ],
+            [
+                ViaPoint(touch - rise_s, start[2]),
+                ViaPoint(touch, contact_z, script.speed_z),
+                ViaPoint(touch + script.lift_s, contact_z + script.lift),
+                ViaPoint(lower, contact_z + script.lift),
+                ViaPoint(release, contact_z),
+            ],
+        )
+        for axis, points in enumerate(paths):
+            targets[arm]["position"][:, axis], targets[arm]["twist"][:, axis] = quintic_path(points, t)
+        targets[arm]["rotation"] = rotation
+        targets[arm]["xi"] = homes[arm, 0]
+    return targets
+
+
+def end_effector_pose(model: ArmModel, q: Array) -> tuple[Array, Array]:
+    """Return position (3,) and rotation (3, 3) of the pad's face in the world at q (7,)."""
+    model.update(q, np.zeros(7))
+    return model.p7 + model.R7 @ model.face, model.R7 @ model.R_joint_ee

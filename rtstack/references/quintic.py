@@ -1,0 +1,42 @@
+"""Quintic paths through via points: position, velocity and acceleration are continuous."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class ViaPoint:
+    """A coordinate at a time: s, m, m/s. The acceleration there is zero."""
+
+    t_s: float
+    position: float
+    velocity: float = 0.0
+
+
+def quintic_path(points: list[ViaPoint], t_s: Array) -> tuple[Array, Array]:
+    """Return position and velocity (n,) at the times t_s (n,), at rest before the first point and after the last.
+
+    Raises ValueError where the times of the points do not increase.
+    """
+    position = np.full_like(t_s, points[0].position)
+    velocity = np.zeros_like(t_s)
+    for a, b in zip(points, points[1:], strict=False):
+        duration = b.t_s - a.t_s
+        if not duration > 0.0:
+            raise ValueError(f"via points at {a.t_s} s and {b.t_s} s: the times have to increase")
+        inside = (t_s >= a.t_s) & (t_s < b.t_s)
+        x = (t_s[inside] - a.t_s) / duration
+        distance = b.position - a.position
+        v0, v1 = a.velocity * duration, b.velocity * duration
+        # coefficients of the quintic with zero acceleration at both ends
+        c3 = 10.0 * distance - 6.0 * v0 - 4.0 * v1
+        c4 = -15.0 * distance + 8.0 * v0 + 7.0 * v1
+        c5 = 6.0 * distance - 3.0 * v0 - 3.0 * v1
+        position[inside] = a.position + v0 * x + c3 * x**3 + c4 * x**4 + c5 * x**5
+        velocity[inside] = (v0 + 3 * c3 * x**2 + 4 * c4 * x**3 + 5 * c5 * x**4) / duration
+    position[t_s >= points[-1].t_s] = points[-1].position
+    return position, velocity

@@ -1,0 +1,73 @@
+"""Reference extension: (16)-(20) of the reference-spreading paper.
+
+The recording is cut around the nominal impact T_r. Ante-impact references go on after T_a = T_r - Delta T_r, post-impact
+ones exist before T_p = T_r + Delta T_r, so that both overlap around the impact.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtstack.control.rotation import exp_so3
+from rtstack.references.recording import Recording, ReferenceError
+
+
+@dataclass(frozen=True, slots=True)
+class ExtendedReference:
+    """ante and post: (2, n) of POINT, both arms, one point a tick from the start; nominal impact and release in s."""
+
+    ante: NDArray
+    post: NDArray
+    period_s: float
+    nominal_impact_s: float
+    release_s: float
+    object: str
+
+    @property
+    def ticks(self) -> int:
+        """Number of ticks of the reference."""
+        return self.ante.shape[1]
+
+
+def extend(recording: Recording, exclusion_s: float) -> ExtendedReference:
+    """Make the extended references. Raises ReferenceError where the impact is too close to an end of the recording."""
+    n = recording.points.shape[1]
+    excluded = round(exclusion_s / recording.period_s)
+    a = recording.impact - excluded
+    p = recording.impact + excluded
+    if a < 1 or p >= n - 1:
+        raise ReferenceError(
+            f"the impact at {recording.impact_s:.3f} s is less than {exclusion_s} s from an end of the recording: "
+            "record a longer one"
+        )
+    ante = recording.points.copy()
+    post = recording.points.copy()
+    for arm in range(2):
+        _hold_velocity(ante[arm], a, np.arange(a + 1, n), recording.period_s)
+        _hold_velocity(post[arm], p, np.arange(p), recording.period_s)
+    return ExtendedReference(
+        ante=ante,
+        post=post,
+        period_s=recording.period_s,
+        nominal_impact_s=recording.impact_s,
+        release_s=recording.release * recording.period_s,
+        object=recording.object,
+    )
+
+
+def _hold_velocity(points: NDArray, pivot: int, indices: NDArray, period_s: float) -> None:
+    """Replace points[indices]: feedforward and velocities held at the pivot (16), poses integrated from it (17)-(20).
+
+    (20) is used with (t - T_p): the printed sign turns the wrong way. The angular velocity is along the inertial axes, so
+    its rotation multiplies from the left.
+    """
+    held = points[pivot].copy()
+    points[indices] = held
+    elapsed = (indices - pivot) * period_s
+    points["position"][indices] = held["position"] + elapsed[:, None] * held["twist"][:3]
+    points["xi"][indices] = held["xi"] + elapsed * held["dxi"]
+    turn = np.empty((3, 3))
+    for index, t in zip(indices, elapsed, strict=True):
+        exp_so3(held["twist"][3:], t, turn)
+        points["rotation"][index] = turn @ held["rotation"]

@@ -1,0 +1,82 @@
+"""Puts a controller together: models, arms, judges, with everything compiled before the robot is armed."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rtstack.control.modes import ModeMachine, Strategy
+from rtstack.control.parameters import ControlParameters, DetectorParameters, FrictionParameters, InertiaParameters
+from rtstack.control.program import QpSolver
+from rtstack.control.records import POINT
+from rtstack.control.tick import ArmController, DualArmController
+from rtstack.model.arm_model import ArmModel
+from rtstack.model.cell_description import CellDescription
+from rtstack.safety.judge import SafetyJudge
+from rtstack.samples import Mode
+from rtstack.trials.specification import Controller
+
+STRATEGIES = {
+    Controller.PROPOSED: Strategy.PROPOSED,
+    Controller.NO_REFERENCE_SPREADING: Strategy.NO_REFERENCE_SPREADING,
+    Controller.NO_VELOCITY_FEEDBACK: Strategy.NO_VELOCITY_FEEDBACK,
+    Controller.NO_INTERIM: Strategy.NO_INTERIM,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Parameters:
+    """All numbers of a controller."""
+
+    control: ControlParameters
+    detector: DetectorParameters
+    inertia: InertiaParameters
+    friction: FrictionParameters
+    solver: QpSolver = QpSolver.PROXQP
+
+
+def default_parameters() -> Parameters:
+    """Return the papers' numbers."""
+    return Parameters(ControlParameters(), DetectorParameters(), InertiaParameters(), FrictionParameters())
+
+
+def arm_controllers(cell: CellDescription, parameters: Parameters) -> tuple[ArmController, ArmController]:
+    """Return the left and the right arm's controllers."""
+    left, right = (
+        ArmController(
+            ArmModel(mounting, cell.pad),
+            parameters.control,
+            parameters.detector,
+            parameters.inertia,
+            parameters.friction,
+            parameters.solver,
+        )
+        for mounting in (cell.left, cell.right)
+    )
+    return left, right
+
+
+def dual_arm_controller(
+    cell: CellDescription, parameters: Parameters, strategy: Strategy, nominal_impact_s: float
+) -> DualArmController:
+    """Return a fresh controller, warm: its compiled code has run once, on a state that is then forgotten."""
+    warm = DualArmController(*arm_controllers(cell, parameters), ModeMachine(strategy, parameters.control, 0.0))
+    _warm_up(warm, cell)
+    machine = ModeMachine(strategy, parameters.control, nominal_impact_s)
+    return DualArmController(*arm_controllers(cell, parameters), machine)
+
+
+def _warm_up(controller: DualArmController, cell: CellDescription) -> None:
+    point = np.zeros(1, POINT)
+    for arm, mounting in zip(controller.arms, (cell.left, cell.right), strict=True):
+        arm.sample["q"][0] = mounting.home
+        arm.observe()
+        point["position"][0] = arm.workspace["position"][0]
+        point["rotation"][0] = arm.workspace["rotation"][0]
+        controller.machine.mode = Mode.ANTE_IMPACT
+        controller.choose(arm, point, point, 0, arm.parameters.stiffness)
+        arm.command(Mode.ANTE_IMPACT)
+        # the solver's first call allocates: have it done, with limits that cannot hold
+        arm.tau_max[:] = 1e-3
+        arm.command(Mode.ANTE_IMPACT)
+        SafetyJudge().judge(arm.sample)
+    controller.finish()

@@ -1,0 +1,107 @@
+"""The log of one trial: rings, log process, and what is written about the trial besides its samples."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hal.description import fr3_urdf
+from rtstack.log.ring import Rings
+from rtstack.log.writer import Attachment, CellFrames, LogProcess
+from rtstack.model.cell_description import CellDescription, base_frame
+from rtstack.trials.provenance import git_commit, host_report, package_versions
+from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
+
+ROOM = 64  # records: below it a run that is faster than the log waits between two ticks
+
+
+class TrialLog:
+    """An open log. `lockstep`: the robot waits for its answer, so that the run may wait for the log."""
+
+    def __init__(self, path: Path, rings: Rings, process: LogProcess, lockstep: bool) -> None:
+        self.path = path
+        self.rings = rings
+        self._process = process
+        self._lockstep = lockstep
+
+    def wait_for_room(self) -> None:
+        """Between two ticks of a lockstep run: let the log catch up. In real time: return at once. Raises LogError."""
+        if self._lockstep and self.rings.room() < ROOM:
+            self._process.wait_room(ROOM)
+
+    def close(self, result: dict[str, Any]) -> None:
+        """Write the result and finish the file. Raises LogError where the log is not complete."""
+        try:
+            values = {key: value if isinstance(value, str) else json.dumps(value) for key, value in result.items()}
+            self._process.close(values)
+        finally:
+            self.rings.close()
+
+    def abandon(self) -> None:
+        """Finish the file without a result, when something worse has happened. Never raises."""
+        self._process.abandon()
+        self.rings.close()
+
+
+def open_log(
+    path: Path,
+    specification: TrialSpecification | DemonstrationSpecification,
+    description: CellDescription,
+    cell_kind: str,
+    cell_file: Path,
+    attachments: Sequence[Attachment] = (),
+    *,
+    overwrite: bool = False,
+) -> TrialLog:
+    """Start the log of a trial. Raises LogError where it cannot be written."""
+    lockstep = cell_kind in ("direct", "lockstep")
+    rings = Rings.create()
+    try:
+        process = LogProcess.start(
+            path,
+            rings,
+            {"trial": trial_metadata(specification, cell_kind)},
+            [
+                Attachment("cell.toml", "application/toml", cell_file.read_bytes()),
+                Attachment("fr3.urdf", "application/xml", fr3_urdf().encode()),
+                *attachments,
+            ],
+            frames(description, specification.object),
+            overwrite=overwrite,
+        )
+    except BaseException:
+        rings.close()
+        raise
+    return TrialLog(path, rings, process, lockstep)
+
+
+def trial_metadata(
+    specification: TrialSpecification | DemonstrationSpecification, cell_kind: str
+) -> dict[str, str]:
+    """Return the metadata record `trial`: nested values are JSON."""
+    kind = "trial" if isinstance(specification, TrialSpecification) else "demonstration"
+    return {
+        "kind": kind,
+        "specification": json.dumps(specification.as_dict()),
+        "object": specification.object,
+        "seed": str(specification.seed),
+        "cell": cell_kind,
+        "versions": json.dumps(package_versions()),
+        "git_commit": git_commit(),
+        "host": json.dumps(host_report()),
+    }
+
+
+def frames(description: CellDescription, object_name: str) -> CellFrames:
+    """Return where the arms stand and how large pads and object are, for /tf and for who draws the log."""
+    mounts = []
+    for mounting in (description.left, description.right):
+        T = np.eye(4)
+        frame = base_frame(mounting)
+        T[:3, :3] = frame.rotation
+        T[:3, 3] = frame.translation
+        mounts.append(T)
+    thing = description.objects.get(object_name)
+    return CellFrames(mounts[0], mounts[1], description.pad.size, thing.size if thing else (0.0, 0.0, 0.0))

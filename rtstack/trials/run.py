@@ -1,0 +1,237 @@
+"""Runs a trial or a demonstration on a cell and writes its log. One process, one MCAP file."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hal.cell import Cell
+from rtstack.control.modes import Strategy
+from rtstack.log.ring import Rings
+from rtstack.loop.history import History
+from rtstack.loop.publisher import Publisher
+from rtstack.loop.session import Plan, Session, SessionOutcome, StopSignal
+from rtstack.model.cell_description import CellDescription
+from rtstack.references.demonstration import grab, scripted_targets
+from rtstack.references.recording import ReferenceError, load_recording
+from rtstack.references.spreading import ExtendedReference, extend
+from rtstack.safety.judge import SafetyJudge
+from rtstack.samples import Level, Mode
+from rtstack.trials.assembly import (
+    STRATEGIES,
+    Parameters,
+    arm_controllers,
+    default_parameters,
+    dual_arm_controller,
+)
+from rtstack.trials.errors import TrialError
+from rtstack.trials.record import TrialLog
+from rtstack.trials.result import DemonstrationResult, TrialResult
+from rtstack.trials.scoring import Score, SuccessCriterion, failure_reason, score
+from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
+
+Progress = Callable[[float], None]
+PROGRESS_TICKS = 50  # how often progress is told
+SPARE_TICKS = 1500  # of history, for the stop after the reference
+
+
+@dataclass(frozen=True, slots=True)
+class PreparedTrial:
+    """A trial whose reference was read and checked: nothing is open and nothing written yet."""
+
+    specification: TrialSpecification
+    description: CellDescription
+    parameters: Parameters
+    reference: ExtendedReference
+
+
+def prepare_trial(
+    specification: TrialSpecification, description: CellDescription, parameters: Parameters | None = None
+) -> PreparedTrial:
+    """Read and check what a trial needs. Raises TrialError with one line."""
+    parameters = parameters or default_parameters()
+    check_object(specification.object, description)
+    control = parameters.control
+    try:
+        recording = load_recording(
+            Path(specification.reference), arm_controllers(description, parameters), parameters.detector, control.period_s
+        )
+        reference = extend(recording, control.exclusion_s)
+    except ReferenceError as error:
+        raise TrialError(str(error)) from None
+    return PreparedTrial(specification, description, parameters, reference)
+
+
+def check_object(name: str, description: CellDescription) -> None:
+    """Raise TrialError for an object that the cell does not have."""
+    if name not in description.objects:
+        known = ", ".join(description.objects)
+        raise TrialError(f"unknown object {name!r}: the cell {description.name} has {known}")
+
+
+def run_trial(
+    prepared: PreparedTrial,
+    cell: Cell,
+    *,
+    log: TrialLog | None,
+    live: Rings | None = None,
+    stop: StopSignal | None = None,
+    progress: Progress | None = None,
+) -> TrialResult:
+    """Run a prepared trial on an open cell. The caller closes the cell; the log is closed here, with the result in it.
+
+    live: rings of whoever watches. Raises LogError when the log could not be finished.
+    """
+    specification, reference = prepared.specification, prepared.reference
+    control = prepared.parameters.control
+    plan = Plan(reference.ante, reference.post, Mode.ANTE_IMPACT, control.stiffness, reference.period_s)
+    run = _Run(prepared.description, prepared.parameters, plan, log, live, stop, progress)
+    with _log_of(log):
+        outcome = run.follow(cell, STRATEGIES[specification.controller], reference.nominal_impact_s)
+        values = score(
+            run.history.columns(), outcome.start_t_ns, reference.nominal_impact_s, reference.release_s,
+            run.first_impact_s, SuccessCriterion(),
+        )  # fmt: skip
+        result = _trial_result(prepared, cell.name, outcome, values, log)
+        if log is not None:
+            log.close(result.as_dict())
+    return result
+
+
+def run_demonstration(
+    specification: DemonstrationSpecification,
+    description: CellDescription,
+    cell: Cell,
+    *,
+    log: TrialLog | None,
+    live: Rings | None = None,
+    stop: StopSignal | None = None,
+    progress: Progress | None = None,
+    parameters: Parameters | None = None,
+) -> DemonstrationResult:
+    """Run a scripted demonstration through the teleoperation path on an open cell. Closes the log, not the cell."""
+    parameters = parameters or default_parameters()
+    check_object(specification.object, description)
+    arms = arm_controllers(description, parameters)
+    period_s = parameters.control.period_s
+    targets = scripted_targets(
+        grab(specification.variation),
+        (arms[0].model, arms[1].model),
+        np.array([description.left.home, description.right.home]),
+        description.objects[specification.object],
+        description.table,
+        period_s,
+    )
+    plan = Plan(targets, targets, Mode.TELEOPERATION, parameters.control.stiffness_teleoperation, period_s)
+    run = _Run(description, parameters, plan, log, live, stop, progress)
+    with _log_of(log):
+        outcome = run.follow(cell, Strategy.PROPOSED, 0.0)
+        result = _demonstration_result(specification, cell.name, outcome, run, log)
+        if log is not None:
+            log.close(result.as_dict())
+    return result
+
+
+@contextmanager
+def _log_of(log: TrialLog | None) -> Iterator[None]:
+    """Finish the log even where the run broke off."""
+    try:
+        yield
+    except BaseException:
+        if log is not None:
+            log.abandon()
+        raise
+
+
+class _Run:
+    """What a trial and a demonstration have in common: one session with its history."""
+
+    def __init__(
+        self, description: CellDescription, parameters: Parameters, plan: Plan, log: TrialLog | None,
+        live: Rings | None, stop: StopSignal | None, progress: Progress | None,
+    ) -> None:  # fmt: skip
+        self._description = description
+        self._parameters = parameters
+        self._plan = plan
+        self._log = log
+        self._live = live
+        self._stop = stop
+        self._progress = progress
+        self.history = History(plan.ticks + SPARE_TICKS)
+        self.first_impact_s: float | None = None
+
+    def follow(self, cell: Cell, strategy: Strategy, nominal_impact_s: float) -> SessionOutcome:
+        """Follow the plan on the cell to its end."""
+        controller = dual_arm_controller(self._description, self._parameters, strategy, nominal_impact_s)
+        rings = [*([self._live] if self._live else []), *([self._log.rings] if self._log else [])]
+        publisher = Publisher(rings, self.history)
+        judges = (SafetyJudge(), SafetyJudge())
+        session = Session(cell, controller, judges, publisher, self._plan, self._stop, self._between_ticks)
+        outcome = session.run()
+        if controller.first_impact_s >= 0.0:
+            self.first_impact_s = controller.first_impact_s
+        return outcome
+
+    def _between_ticks(self, index: int) -> None:
+        if self._log is not None:
+            self._log.wait_for_room()
+        if self._progress is not None and index % PROGRESS_TICKS == 0:
+            self._progress(min(1.0, index / self._plan.ticks))
+
+
+def _demonstration_result(
+    specification: DemonstrationSpecification, cell: str, outcome: SessionOutcome, run: _Run, log: TrialLog | None
+) -> DemonstrationResult:
+    impact_s = run.first_impact_s
+    values = score(run.history.columns(), outcome.start_t_ns, impact_s or 0.0, 0.0, impact_s, SuccessCriterion())
+    reason = failure_reason(outcome.end, outcome.detail, True, outcome.safety_interventions)
+    if reason is None and impact_s is None:
+        reason = "no impact was detected"
+    return DemonstrationResult(
+        success=reason is None,
+        failure_reason=reason,
+        object=specification.object,
+        variation=specification.variation,
+        seed=specification.seed,
+        cell=cell,
+        detected_impact_time_s=impact_s,
+        max_lift_mm=values.max_lift_mm,
+        ticks=values.ticks,
+        missed_deadlines=outcome.missed_deadlines,
+        safety_interventions=outcome.safety_interventions,
+        log=str(log.path) if log is not None else None,
+    )
+
+
+def _trial_result(
+    prepared: PreparedTrial, cell: str, outcome: SessionOutcome, values: Score, log: TrialLog | None
+) -> TrialResult:
+    reason = failure_reason(outcome.end, outcome.detail, values.held, outcome.safety_interventions)
+    specification = prepared.specification
+    return TrialResult(
+        success=reason is None,
+        failure_reason=reason,
+        controller=str(specification.controller),
+        object=specification.object,
+        displacement_mm=specification.displacement_mm,
+        seed=specification.seed,
+        cell=cell,
+        nominal_impact_time_s=prepared.reference.nominal_impact_s,
+        detected_impact_time_s=values.detected_impact_time_s,
+        impact_verdict=None,
+        average_force_norm=values.average_force_norm,
+        average_force_norm_linear_n=values.average_force_norm_linear_n,
+        peak_force_norm=values.peak_force_norm,
+        max_lift_mm=values.max_lift_mm,
+        peak_torque_ratio=values.peak_torque_ratio,
+        peak_velocity_ratio=values.peak_velocity_ratio,
+        ticks=values.ticks,
+        missed_deadlines=values.missed_deadlines,
+        compute_us_p50=values.compute_us_p50,
+        compute_us_p99=values.compute_us_p99,
+        safety_interventions=outcome.safety_interventions,
+        log=str(log.path) if log is not None else None,
+    )
+

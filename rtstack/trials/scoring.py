@@ -1,0 +1,118 @@
+"""A result from the samples of a trial: the same function on the memory of a run and on a log that was read back."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hal.limits import FR3
+from rtstack.loop.history import Columns
+from rtstack.loop.session import End
+from rtstack.samples import Mode
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class SuccessCriterion:
+    """A grab succeeds when the object follows the pads until release, and no safety limit was hit.
+
+    From the moment the pads have risen by `lifted_m`, the object's height over where it stood may be at most `slip_m`
+    below the pads' rise since the impact: half a pad's height less a margin, past which the pads' centres leave it.
+    """
+
+    lifted_m: float = 0.06
+    slip_m: float = 0.04
+    release_margin_s: float = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """What the samples say. See TrialResult for the meaning of each."""
+
+    held: bool
+    average_force_norm: float | None
+    average_force_norm_linear_n: float | None
+    peak_force_norm: float | None
+    max_lift_mm: float | None
+    peak_torque_ratio: float
+    peak_velocity_ratio: float
+    detected_impact_time_s: float | None
+    ticks: int
+    missed_deadlines: int
+    compute_us_p50: float
+    compute_us_p99: float
+
+
+FORCE_WINDOW_S = 0.1  # on each side of the nominal impact time: the 200 ms of the paper's Figure 11
+
+
+def score(
+    columns: Columns, start_t_ns: int, nominal_impact_s: float, release_s: float,
+    detected_impact_s: float | None, criterion: SuccessCriterion,
+) -> Score:  # fmt: skip
+    """Score a trial that began at the robot's time start_t_ns."""
+    t_s = (columns.arm[0]["t_ns"] - start_t_ns) * 1e-9
+    wrench = columns.control["wrench_desired"]  # (2, n, 6)
+    moving = columns.control[0]["mode"] != Mode.STOPPING
+    window = (np.abs(t_s - nominal_impact_s) <= FORCE_WINDOW_S + 1e-9) & moving
+    norm = np.linalg.norm(wrench, axis=(0, 2))
+    linear = np.linalg.norm(wrench[:, :, :3], axis=(0, 2))
+    compute = columns.timing["compute_us"]
+    return Score(
+        held=_held(columns, start_t_ns, t_s, release_s, detected_impact_s, criterion),
+        average_force_norm=_mean(norm[window]),
+        average_force_norm_linear_n=_mean(linear[window]),
+        peak_force_norm=float(norm.max()) if len(norm) else None,
+        max_lift_mm=_max_lift_mm(columns.object),
+        peak_torque_ratio=float(np.max(np.abs(columns.arm["tau_J"]) / FR3.tau_max, initial=0.0)),
+        peak_velocity_ratio=float(np.max(np.abs(columns.arm["dq"]) / FR3.dq_max, initial=0.0)),
+        detected_impact_time_s=detected_impact_s,
+        ticks=len(t_s),
+        missed_deadlines=int(columns.timing["missed_deadlines"][-1]) if len(t_s) else 0,
+        compute_us_p50=float(np.percentile(compute, 50)) if len(t_s) else 0.0,
+        compute_us_p99=float(np.percentile(compute, 99)) if len(t_s) else 0.0,
+    )
+
+
+def _mean(values: Array) -> float | None:
+    return float(values.mean()) if len(values) else None
+
+
+def _max_lift_mm(poses: NDArray) -> float | None:
+    if len(poses) == 0:
+        return None
+    height = poses["position"][:, 2]
+    return float(height.max() - np.median(height[: min(20, len(height))])) * 1e3
+
+
+def _held(
+    columns: Columns, start_t_ns: int, t_s: Array, release_s: float, detected_impact_s: float | None,
+    criterion: SuccessCriterion,
+) -> bool:  # fmt: skip
+    """Whether the object followed the pads from the lift to the release."""
+    poses = columns.object
+    if detected_impact_s is None or len(poses) == 0 or t_s[-1] < release_s - criterion.release_margin_s:
+        return False
+    # the measured pads, in the base's frame: only their rise counts, so that the mounting drops out
+    pad_z = columns.arm["O_T_EE"][:, :, 2, 3].mean(axis=0)
+    at_impact = np.searchsorted(t_s, detected_impact_s)
+    pad_rise = pad_z - pad_z[min(at_impact, len(pad_z) - 1)]
+    pose_t_s = (poses["t_ns"] - start_t_ns) * 1e-9
+    height = poses["position"][:, 2]
+    lift = height - np.median(height[: min(20, len(height))])
+    rise = np.interp(pose_t_s, t_s, pad_rise)
+    carried = (pose_t_s > detected_impact_s) & (pose_t_s < release_s - criterion.release_margin_s)
+    carried &= rise > criterion.lifted_m
+    return bool(carried.any() and np.all(lift[carried] > rise[carried] - criterion.slip_m))
+
+
+def failure_reason(end: End, detail: str, held: bool, interventions: int) -> str | None:
+    """Return why a trial failed, None for a success."""
+    if end is not End.COMPLETED:
+        return f"{end}: {detail}" if detail else str(end)
+    if interventions:
+        return f"the safety judge changed {interventions} torques"
+    if not held:
+        return "the object was not held until release"
+    return None
