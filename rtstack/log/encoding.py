@@ -1,9 +1,9 @@
 """Records to protobuf and back, whole batches at once.
 
 A sample has a fixed layout, and so have its bytes on the wire: tags and lengths never change, doubles are 8
-bytes. The bytes of a message are therefore a structured dtype, and a batch is encoded by copying columns into an
-array of it. What does not fit the template (names of errors, an enum value above 127) follows it: protobuf takes
-fields in any order, and the last value of a field wins.
+bytes. The bytes of a message are therefore a structured dtype, and a batch is encoded by copying columns into
+an array of it. What does not fit the template (names of errors, an enum value above 127) follows it: protobuf
+takes fields in any order, and the last value of a field wins.
 https://protobuf.dev/programming-guides/encoding/
 """
 
@@ -31,7 +31,7 @@ def varint(value: int) -> bytes:
 
 
 class WireFormat:
-    """How one of our messages looks on the wire: `template` is the dtype of one without errors, `size` bytes."""
+    """One of our messages on the wire: `template` is the dtype of one without errors, `size` its bytes."""
 
     def __init__(self, message: str) -> None:
         self.record = MESSAGES[message]

@@ -1,8 +1,8 @@
 """The /tf topic: frames of both arms, their pads and the object, at 50 Hz of the robot's time.
 
-world -> left_base -> left_link1 -> ... -> left_link8, left_base -> left_pad (from O_T_EE), the same on the right,
-and world -> object. A link is given relative to the link before it: its joint's placement turned by the joint's
-angle, so that no forward kinematics is needed here.
+world -> left_base -> left_link1 -> ... -> left_link8, left_base -> left_pad (from O_T_EE), the same on the
+right, and world -> object. A link is given relative to the link before it: its joint's placement turned by
+the joint's angle, so that no forward kinematics is needed here.
 """
 
 import xml.etree.ElementTree as ElementTree
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class CellFrames:
-    """Where things are mounted in the cell. Poses (4, 4) row-major, m; the sizes are for who draws the log."""
+    """Where things are mounted in the cell. Poses (4, 4) row-major, m; the sizes are for drawing."""
 
     T_world_base_left: Array
     T_world_base_right: Array
@@ -92,7 +92,7 @@ def _product(a: Array, b: Array) -> Array:
 def quaternion_of(R: Array) -> Array:
     """Return the quaternion wxyz of a rotation matrix (3, 3).
 
-    Shepperd, "Quaternion from rotation matrix", 1978: of four equal formulas the one with the largest divisor.
+    Shepperd, "Quaternion from rotation matrix", 1978: of four equal formulas the one that divides by most.
     """
     trace = R[0, 0] + R[1, 1] + R[2, 2]
     squares = np.array([trace, R[0, 0], R[1, 1], R[2, 2]])

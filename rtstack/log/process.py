@@ -11,14 +11,19 @@ import sys
 import time
 import traceback
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hal.description import fr3_urdf
 from rtstack.log.frames import FrameTree
 from rtstack.log.job import LogJob, get_job, get_result
 from rtstack.log.ring import LogState, Rings
+from rtstack.log.schema import TOPIC_MESSAGES
 from rtstack.log.sink import TRANSFORMS, McapSink
 from rtstack.samples import SIDES, TOPICS
 
 POLL_S = 0.01  # ten records a topic at 1 kHz: enough for a batch, little for a ring
+_FAR_FUTURE_NS = np.iinfo(np.int64).max
 
 
 class LogWriter:
@@ -29,16 +34,32 @@ class LogWriter:
         self._sink = sink
         self._frames = frames
         self._readers = {topic: rings.log_reader(topic) for topic in TOPICS}
+        self._held = {topic: np.zeros(0, record) for topic, record in TOPICS.items()}
 
-    def step(self) -> None:
-        """Read every ring and write what was in it."""
+    def step(self, final: bool = False) -> None:
+        """Read every ring and write what was in it, in order of robot's time; `final` holds nothing back."""
         batches = {topic: reader.drain() for topic, reader in self._readers.items()}
+        batches = self._settled(batches, final)
         if any(len(records) for records in batches.values()):
             self._sink.write(batches, self._transforms(batches))
             self._rings.transforms = self._sink.messages[TRANSFORMS]
         self._sink.flush_if_due()
 
-    def _transforms(self, batches: dict) -> list[tuple[int, bytes]]:
+    def _settled(self, batches: dict[str, NDArray], final: bool) -> dict[str, NDArray]:
+        """Hold back, for one step, what is newer than the newest tick that every topic has told about.
+
+        The rings are read one after the other while the loop goes on: without this the file is not in order.
+        """
+        newest = [int(batches[topic]["t_ns"][-1]) for topic in TOPIC_MESSAGES if len(batches[topic])]
+        limit = _FAR_FUTURE_NS if final else min(newest, default=_FAR_FUTURE_NS)
+        ready = {}
+        for topic, records in batches.items():
+            settled = records["t_ns"] <= limit
+            ready[topic] = np.concatenate([self._held[topic], records[settled]])
+            self._held[topic] = records[~settled]
+        return ready
+
+    def _transforms(self, batches: dict[str, NDArray]) -> list[tuple[int, bytes]]:
         if self._frames is None:
             return []
         poses = batches["/object/pose"]
@@ -48,7 +69,7 @@ class LogWriter:
 
     def finish(self, result: dict[str, str], ended: str) -> None:
         """Write what is left, the result and the account of what was lost, and finish the file."""
-        self.step()
+        self.step(final=True)
         lost = {topic: reader.lost for topic, reader in self._readers.items()}
         counts = {
             topic: {"messages": n, "lost": lost.get(topic, 0)} for topic, n in self._sink.messages.items()

@@ -1,8 +1,8 @@
 """The writer's side of a ring, compiled: one call, a copy and four atomic stores. Imported by whoever pushes.
 
-Seqlock of one writer: record n lives in slot n mod capacity; its sequence word is 2n + 1 while it is being written
-and 2n + 2 afterwards, and the ring's head is the number of records published. See Boehm, "Can seqlocks get along
-with programming language memory models?", MSPC 2012, for the order of the stores.
+Seqlock of one writer: record n lives in slot n mod capacity; its sequence word is 2n + 1 while it is being
+written and 2n + 2 afterwards, and the ring's head is the number of records published. See Boehm, "Can
+seqlocks get along with programming language memory models?", MSPC 2012, for the order of the stores.
 """
 
 from typing import Any

@@ -70,9 +70,8 @@ class McapSink:
 
     def __init__(self, file: BinaryIO) -> None:
         self._file = _File(file)
-        self._context = context = (
-            foxglove.Context()
-        )  # channels hold no reference to it, and fall silent without it
+        # kept here: the channels hold no reference to their context, and fall silent without it
+        self._context = context = foxglove.Context()
         # without seeking, a chunk is written in one piece: a killed writer leaves whole chunks behind
         options = MCAPWriteOptions(
             compression=MCAPCompression.Lz4, disable_seeking=True, chunk_size=None, compression_threads=0

@@ -1,0 +1,157 @@
+"""The logs of a directory, with what was asked and what came out. A cache: the files are the truth."""
+
+import contextlib
+import hashlib
+import json
+import sqlite3
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+from mcap.opcode import Opcode
+from mcap.records import Metadata
+
+from rtstack.log.container import is_complete, open_mcap, scan
+from rtstack.log.errors import LogError
+from rtstack.log.reader import read_log
+
+CACHE = "catalogue.sqlite"
+_VERSION = 1  # of the table: another one is thrown away and rebuilt
+
+
+class LogCondition(StrEnum):
+    """Whether a log can be read."""
+
+    COMPLETE = "complete"
+    TRUNCATED = "truncated"  # cut off, or still being written
+    FOREIGN = "foreign"  # no log of ours
+
+
+@dataclass(frozen=True, slots=True)
+class LogEntry:
+    """One file of the directory. `id` is opaque and stays the same while the file grows.
+
+    trial and result: the metadata records of these names, values as the log has them, None without one.
+    """
+
+    id: str
+    path: Path
+    kind: str
+    trial: Mapping[str, str] | None
+    result: Mapping[str, str] | None
+    size_bytes: int
+    modified_s: float
+    condition: LogCondition
+
+
+class Catalogue:
+    """The logs (*.mcap) of one directory, cached in SQLite beside them where the directory is writable."""
+
+    def __init__(self, directory: Path) -> None:
+        self.directory = Path(directory)
+
+    def entries(self) -> tuple[LogEntry, ...]:
+        """Return all logs, the newest first, after reading the ones that are new or have changed.
+
+        Raises LogError where the directory cannot be read.
+        """
+        try:
+            files = [path for path in self.directory.iterdir() if path.suffix == ".mcap" and path.is_file()]
+        except OSError as error:
+            raise LogError(f"cannot read {self.directory}: {error.strerror}") from error
+        with contextlib.closing(self._open()) as cache:
+            known = {
+                row[0]: row[1:] for row in cache.execute("SELECT name, size, modified_ns, entry FROM logs")
+            }
+            entries = []
+            for path in files:
+                with contextlib.suppress(FileNotFoundError):  # removed meanwhile
+                    entries.append(_entry(path, known.get(path.name), cache))
+            gone = [(name,) for name in known.keys() - {path.name for path in files}]
+            cache.executemany("DELETE FROM logs WHERE name = ?", gone)
+            cache.commit()
+        return tuple(sorted(entries, key=lambda entry: entry.modified_s, reverse=True))
+
+    def entry(self, log_id: str) -> LogEntry:
+        """Return the log of an id. Raises LogError where there is none."""
+        for entry in self.entries():
+            if entry.id == log_id:
+                return entry
+        raise LogError(f"there is no log {log_id}")
+
+    def rebuild(self) -> tuple[LogEntry, ...]:
+        """Forget the cache and read every file."""
+        (self.directory / CACHE).unlink(missing_ok=True)
+        return self.entries()
+
+    def _open(self) -> sqlite3.Connection:
+        path = self.directory / CACHE
+        try:
+            return _prepared(path)
+        except sqlite3.DatabaseError:
+            with contextlib.suppress(OSError, sqlite3.DatabaseError):  # broken, or of another version
+                path.unlink(missing_ok=True)
+                return _prepared(path)
+        return _prepared(":memory:")  # a directory that is not writable is read each time
+
+
+def _prepared(path: Path | str) -> sqlite3.Connection:
+    cache = sqlite3.connect(path, timeout=10.0)
+    try:
+        version = cache.execute("PRAGMA user_version").fetchone()[0]
+        if version not in (0, _VERSION):
+            raise sqlite3.DatabaseError("another version")
+        cache.execute(
+            "CREATE TABLE IF NOT EXISTS logs"
+            " (name TEXT PRIMARY KEY, size INTEGER, modified_ns INTEGER, entry TEXT)"
+        )
+        cache.execute(f"PRAGMA user_version = {_VERSION}")
+        cache.commit()
+    except sqlite3.DatabaseError:
+        cache.close()
+        raise
+    return cache
+
+
+def _entry(path: Path, known: tuple | None, cache: sqlite3.Connection) -> LogEntry:
+    status = path.stat()
+    if known is not None and known[:2] == (status.st_size, status.st_mtime_ns):
+        content = json.loads(known[2])
+    else:
+        condition, metadata = _read(path)
+        content = {
+            "condition": condition,
+            "kind": metadata.get("trial", {}).get("kind", "trial"),
+            "trial": metadata.get("trial"),
+            "result": metadata.get("result"),
+        }
+        row = (path.name, status.st_size, status.st_mtime_ns, json.dumps(content))
+        cache.execute("INSERT OR REPLACE INTO logs VALUES (?, ?, ?, ?)", row)
+    return LogEntry(
+        id=hashlib.blake2b(path.name.encode("utf-8", "surrogateescape"), digest_size=16).hexdigest(),
+        path=path,
+        kind=content["kind"],
+        trial=content["trial"],
+        result=content["result"],
+        size_bytes=status.st_size,
+        modified_s=status.st_mtime_ns * 1e-9,
+        condition=LogCondition(content["condition"]),
+    )
+
+
+def _read(path: Path) -> tuple[LogCondition, dict[str, dict[str, str]]]:
+    try:
+        with open_mcap(path) as file:
+            if not is_complete(file):
+                metadata = {}
+                for record in scan(file):
+                    if record.opcode == Opcode.CHUNK:
+                        break  # what was asked stands before the first data
+                    if record.opcode == Opcode.METADATA:
+                        parsed = Metadata.read(record.stream())
+                        metadata[parsed.name] = parsed.metadata
+                return LogCondition.TRUNCATED, metadata
+        return LogCondition.COMPLETE, read_log(path).metadata
+    except Exception:  # whatever is wrong with it, the other logs are still to be listed
+        return LogCondition.FOREIGN, {}

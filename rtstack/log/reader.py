@@ -1,0 +1,278 @@
+"""Reading a log for analysis: columns of records, metadata, attachments, events."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from mcap.records import Attachment as AttachmentRecord
+from mcap.records import Channel, Chunk, ChunkIndex, Metadata, Schema
+from numpy.typing import NDArray
+
+from rtstack.log.container import (
+    MAGIC,
+    MESSAGE_HEADER,
+    RECORD_HEADER,
+    MessageTable,
+    chunk_data,
+    definitions,
+    is_complete,
+    message_table,
+    open_mcap,
+    scan,
+    tail_chunk,
+)
+from rtstack.log.decoding import TopicDecoder
+from rtstack.log.errors import LogError
+from rtstack.log.job import Attachment
+from rtstack.log.schema import PACKAGE
+from rtstack.samples import TOPICS, Level
+
+_NEEDED_TOPIC = "/left/arm"
+_NEEDED_SCHEMA = f"{PACKAGE}.ArmSample"
+_NS = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something that happened: who speaks (`name`), what (`text`), how severe."""
+
+    t_ns: int
+    level: Level
+    name: str
+    text: str
+
+
+@dataclass(slots=True)
+class _Contents:
+    """What a file holds: where its chunks are, and everything small."""
+
+    schemas: dict[int, Schema]
+    channels: dict[int, Channel]
+    metadata: dict[str, dict[str, str]]
+    attachments: list[Attachment]
+    chunks: list[ChunkIndex | int | bytes]  # indexed, or the offset of a chunk record, or its data
+    start_ns: int = 0
+    end_ns: int = 0
+
+
+class Log:
+    """An open log. Topics are read when they are asked for, and not kept: hold on to what `topic` returns."""
+
+    def __init__(self, path: Path, contents: _Contents, complete: bool) -> None:
+        self._contents = contents
+        self.path = path
+        self.complete = complete
+        self.metadata: dict[str, dict[str, str]] = contents.metadata
+        self.attachments: tuple[Attachment, ...] = tuple(contents.attachments)
+
+    @property
+    def duration_s(self) -> float:
+        """Robot's time from the first to the last message, s."""
+        return (self._contents.end_ns - self._contents.start_ns) * _NS
+
+    @property
+    def start_ns(self) -> int:
+        """Robot's time of the first message, ns."""
+        return self._contents.start_ns
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Topics with messages."""
+        return tuple(sorted({channel.topic for channel in self._contents.channels.values()}))
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """All events, in order of time."""
+        records = self.topic("/events")
+        return tuple(
+            Event(
+                t_ns=int(record["t_ns"]),
+                level=Level(int(record["level"])) if record["level"] else Level.INFO,
+                name=bytes(record["name"]).decode(),
+                text=bytes(record["text"]).decode(),
+            )
+            for record in records[np.argsort(records["t_ns"], kind="stable")]
+        )
+
+    def topic(self, name: str) -> NDArray[Any]:
+        """Return all records of a topic of rtstack.samples.TOPICS, shape (n,), in the order of the file.
+
+        t_ns is the message's log time, O_T_EE row-major, current_errors the bit mask. Raises LogError for
+        another topic, or for messages that are not of its schema.
+        """
+        if name not in TOPICS:
+            raise LogError(f"{name} is not a topic of records: there are {', '.join(TOPICS)}")
+        parts = [np.zeros(0, TOPICS[name])]
+        decoders: dict[int, TopicDecoder] = {}
+        for data, table in self._tables(name):
+            for channel_id in np.unique(table.channel_id).tolist():
+                if channel_id not in decoders:
+                    channel = self._contents.channels[channel_id]
+                    decoders[channel_id] = TopicDecoder(name, self._contents.schemas[channel.schema_id])
+                rows = table.channel_id == channel_id
+                parts.append(
+                    decoders[channel_id].decode(
+                        data, table.log_time_ns[rows], table.start[rows], table.size[rows]
+                    )
+                )
+        return np.concatenate(parts)
+
+    def messages(self, name: str) -> list[tuple[int, bytes]]:
+        """Return all messages of any topic as (t_ns, encoded message): for /tf, which has no record."""
+        return [
+            (t_ns, data[start : start + size])
+            for data, table in self._tables(name)
+            for t_ns, start, size in zip(
+                table.log_time_ns.tolist(), table.start.tolist(), table.size.tolist(), strict=True
+            )
+        ]
+
+    def _tables(self, topic: str) -> Iterator[tuple[bytes, MessageTable]]:
+        """Yield each chunk that has messages of a topic, with their places in it."""
+        wanted = [channel.id for channel in self._contents.channels.values() if channel.topic == topic]
+        if not wanted:
+            return
+        with open_mcap(self.path) as file:
+            for chunk in self._contents.chunks:
+                if isinstance(chunk, ChunkIndex):
+                    indexed = chunk.message_index_offsets
+                    offsets = [indexed[channel_id] for channel_id in wanted if channel_id in indexed]
+                    if offsets:
+                        data = _read_chunk(self.path, file, chunk.chunk_start_offset)
+                        yield data, _indexed(file, data, offsets)
+                    continue
+                data = chunk if isinstance(chunk, bytes) else _read_chunk(self.path, file, chunk)
+                table = message_table(data)
+                rows = np.isin(table.channel_id, wanted)
+                yield (
+                    data,
+                    MessageTable(
+                        table.channel_id[rows], table.log_time_ns[rows], table.start[rows], table.size[rows]
+                    ),
+                )
+
+
+def read_log(path: Path, truncated: bool = False) -> Log:
+    """Open a log. `truncated`: read a file without a summary as far as it goes.
+
+    Raises LogError, with one clear line: no MCAP file, cut off, or not a log of ours.
+    """
+    path = Path(path)
+    with open_mcap(path) as file:
+        complete = is_complete(file)
+        if not complete and not truncated:
+            raise LogError(f"{path} is cut off (no summary): recover it with `rtstack recover {path}`")
+        try:
+            contents = _from_summary(file) if complete else _from_scan(file)
+        except LogError:
+            raise
+        except Exception as error:  # the library raises whatever half a record makes of it
+            raise LogError(f"{path} is damaged: {error or type(error).__name__}") from error
+    for channel in contents.channels.values():
+        schema = contents.schemas.get(channel.schema_id)
+        if channel.topic == _NEEDED_TOPIC and schema is not None and schema.name == _NEEDED_SCHEMA:
+            return Log(path, contents, complete)
+    if not contents.channels and {"log", "trial"} & contents.metadata.keys():
+        return Log(path, contents, complete)  # ours, of a run that ended before its first tick
+    raise LogError(f"{path} is an MCAP file but not a log of ours: topic {_NEEDED_TOPIC} is missing")
+
+
+def _from_summary(file: BinaryIO) -> _Contents:
+    file.seek(0)
+    summary = make_reader(file).get_summary()
+    if summary is None or (not summary.chunk_indexes and summary.channels):
+        return _from_scan(file)
+    contents = _Contents(summary.schemas, summary.channels, {}, [], [*summary.chunk_indexes])
+    contents.chunks.sort(key=lambda chunk: chunk.chunk_start_offset if isinstance(chunk, ChunkIndex) else 0)
+    if summary.statistics is not None:
+        contents.start_ns = summary.statistics.message_start_time
+        contents.end_ns = summary.statistics.message_end_time
+    for index in summary.metadata_indexes:
+        file.seek(index.offset + RECORD_HEADER)
+        _add_metadata(contents, ReadDataStream(file))
+    for index in summary.attachment_indexes:
+        file.seek(index.offset + RECORD_HEADER)
+        _add_attachment(contents, ReadDataStream(file))
+    return contents
+
+
+def _from_scan(file: BinaryIO) -> _Contents:
+    contents = _Contents({}, {}, {}, [], [])
+    times: list[int] = []
+    loose = bytearray()  # records outside of chunks, as if they were a chunk of their own
+    end = len(MAGIC)
+    for record in scan(file):
+        end = record.offset + record.size
+        if record.opcode == Opcode.CHUNK:
+            try:
+                data = chunk_data(Chunk.read(record.stream()))
+            except Exception:  # a damaged chunk: each decompressor has its own error
+                continue
+            _add_chunk(contents, data, times)
+            contents.chunks.append(record.offset)
+        elif record.opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
+            loose += bytes([record.opcode]) + len(record.body).to_bytes(8, "little") + record.body
+        elif record.opcode == Opcode.METADATA:
+            _add_metadata(contents, record.stream())
+        elif record.opcode == Opcode.ATTACHMENT:
+            _add_attachment(contents, record.stream())
+    for data in (bytes(loose), tail_chunk(file, end)):
+        if data:
+            _add_chunk(contents, data, times)
+            contents.chunks.append(data)
+    if times:
+        contents.start_ns, contents.end_ns = min(times), max(times)
+    return contents
+
+
+def _add_chunk(contents: _Contents, data: bytes, times: list[int]) -> None:
+    schemas, channels = definitions(data)
+    contents.schemas.update(schemas)
+    contents.channels.update(channels)
+    log_times = message_table(data).log_time_ns
+    if len(log_times):
+        times += [int(log_times.min()), int(log_times.max())]
+
+
+def _add_metadata(contents: _Contents, stream: ReadDataStream) -> None:
+    record = Metadata.read(stream)
+    contents.metadata[record.name] = record.metadata
+
+
+def _add_attachment(contents: _Contents, stream: ReadDataStream) -> None:
+    record = AttachmentRecord.read(stream)
+    contents.attachments.append(Attachment(record.name, record.media_type, record.data))
+
+
+def _read_chunk(path: Path, file: BinaryIO, offset: int) -> bytes:
+    file.seek(offset)
+    try:
+        header = file.read(RECORD_HEADER)
+        body = file.read(int.from_bytes(header[1:], "little"))
+        return chunk_data(Chunk.read(ReadDataStream(BytesIO(body))))
+    except Exception as error:  # each decompressor has its own
+        raise LogError(f"{path} is damaged at byte {offset}: {error or type(error).__name__}") from error
+
+
+def _indexed(file: BinaryIO, data: bytes, offsets: list[int]) -> MessageTable:
+    """The messages that the index records at these file offsets name."""
+    bytes_of = np.frombuffer(data, np.uint8)
+    columns: list[NDArray[np.int64]] = []
+    for offset in offsets:
+        file.seek(offset + RECORD_HEADER)
+        channel_id = int.from_bytes(file.read(2), "little")
+        entries = np.frombuffer(file.read(int.from_bytes(file.read(4), "little")), "<i8").reshape(-1, 2)
+        position = entries[:, 1]
+        # a message record is opcode, length (8 bytes), 22 bytes of numbers and times, and the message
+        lengths = bytes_of[position[:, None] + np.arange(1, RECORD_HEADER)].copy().view("<i8")[:, 0]
+        size = lengths - (MESSAGE_HEADER - RECORD_HEADER)
+        channel = np.full(len(entries), channel_id)
+        columns.append(np.stack([channel, entries[:, 0], position + MESSAGE_HEADER, size]))
+    table = np.concatenate(columns, axis=1)
+    return MessageTable(table[0], table[1], table[2], table[3])
