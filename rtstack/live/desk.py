@@ -9,12 +9,10 @@ from concurrent.futures import Future
 from dataclasses import replace
 
 from rtstack.live.protocol import (
-    FixtureShape,
     Job,
     JobKind,
     JobRequest,
     JobState,
-    ObjectShape,
     RecoverRequest,
     Status,
     TrialRequest,
@@ -33,12 +31,12 @@ class Desk:
     def __init__(self, source: CellSource, mailbox: Mailbox) -> None:
         self._lock = threading.Lock()
         self._news = threading.Event()
-        self._source = source
         self._mailbox = mailbox
         self._order: JobRequest | None = None
         self._recovery: Future[None] | None = None
         self._job: Job | None = None
-        self._object = source.objects[0].name
+        self._description = source.description
+        self._object = next(iter(source.description.objects))
         self._last_error: str | None = None
         self._connected = False
         self._ending = False
@@ -47,7 +45,7 @@ class Desk:
 
     def take(self, request: JobRequest) -> None:
         """Take an order. Raises Refused while another one holds the robot, or when the cell has no such object."""
-        names = [known.name for known in self._source.objects]
+        names = tuple(self._description.objects)
         if request.object not in names:
             raise Refused(f"the cell has no object {request.object!r}; it has {', '.join(names)}")
         with self._lock:
@@ -85,12 +83,9 @@ class Desk:
             if job is not None and job.state is JobState.RUNNING and stopping:
                 job = replace(job, state=JobState.STOPPING)
             return Status(
-                cell=self._source.name,
-                simulated=self._source.simulated,
-                objects=tuple(ObjectShape(known.name, known.size_m) for known in self._source.objects),
-                fixtures=tuple(
-                    FixtureShape(box.name, box.centre_m, box.size_m) for box in self._source.fixtures
-                ),
+                cell=self._description.name,
+                simulated=self._description.simulated,
+                objects=tuple(self._description.objects),
                 object=self._object,
                 job=job,
                 refusal=self._refusal(),

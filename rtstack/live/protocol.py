@@ -129,23 +129,6 @@ class Job:
 
 
 @checked(frozen=True, slots=True, config=_STRICT)
-class ObjectShape:
-    """An object of the cell and its box, m."""
-
-    name: str
-    size_m: tuple[float, float, float]
-
-
-@checked(frozen=True, slots=True, config=_STRICT)
-class FixtureShape:
-    """A box that stands in the cell for good: its centre in the world and its size, m."""
-
-    name: str
-    centre_m: tuple[float, float, float]
-    size_m: tuple[float, float, float]
-
-
-@checked(frozen=True, slots=True, config=_STRICT)
 class Status:
     """How the robot process is. `job` is the running job or the last one; `refusal` says why no job is accepted now.
 
@@ -154,8 +137,7 @@ class Status:
 
     cell: str
     simulated: bool
-    objects: tuple[ObjectShape, ...]
-    fixtures: tuple[FixtureShape, ...]
+    objects: tuple[str, ...]
     object: str
     job: Job | None
     refusal: str | None

@@ -1,6 +1,6 @@
 """The robot process: owns the cell, the loop and the live rings; carries out one job at a time.
 
-    python -m rtstack.live.robot --run FOLDER --name NAME --logs DIR --source MODULE:FUNCTION [--cell TOML]
+    python -m rtstack.live.robot --run FOLDER --name NAME --logs DIR --source MODULE:FUNCTION --cell TOML
 
 It names no robot: the cell comes from a factory of a composition root (rtstack.live.source). It ends on SIGTERM, and
 when its standard input closes, so that it never outlives its supervisor.
@@ -10,22 +10,28 @@ import argparse
 import signal
 import sys
 import time
-from collections.abc import Callable
+import traceback
 from concurrent.futures import Future
 from pathlib import Path
 
 from hal.cell import Cell
 from hal.errors import HardwareError
+from rtstack.configuration import ConfigurationError
 from rtstack.live.desk import Desk
 from rtstack.live.idle import IdleView
 from rtstack.live.lifeline import hold_lifeline
 from rtstack.live.protocol import DemonstrationRequest, JobRequest, JobState, TrialRequest
 from rtstack.live.service import Service
 from rtstack.live.source import CellSource, SourceError, load_source
+from rtstack.log.errors import LogError
 from rtstack.log.ring import Rings
+from rtstack.log.writer import Attachment
 from rtstack.loop.mailbox import Mailbox, MailboxError
 from rtstack.samples import Level
-from rtstack.trials.run import TrialError, run_demonstration, run_trial
+from rtstack.trials.errors import TrialError
+from rtstack.trials.record import open_log
+from rtstack.trials.result import DemonstrationResult, TrialResult
+from rtstack.trials.run import prepare_trial, run_demonstration, run_trial
 
 _RETRY_S = 0.5  # without a cell there is no clock but ours
 
@@ -41,10 +47,11 @@ class Robot:
         self._logs = logs
         self._cell: Cell | None = None
         self._idle = IdleView(rings)
+        self._first_object = next(iter(source.description.objects))
 
     def run(self) -> None:
         """Work until the desk says that it ends; leave both arms stopped."""
-        self._open(self._source.objects[0].name, 0.0, 0)
+        self._open(self._first_object, 0.0, 0)
         try:
             while not self._desk.ending:
                 self._watch()
@@ -69,7 +76,7 @@ class Robot:
     def _recover(self, recovery: "Future[None]") -> None:
         try:
             if self._cell is None:
-                self._open_or_raise(self._source.objects[0].name, 0.0, 0)
+                self._open_or_raise(self._first_object, 0.0, 0)
             else:
                 self._cell.left.recover()
                 self._cell.right.recover()
@@ -80,54 +87,54 @@ class Robot:
             recovery.set_exception(error)
 
     def _carry_out(self, order: JobRequest) -> None:
-        displacement_m = order.displacement_mm * 1e-3 if isinstance(order, TrialRequest) else 0.0
         log = _free_name(self._logs, order)
         try:
-            self._close()
-            cell = self._open_or_raise(order.object, displacement_m, order.seed)
-            self._desk.started(log.name)
-            self._idle.tell(Level.INFO, f"{order.verb} started: {log.name}")
-            success, reason = self._job(order, cell, log)
-        except (HardwareError, TrialError) as error:
-            self._desk.finished(JobState.FAILED, str(error), None, _name_if_there(log))
-            self._idle.tell(Level.ERROR, f"{order.verb} failed: {error}")
-            if isinstance(error, HardwareError):
-                self._desk.complain(str(error))
-            if self._cell is None:
-                self._open(self._source.objects[0].name, 0.0, 0)
-            return
-        if self._mailbox.stop_requested:
-            state, reason = JobState.STOPPED, reason or "stopped by the operator"
+            result = self._job(order, log)
+        except (HardwareError, TrialError, LogError) as error:
+            self._failed(order, str(error), log)
+        except (
+            Exception
+        ) as error:  # a defect of ours ends the job, not the stack: both arms are stopped by then
+            traceback.print_exc()
+            self._failed(order, f"internal error, see the terminal: {error}", log)
         else:
-            state = JobState.DONE
-        self._desk.finished(state, reason, success, _name_if_there(log))
-        self._idle.tell(
-            Level.INFO if success else Level.WARNING, f"{order.verb} {state}: {reason or 'as asked'}"
-        )
+            reason = result.failure_reason
+            state = JobState.STOPPED if self._mailbox.stop_requested else JobState.DONE
+            self._desk.finished(state, reason, result.success, _name_if_there(log))
+            level = Level.INFO if result.success else Level.WARNING
+            self._idle.tell(level, f"{order.verb} {state}: {reason or 'as asked'}")
+        if self._cell is None and not self._desk.ending:
+            self._open(self._first_object, 0.0, 0)
 
-    def _job(self, order: JobRequest, cell: Cell, log: Path) -> tuple[bool, str | None]:
+    def _failed(self, order: JobRequest, reason: str, log: Path) -> None:
+        stopped = self._mailbox.stop_requested
+        self._desk.finished(
+            JobState.STOPPED if stopped else JobState.FAILED, reason, None, _name_if_there(log)
+        )
+        self._idle.tell(Level.ERROR, f"{order.verb} failed: {reason}")
+
+    def _job(self, order: JobRequest, log: Path) -> DemonstrationResult | TrialResult:
+        """Read the reference, put the object in its place, run. What is refused is refused before an arm moves."""
+        description = self._source.description
+        prepared = (
+            prepare_trial(order.specification(), description) if isinstance(order, TrialRequest) else None
+        )
+        displacement_m = order.displacement_mm * 1e-3 if isinstance(order, TrialRequest) else 0.0
+        self._close()
+        cell = self._open_or_raise(order.object, displacement_m, order.seed)
         if self._mailbox.stop_requested:
             raise TrialError("stopped by the operator before it began")
-        progress: Callable[[float], None] = self._desk.progress
-        if isinstance(order, DemonstrationRequest):
-            demonstration = run_demonstration(
-                order.specification(),
-                cell,
-                log_path=log,
-                live=self._rings,
-                mailbox=self._mailbox,
-                progress=progress,
-            )
-            return demonstration.success, demonstration.failure_reason
-        trial = run_trial(
-            order.specification(),
-            cell,
-            log_path=log,
-            live=self._rings,
-            mailbox=self._mailbox,
-            progress=progress,
+        attachments = () if prepared is None else (_reference(Path(prepared.specification.reference)),)
+        opened = open_log(log, order.specification(), description, cell.name, self._source.file, attachments)
+        self._desk.started(log.name)
+        self._idle.tell(Level.INFO, f"{order.verb} started: {log.name}")
+        live, stop, progress = self._rings, self._mailbox, self._desk.progress
+        if prepared is not None:
+            return run_trial(prepared, cell, log=opened, live=live, stop=stop, progress=progress)
+        assert isinstance(order, DemonstrationRequest)
+        return run_demonstration(
+            order.specification(), description, cell, log=opened, live=live, stop=stop, progress=progress
         )
-        return trial.success, trial.failure_reason
 
     def _open(self, object_name: str, displacement_m: float, seed: int) -> None:
         try:
@@ -157,6 +164,10 @@ def _free_name(logs: Path, order: JobRequest) -> Path:
     return path
 
 
+def _reference(path: Path) -> Attachment:
+    return Attachment("reference.mcap", "application/octet-stream", path.read_bytes())
+
+
 def _name_if_there(log: Path) -> str | None:
     return log.name if log.exists() else None
 
@@ -168,13 +179,13 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--name", required=True, help="name of the shared memory")
     parser.add_argument("--logs", type=Path, required=True)
     parser.add_argument("--source", required=True, help="module:function that gives the cell")
-    parser.add_argument("--cell", type=Path, default=None, help="cell description")
+    parser.add_argument("--cell", type=Path, required=True, help="cell description")
     asked = parser.parse_args(arguments)
     try:
         source = load_source(asked.source, asked.cell)
         asked.logs.mkdir(parents=True, exist_ok=True)
         mailbox = Mailbox.create(f"{asked.name}-mailbox")
-    except (SourceError, MailboxError, OSError) as error:
+    except (SourceError, ConfigurationError, MailboxError, LogError, OSError) as error:
         print(f"robot process: {error}", file=sys.stderr)
         return 2
     desk = Desk(source, mailbox)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Protocol
 
 from hal.cell import Cell
+from rtstack.model.cell_description import CellDescription
 
 
 class OpenCell(Protocol):
@@ -19,30 +20,12 @@ class OpenCell(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class CellObject:
-    """An object that the cell can be given: its name, and its box (length, width, height) in m for drawing it."""
-
-    name: str
-    size_m: tuple[float, float, float]
-
-
-@dataclass(frozen=True, slots=True)
-class Fixture:
-    """A box that stands in the cell for good, such as a table: its centre in the world and its size, m."""
-
-    name: str
-    centre_m: tuple[float, float, float]
-    size_m: tuple[float, float, float]
-
-
-@dataclass(frozen=True, slots=True)
 class CellSource:
-    """A kind of cell: how it is called, whether it is simulated, what it holds or can hold, and how to open one."""
+    """A kind of cell (as the command line spells it), its description and that file, and how to open one."""
 
-    name: str
-    simulated: bool
-    objects: tuple[CellObject, ...]
-    fixtures: tuple[Fixture, ...]
+    kind: str
+    description: CellDescription
+    file: Path
     open_cell: OpenCell
 
 
@@ -50,14 +33,14 @@ class SourceError(Exception):
     """The name of the factory leads nowhere; the message says where it broke off."""
 
 
-def load_source(name: str, description: Path | None) -> CellSource:
-    """Call the factory `package.module:function` with the path of a cell description, None for the default cell.
+def load_source(name: str, description: Path) -> CellSource:
+    """Call the factory `package.module:function` with the path of a cell description.
 
-    Raises SourceError with one line.
+    Raises SourceError with one line when it is not there, and what the factory raises.
     """
     module_name, _, attribute = name.partition(":")
     try:
-        factory: Callable[[Path | None], CellSource] = getattr(import_module(module_name), attribute)
+        factory: Callable[[Path], CellSource] = getattr(import_module(module_name), attribute)
     except (ImportError, AttributeError, ValueError) as error:
         raise SourceError(f"cell source {name!r}: {error}") from None
     return factory(description)

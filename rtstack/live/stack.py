@@ -39,7 +39,7 @@ class StackSettings:
     port: int
     logs: Path
     source: str
-    cell: Path | None = None
+    cell: Path
 
 
 class _Ended(Exception):
@@ -74,16 +74,24 @@ def _supervise(settings: StackSettings, stack: ExitStack) -> None:
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="rtstack-")))
     name = f"rtstack-{os.getpid()}"
     stack.callback(remove_mailbox, f"{name}-mailbox")
-    shared = ["--run", str(folder), "--name", name, "--logs", str(settings.logs)]
-    cell = [] if settings.cell is None else ["--cell", str(settings.cell)]
+    shared = [
+        "--run",
+        str(folder),
+        "--name",
+        name,
+        "--logs",
+        str(settings.logs),
+        "--cell",
+        str(settings.cell),
+    ]
 
-    robot = _Child("robot process", "rtstack.live.robot", [*shared, "--source", settings.source, *cell])
+    robot = _Child("robot process", "rtstack.live.robot", [*shared, "--source", settings.source])
     stack.callback(robot.end)
     rings = robot.first_line()
     console = _Child(
         "console",
         "console",
-        [*shared, "--rings", rings, "--listener", str(listener.fileno()), *cell],
+        [*shared, "--rings", rings, "--listener", str(listener.fileno())],
         inherited=(listener.fileno(),),
     )
     stack.callback(console.end)  # ended first: callbacks run backwards

@@ -1,0 +1,110 @@
+"""The console's process: `python -m console --run FOLDER --name NAME --rings NAME --logs DIR --cell TOML --listener FD`.
+
+Started by the supervisor (rtstack.live.stack), which holds the listening socket and the other end of our standard
+input. Prints one line on standard output once it answers: the address with the one-time token.
+"""
+
+import argparse
+import asyncio
+import os
+import socket
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+
+import uvicorn
+
+from console.app import create_app
+from console.parts import Parts
+from console.scenes import Scenes
+from console.sign_in import SignIn
+from console.watch import STATUS_TIMEOUT_S, Watch
+from rtstack.configuration import ConfigurationError
+from rtstack.live.client import RobotClient
+from rtstack.live.lifeline import hold_lifeline
+from rtstack.log.catalogue import Catalogue
+from rtstack.log.errors import LogError
+from rtstack.log.ring import Rings
+from rtstack.loop.mailbox import Mailbox, MailboxError
+from rtstack.model.cell_description import load_cell_description
+
+
+class _Server(uvicorn.Server):
+    """Says when it answers."""
+
+    def __init__(self, config: uvicorn.Config, ready_line: str, ready: int) -> None:
+        super().__init__(config)
+        self._ready_line = ready_line
+        self._ready = ready
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        if self.started:
+            os.write(self._ready, f"{self._ready_line}\n".encode())
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Serve until SIGTERM, or until the supervisor is gone. Returns the exit status, 2 for what cannot work."""
+    parser = argparse.ArgumentParser(prog="console")
+    parser.add_argument("--run", type=Path, required=True, help="folder of the robot process's socket")
+    parser.add_argument("--name", required=True, help="name of the shared memory")
+    parser.add_argument("--rings", required=True, help="name of the live rings")
+    parser.add_argument("--logs", type=Path, required=True)
+    parser.add_argument("--cell", type=Path, required=True, help="cell description")
+    parser.add_argument("--listener", type=int, required=True, help="file descriptor of the listening socket")
+    asked = parser.parse_args(arguments)
+
+    ready = os.dup(sys.stdout.fileno())
+    os.dup2(
+        sys.stderr.fileno(), sys.stdout.fileno()
+    )  # what libraries print is for the terminal, not the supervisor
+    listener = socket.socket(fileno=asked.listener)
+    port = listener.getsockname()[1]
+    with ExitStack() as stack:
+        stack.enter_context(listener)
+        try:
+            parts = _parts(asked, port, stack)
+        except (ConfigurationError, MailboxError, LogError) as error:
+            print(f"console: {error}", file=sys.stderr)
+            return 2
+        config = uvicorn.Config(
+            create_app(parts, port),
+            log_level="warning",
+            access_log=False,
+            ws="websockets-sansio",
+            ws_max_size=1 << 20,
+            server_header=False,
+            timeout_graceful_shutdown=2,
+        )
+        server = _Server(config, f"http://127.0.0.1:{port}/?token={parts.sign_in.token}", ready)
+        hold_lifeline(lambda: setattr(server, "should_exit", True))
+        asyncio.run(server.serve([listener]))
+    return 0
+
+
+def _parts(asked: argparse.Namespace, port: int, stack: ExitStack) -> Parts:
+    cell = load_cell_description(asked.cell)
+    mailbox = Mailbox.attach(f"{asked.name}-mailbox")
+    stack.callback(mailbox.close)
+    rings = Rings.attach(asked.rings)
+    socket_path = asked.run / "robot.sock"
+    client = RobotClient(socket_path)
+    stack.callback(client.close)
+    watch = Watch(rings, RobotClient(socket_path, STATUS_TIMEOUT_S))
+    stack.callback(watch.close)
+    watch.start()
+    scenes = Scenes(cell, watch)
+    stack.callback(scenes.close)
+    return Parts(
+        sign_in=SignIn(port),
+        cell=cell,
+        client=client,
+        mailbox=mailbox,
+        watch=watch,
+        catalogue=Catalogue(asked.logs),
+        scenes=scenes,
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,59 @@
+"""The FastAPI application: routes, one JSON line for every error, and the guard in front of all of it."""
+
+from pathlib import Path
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from fastapi.staticfiles import StaticFiles
+from starlette.exceptions import HTTPException
+
+from console.guard import Guard
+from console.parts import Parts
+from console.routes import jobs, live, logs, pages, robot, scene
+from rtstack.live.client import RobotRefused, RobotUnreachable
+from rtstack.log.errors import LogError
+
+
+def create_app(parts: Parts, port: int) -> FastAPI:
+    """Return the application for a console that is reached at `port` on the loopback address."""
+    app = FastAPI(title="rtstack console", docs_url=None, redoc_url=None, openapi_url=None)
+    app.state.parts = parts
+    for module in (pages, robot, jobs, logs, live, scene):
+        app.include_router(module.router)
+    app.mount("/static", StaticFiles(directory=Path(__file__).parent / "static"))
+    app.add_exception_handler(HTTPException, _http_error)
+    app.add_exception_handler(RequestValidationError, _bad_request)
+    app.add_exception_handler(RobotRefused, _refused)
+    app.add_exception_handler(RobotUnreachable, _unreachable)
+    app.add_exception_handler(LogError, _log_error)
+    app.add_middleware(Guard, sign_in=parts.sign_in, port=port)
+    return app
+
+
+def _line(status: int, text: str) -> JSONResponse:
+    return JSONResponse({"error": text}, status_code=status)
+
+
+def _http_error(_: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, HTTPException)
+    return _line(error.status_code, str(error.detail))
+
+
+def _bad_request(_: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, RequestValidationError)
+    first = error.errors()[0]
+    key = ".".join(str(part) for part in first["loc"] if part != "body") or "the request"
+    return _line(422, f"{key}: {first['msg']}")
+
+
+def _refused(_: Request, error: Exception) -> JSONResponse:
+    return _line(409, str(error))
+
+
+def _unreachable(_: Request, error: Exception) -> JSONResponse:
+    return _line(503, str(error))
+
+
+def _log_error(_: Request, error: Exception) -> JSONResponse:
+    return _line(500, str(error))

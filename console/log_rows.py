@@ -1,0 +1,109 @@
+"""The list of logs as the page shows it: what was asked, what came out, one row a file."""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rtstack.log.catalogue import Catalogue, LogCondition, LogEntry
+from rtstack.log.errors import LogError
+
+RECORDING = "demonstration"
+
+
+@dataclass(frozen=True, slots=True)
+class LogRow:
+    """One log. `outcome` is one line; `recording`: a trial can follow it; `when` is Unix time of the last change, s."""
+
+    id: str
+    name: str
+    kind: str
+    controller: str | None
+    object: str | None
+    displacement_mm: float | None
+    seed: int | None
+    success: bool | None
+    outcome: str
+    average_force_norm: float | None
+    max_lift_mm: float | None
+    when: float
+    size_bytes: int
+    recording: bool
+
+
+def log_rows(catalogue: Catalogue, being_written: str | None) -> list[LogRow]:
+    """Return all logs, the newest first; `being_written` names the running job's file. Raises LogError."""
+    return [_row(entry, entry.path.name == being_written) for entry in catalogue.entries()]
+
+
+def log_path(catalogue: Catalogue, log_id: str) -> Path | None:
+    """Return the path of a log by its opaque id, None where there is none: an id is looked up, never joined to a path."""
+    try:
+        return catalogue.entry(log_id).path
+    except LogError:
+        return None
+
+
+def _row(entry: LogEntry, being_written: bool) -> LogRow:
+    asked = {**_values(entry.trial), **_object(_values(entry.trial).get("specification"))}
+    result = _values(entry.result)
+    values = {**asked, **result}
+    seed = _number(values.get("seed"))
+    success = values.get("success") if isinstance(values.get("success"), bool) else None
+    return LogRow(
+        id=entry.id,
+        name=entry.path.name,
+        kind="not ours" if entry.condition is LogCondition.FOREIGN else entry.kind,
+        controller=_text(values.get("controller")),
+        object=_text(values.get("object")),
+        displacement_mm=_number(values.get("displacement_mm")),
+        seed=None if seed is None else int(seed),
+        success=success,
+        outcome=_outcome(entry.condition, being_written, success, values.get("failure_reason")),
+        average_force_norm=_number(values.get("average_force_norm")),
+        max_lift_mm=_number(values.get("max_lift_mm")),
+        when=entry.modified_s,
+        size_bytes=entry.size_bytes,
+        recording=entry.kind == RECORDING and success is True,
+    )
+
+
+def _outcome(condition: LogCondition, being_written: bool, success: bool | None, reason: Any) -> str:
+    if being_written:
+        return "being written"
+    if condition is LogCondition.FOREIGN:
+        return "no log of ours"
+    if success is None:
+        return (
+            "cut off: rtstack recover gives back the rest"
+            if condition is LogCondition.TRUNCATED
+            else "no result"
+        )
+    return "success" if success else f"failed: {reason or 'no reason given'}"
+
+
+def _values(metadata: Mapping[str, str] | None) -> dict[str, Any]:
+    """Values of a metadata record: text, or JSON in text."""
+    values: dict[str, Any] = {}
+    for key, text in (metadata or {}).items():
+        try:
+            values[key] = json.loads(text)
+        except ValueError:
+            values[key] = text
+    return values
+
+
+def _object(value: Any) -> dict[str, Any]:
+    return value if isinstance(value, dict) else {}
+
+
+def _text(value: Any) -> str | None:
+    return value if isinstance(value, str) else None
+
+
+def _number(value: Any) -> float | None:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        return None
+    return float(value)

@@ -1,0 +1,135 @@
+"""The arm's shape for drawing: a Panda's meshes fit the FR3's kinematics; plain capsules where they are not installed.
+
+Source of the meshes: the package example-robot-data (robots/panda_description). Its Collada files are read here, as
+far as they go: triangles, one transform a node, one diffuse colour a material.
+"""
+
+import sysconfig
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from hal.description import fr3_urdf
+
+LINKS = tuple(f"link{number}" for number in range(8))
+_FOLDER = "cmeel.prefix/share/example-robot-data/robots/panda_description/meshes"
+_PLAIN = (226, 230, 232)  # the arm's own off-white
+_C = "{http://www.collada.org/2005/11/COLLADASchema}"
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Triangles of one colour in a link's frame: vertices (n, 3) m, faces (m, 3), sRGB 0-255."""
+
+    vertices: NDArray[np.float32]
+    faces: NDArray[np.uint32]
+    colour: tuple[int, int, int]
+
+
+def full_parts(link: str) -> list[Part]:
+    """Return the visual mesh of a link, the light one where it is not installed."""
+    path = _installed(f"visual/{link}.dae")
+    return light_parts(link) if path is None else read_collada(path)
+
+
+def light_parts(link: str) -> list[Part]:
+    """Return the collision mesh of a link, for software rendering; capsules where it is not installed."""
+    path = _installed(f"collision/{link}.stl")
+    if path is None:
+        return capsule_parts(link)
+    mesh = trimesh.load_mesh(path)
+    return [Part(np.asarray(mesh.vertices, np.float32), np.asarray(mesh.faces, np.uint32), _PLAIN)]
+
+
+def capsule_parts(link: str) -> list[Part]:
+    """Return the plain shapes of our own description of a link."""
+    element = ElementTree.fromstring(fr3_urdf()).find(f"link[@name='{link}']")
+    parts = []
+    for visual in [] if element is None else element.findall("visual"):
+        shape, origin = visual.find("geometry/*"), visual.find("origin")
+        if shape is None or origin is None:
+            continue
+        if shape.tag == "sphere":
+            mesh = trimesh.creation.icosphere(subdivisions=1, radius=float(shape.attrib["radius"]))
+        else:
+            mesh = trimesh.creation.cylinder(
+                float(shape.attrib["radius"]), float(shape.attrib["length"]), sections=16
+            )
+        roll, pitch, yaw = _numbers(origin.attrib["rpy"])
+        transform = trimesh.transformations.euler_matrix(roll, pitch, yaw, "sxyz")
+        transform[:3, 3] = _numbers(origin.attrib["xyz"])
+        mesh.apply_transform(transform)
+        parts.append(Part(np.asarray(mesh.vertices, np.float32), np.asarray(mesh.faces, np.uint32), _PLAIN))
+    return parts
+
+
+def read_collada(path: Path) -> list[Part]:
+    """Read the triangles of a Collada file, one part a material. Metres and z up, as these files are."""
+    document = ElementTree.parse(path).getroot()
+    colours = _colours(document)
+    geometries = {element.attrib["id"]: element for element in document.iter(f"{_C}geometry")}
+    parts = []
+    for node in document.iter(f"{_C}node"):
+        instance, matrix = node.find(f"{_C}instance_geometry"), node.find(f"{_C}matrix")
+        if instance is None:
+            continue
+        transform = np.eye(4) if matrix is None else np.array(_numbers(matrix.text or "")).reshape(4, 4)
+        bound = {
+            binding.attrib["symbol"]: binding.attrib["target"].removeprefix("#")
+            for binding in instance.iter(f"{_C}instance_material")
+        }
+        geometry = geometries[instance.attrib["url"].removeprefix("#")]
+        for triangles in (*geometry.iter(f"{_C}triangles"), *geometry.iter(f"{_C}polylist")):
+            positions, faces = _triangles(geometry, triangles)
+            world = positions @ transform[:3, :3].T + transform[:3, 3]
+            symbol = triangles.attrib.get("material", "")
+            colour = colours.get(bound.get(symbol, symbol), _PLAIN)
+            parts.append(Part(world.astype(np.float32), faces.astype(np.uint32), colour))
+    return parts
+
+
+def _triangles(
+    geometry: ElementTree.Element, triangles: ElementTree.Element
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    inputs = triangles.findall(f"{_C}input")
+    stride = 1 + max(int(entry.attrib["offset"]) for entry in inputs)
+    vertex = next(entry for entry in inputs if entry.attrib["semantic"] == "VERTEX")
+    indices = np.array((triangles.findtext(f"{_C}p") or "").split(), np.int64).reshape(-1, stride)
+    corners = indices[:, int(vertex.attrib["offset"])]
+    if corners.size % 3:
+        raise ValueError("a polygon with more than three corners")
+    vertices = geometry.find(f".//{_C}vertices[@id='{vertex.attrib['source'].removeprefix('#')}']/{_C}input")
+    assert vertices is not None
+    source = geometry.find(
+        f".//{_C}source[@id='{vertices.attrib['source'].removeprefix('#')}']/{_C}float_array"
+    )
+    assert source is not None
+    return np.array(_numbers(source.text or "")).reshape(-1, 3), corners.reshape(-1, 3)
+
+
+def _colours(document: ElementTree.Element) -> dict[str, tuple[int, int, int]]:
+    diffuse = {}
+    for effect in document.iter(f"{_C}effect"):
+        colour = effect.find(f".//{_C}diffuse/{_C}color")
+        if colour is not None:
+            red, green, blue = (round(255 * value) for value in _numbers(colour.text or "")[:3])
+            diffuse[effect.attrib["id"]] = (red, green, blue)
+    colours = {}
+    for material in document.iter(f"{_C}material"):
+        instance = material.find(f"{_C}instance_effect")
+        effect = "" if instance is None else instance.attrib["url"].removeprefix("#")
+        colours[material.attrib["id"]] = diffuse.get(effect, _PLAIN)
+    return colours
+
+
+def _numbers(text: str) -> list[float]:
+    return [float(word) for word in text.split()]
+
+
+def _installed(name: str) -> Path | None:
+    path = Path(sysconfig.get_path("platlib")) / _FOLDER / name
+    return path if path.is_file() else None

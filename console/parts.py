@@ -1,0 +1,40 @@
+"""What the console is made of, handed to every route: one frozen record instead of globals."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from fastapi import Depends, Request
+from fastapi.requests import HTTPConnection
+
+from console.scenes import Scenes
+from console.sign_in import SignIn
+from console.watch import Watch
+from rtstack.live.client import RobotClient
+from rtstack.log.catalogue import Catalogue
+from rtstack.loop.mailbox import Mailbox
+from rtstack.model.cell_description import CellDescription
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """The console's parts. Whoever makes them closes them."""
+
+    sign_in: SignIn
+    cell: CellDescription
+    client: RobotClient
+    mailbox: Mailbox
+    watch: Watch
+    catalogue: Catalogue
+    scenes: Scenes
+
+
+def parts_of(connection: HTTPConnection) -> Parts:
+    """Return the parts of the application that serves this request or WebSocket."""
+    return connection.app.state.parts
+
+
+def _get_parts(request: Request) -> Parts:
+    return parts_of(request)
+
+
+NeedsParts = Annotated[Parts, Depends(_get_parts)]

@@ -1,0 +1,74 @@
+"""Jobs: a scripted demonstration or a trial, one at a time."""
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter
+from fastapi.exceptions import HTTPException
+from pydantic import ConfigDict, Field
+from pydantic.dataclasses import dataclass as checked
+
+from console.log_rows import log_path
+from console.parts import NeedsParts, Parts
+from rtstack.live.protocol import (
+    DemonstrationRequest,
+    JobRequest,
+    ObjectName,
+    Seed,
+    TrialRequest,
+    status_document,
+)
+from rtstack.trials.specification import Controller
+
+router = APIRouter(prefix="/api/jobs")
+
+_STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+@checked(frozen=True, slots=True, config=_STRICT)
+class DemonstrationOrder:
+    """What the page asks for when it records a scripted demonstration."""
+
+    object: ObjectName
+    variation: Annotated[int, Field(ge=0, le=10_000)] = 0
+    seed: Seed = 0
+
+
+@checked(frozen=True, slots=True, config=_STRICT)
+class TrialOrder:
+    """What the page asks for when it runs a trial. `reference` is the id of a log, displacement in mm."""
+
+    reference: Annotated[str, Field(min_length=1, max_length=128)]
+    object: ObjectName
+    controller: Controller = Controller.PROPOSED
+    displacement_mm: Annotated[float, Field(ge=-1000.0, le=1000.0)] = 0.0
+    seed: Seed = 0
+
+
+@router.post("/demonstration", status_code=202)
+def demonstration(order: DemonstrationOrder, parts: NeedsParts) -> dict[str, Any]:
+    """Start a scripted demonstration."""
+    return _start(parts, DemonstrationRequest(order.object, order.variation, order.seed))
+
+
+@router.post("/trial", status_code=202)
+def trial(order: TrialOrder, parts: NeedsParts) -> dict[str, Any]:
+    """Start a trial against a recording."""
+    path = log_path(parts.catalogue, order.reference)
+    if path is None:
+        raise HTTPException(404, "there is no such recording; choose one from the list")
+    return _start(
+        parts,
+        TrialRequest(
+            reference=str(path),
+            controller=order.controller,
+            object=order.object,
+            displacement_mm=order.displacement_mm,
+            seed=order.seed,
+        ),
+    )
+
+
+def _start(parts: Parts, request: JobRequest) -> dict[str, Any]:
+    status = parts.client.start(request)
+    parts.watch.learn(status)
+    return status_document(status)

@@ -1,0 +1,87 @@
+"""The 3D scene, proxied from a viser server that only we can reach: HTTP at /viser/DETAIL/, WebSocket at /viser/DETAIL."""
+
+import asyncio
+import contextlib
+
+import httpx
+from fastapi import APIRouter, Request, WebSocket, WebSocketDisconnect
+from fastapi.responses import RedirectResponse, Response
+from starlette.concurrency import run_in_threadpool
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.exceptions import ConnectionClosed, WebSocketException
+from websockets.typing import Subprotocol
+
+from console.parts import NeedsParts, parts_of
+from console.scene_server import SECRET_HEADER
+from console.scenes import Detail
+
+router = APIRouter(prefix="/viser")
+
+_PASSED_ON = ("content-type", "content-encoding", "content-length")
+_MAX_MESSAGE_BYTES = 1 << 20  # from a page: camera poses and clicks are far smaller
+
+
+@router.get("/{detail}")
+def without_slash(detail: Detail) -> RedirectResponse:
+    """Send a browser to the page itself: its script finds its WebSocket by the address."""
+    return RedirectResponse(f"/viser/{detail}/")
+
+
+@router.get("/{detail}/{path:path}")
+async def page(detail: Detail, path: str, request: Request, parts: NeedsParts) -> Response:
+    """Pass on a file of the scene's page."""
+    server = await run_in_threadpool(parts.scenes.server, detail)
+    headers = {
+        SECRET_HEADER: server.secret,
+        "accept-encoding": request.headers.get("accept-encoding", "identity"),
+    }
+    async with (
+        httpx.AsyncClient(trust_env=False) as client,
+        client.stream("GET", f"http://127.0.0.1:{server.port}/{path}", headers=headers) as answer,
+    ):
+        body = b"".join([part async for part in answer.aiter_raw()])  # as it was packed
+        passed_on = {name: answer.headers[name] for name in _PASSED_ON if name in answer.headers}
+        return Response(body, status_code=answer.status_code, headers=passed_on)
+
+
+@router.websocket("/{detail}")
+async def stream(websocket: WebSocket, detail: Detail) -> None:
+    """Pass messages on in both directions until one side closes."""
+    server = await run_in_threadpool(parts_of(websocket).scenes.server, detail)
+    wanted = [Subprotocol(name) for name in websocket.scope.get("subprotocols", [])]
+    try:
+        async with connect(
+            f"ws://127.0.0.1:{server.port}/",
+            subprotocols=wanted or None,
+            additional_headers={SECRET_HEADER: server.secret},
+            max_size=None,
+            compression=None,
+            proxy=None,
+        ) as scene:
+            await websocket.accept(subprotocol=scene.subprotocol)
+            tasks = [
+                asyncio.create_task(_to_scene(websocket, scene)),
+                asyncio.create_task(_to_page(scene, websocket)),
+            ]
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+    except (OSError, WebSocketException):
+        pass
+    with contextlib.suppress(RuntimeError):  # the page may have gone first
+        await websocket.close()
+
+
+async def _to_scene(page: WebSocket, scene: ClientConnection) -> None:
+    with contextlib.suppress(WebSocketDisconnect, ConnectionClosed, KeyError):
+        while True:
+            message = await page.receive_bytes()
+            if len(message) <= _MAX_MESSAGE_BYTES:
+                await scene.send(message)
+
+
+async def _to_page(scene: ClientConnection, page: WebSocket) -> None:
+    with contextlib.suppress(WebSocketDisconnect, ConnectionClosed, RuntimeError):
+        async for message in scene:
+            await page.send_bytes(message if isinstance(message, bytes) else message.encode())

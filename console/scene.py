@@ -1,0 +1,176 @@
+"""The live scene: both arms, the pads, the table and the object, where the robot last said they are.
+
+Each arm is a chain of frames from our own description, so that seven rotations a step move all of it. World frame.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from xml.etree import ElementTree
+
+import numpy as np
+import trimesh
+import viser
+from numpy.typing import NDArray
+
+from console.meshes import LINKS, Part, full_parts, light_parts
+from hal.description import fr3_urdf
+from rtstack.model.cell_description import ArmMounting, CellDescription
+
+LEFT_COLOUR = (86, 180, 233)  # #56B4E9, Okabe-Ito: the left arm everywhere
+RIGHT_COLOUR = (230, 159, 0)  # #E69F00: the right arm everywhere
+_TABLE_COLOUR = (92, 98, 106)
+_OBJECT_COLOUR = (188, 164, 128)
+_SMALLEST_MOVE = 1e-5  # rad and m: less is not worth a message
+
+
+@dataclass(frozen=True, slots=True)
+class Joint:
+    """Where a joint's frame is in its parent's, at zero: position m, quaternion wxyz. It turns about its own z."""
+
+    position: tuple[float, float, float]
+    wxyz: NDArray[np.float64]
+
+
+def fr3_joints() -> tuple[Joint, ...]:
+    """Return the seven joints of the arm's description, base first."""
+    document = ElementTree.fromstring(fr3_urdf())
+    joints = []
+    for number in range(1, 8):
+        origin = document.find(f"joint[@name='joint{number}']/origin")
+        assert origin is not None
+        roll, pitch, yaw = (float(word) for word in origin.attrib["rpy"].split())
+        x, y, z = (float(word) for word in origin.attrib["xyz"].split())
+        wxyz = trimesh.transformations.quaternion_from_euler(roll, pitch, yaw, "sxyz")
+        joints.append(Joint((x, y, z), np.asarray(wxyz, np.float64)))
+    return tuple(joints)
+
+
+def turned(joint: Joint, angle: float) -> NDArray[np.float64]:
+    """Return the orientation of a joint's child in its parent, quaternion wxyz, at `angle` rad."""
+    w, x, y, z = joint.wxyz
+    c, s = np.cos(angle / 2.0), np.sin(angle / 2.0)
+    return np.array([w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s])
+
+
+class ArmFigure:
+    """One arm and its pad in a scene."""
+
+    def __init__(
+        self, scene: viser.SceneApi, side: str, mounting: ArmMounting, cell: CellDescription, full: bool
+    ):
+        self._joints = fr3_joints()
+        self._frames: list[viser.FrameHandle] = []
+        self._shown = np.full(7, np.inf)
+        colour = LEFT_COLOUR if side == "left" else RIGHT_COLOUR
+        path = f"/{side}"
+        scene.add_frame(
+            path, show_axes=False, position=mounting.base_position, wxyz=mounting.base_orientation_wxyz
+        )
+        parts = full_parts if full else light_parts
+        _add_parts(scene, path, parts(LINKS[0]), full)
+        for link, joint in zip(LINKS[1:], self._joints, strict=True):
+            path = f"{path}/{link}"
+            self._frames.append(
+                scene.add_frame(path, show_axes=False, position=joint.position, wxyz=joint.wxyz)
+            )
+            _add_parts(scene, path, parts(link), full)
+        pad = cell.pad
+        scene.add_box(
+            f"{path}/pad",
+            color=colour,
+            dimensions=pad.size,
+            position=(0.0, 0.0, _FLANGE_M + pad.flange_to_face - pad.size[2] / 2.0),
+            cast_shadow=full,
+        )
+        scene.add_label(f"/{side}/label", side, position=(-0.12, 0.0, 0.02), anchor="center-center")
+        self.show(np.array(mounting.home))
+
+    def show(self, q: Sequence[float] | NDArray[np.float64]) -> None:
+        """Show the arm at `q`, (7,) rad."""
+        for index, (frame, joint) in enumerate(zip(self._frames, self._joints, strict=True)):
+            if abs(q[index] - self._shown[index]) > _SMALLEST_MOVE:
+                self._shown[index] = q[index]
+                frame.wxyz = turned(joint, float(q[index]))
+
+
+_FLANGE_M = 0.107  # joint 7 to flange, the manual's Denavit-Hartenberg table
+
+
+class CellScene:
+    """Everything that a page sees. `full` chooses the visual meshes, otherwise the light ones without shadows."""
+
+    def __init__(self, server: viser.ViserServer, cell: CellDescription, full: bool) -> None:
+        scene = server.scene
+        self._server = server
+        self._cell = cell
+        self._full = full
+        server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
+        server.initial_camera.position = (1.55, 0.95, 1.15)
+        server.initial_camera.look_at = (-0.12, 0.0, 0.32)
+        scene.configure_default_lights(cast_shadow=full)
+        scene.add_grid(
+            "/floor",
+            4.0,
+            4.0,
+            cell_size=0.1,
+            section_size=0.5,
+            cell_color=(62, 68, 76),
+            section_color=(84, 92, 102),
+        )
+        x, y = cell.table.centre_xy
+        length, width = cell.table.size_xy
+        scene.add_box(
+            "/table",
+            color=_TABLE_COLOUR,
+            dimensions=(length, width, cell.table.top_z),
+            position=(x, y, cell.table.top_z / 2.0),
+            cast_shadow=False,
+        )
+        self._arms = tuple(
+            ArmFigure(scene, side, mounting, cell, full)
+            for side, mounting in (("left", cell.left), ("right", cell.right))
+        )
+        self._object: viser.BoxHandle | None = None
+        self._object_name = ""
+        self._object_pose = np.full(7, np.inf)
+
+    def show_arms(self, q: NDArray[np.float64]) -> None:
+        """Show both arms at `q`, (2, 7) rad."""
+        for arm, joints in zip(self._arms, q, strict=True):
+            arm.show(joints)
+
+    def show_object(self, name: str, pose: NDArray[np.float64] | None) -> None:
+        """Show the object `name` at `pose`, (7,) position m and quaternion wxyz; None where nobody has seen it."""
+        description = self._cell.objects.get(name)
+        if pose is None or description is None:
+            if self._object is not None:
+                self._object.visible = False
+                self._object_name = ""
+            return
+        if self._object is None or name != self._object_name:
+            self._object = self._server.scene.add_box(
+                "/object",
+                color=_OBJECT_COLOUR,
+                dimensions=description.size,
+                opacity=0.92,
+                cast_shadow=self._full,
+            )
+            self._object_name = name
+            self._object_pose[:] = np.inf
+        if np.abs(pose - self._object_pose).max() > _SMALLEST_MOVE:
+            self._object_pose[:] = pose
+            self._object.position = pose[:3]
+            self._object.wxyz = pose[3:]
+
+
+def _add_parts(scene: viser.SceneApi, path: str, parts: list[Part], full: bool) -> None:
+    for number, part in enumerate(parts):
+        scene.add_mesh_simple(
+            f"{path}/part{number}",
+            part.vertices,
+            part.faces,
+            color=part.colour,
+            flat_shading=False,
+            cast_shadow=full,
+            receive_shadow=full,
+        )

@@ -1,0 +1,68 @@
+"""A viser server that nobody can reach but our proxy: loopback, a free port, and a secret header on every request.
+
+viser 1.1.1 has no sign-in and no Origin check of its own, so its port is guarded where its WebSocket server is made.
+The version is pinned, and the refusal is tested.
+"""
+
+import contextlib
+import hmac
+import io
+import secrets
+from collections.abc import Callable, Iterator
+from http import HTTPStatus
+from typing import Any
+
+import viser
+import websockets.asyncio.server
+from viser import _messages
+from websockets.asyncio.server import ServerConnection
+from websockets.datastructures import Headers
+from websockets.http11 import Request, Response
+
+SECRET_HEADER = "x-rtstack-scene"
+
+ProcessRequest = Callable[[ServerConnection, Request], Response | None]
+
+
+class SceneServer:
+    """A guarded viser server. `port` is where it listens, `secret` what the proxy has to bring."""
+
+    def __init__(self) -> None:
+        self.secret = secrets.token_urlsafe(32)
+        with _guarded(self.secret), contextlib.redirect_stdout(io.StringIO()):
+            self.viser = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+        self.port = self.viser.get_port()
+        # a page must not be able to open a tunnel to the outside
+        for message in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
+            self.viser._websock_server.unregister_handler(message)
+
+    @property
+    def watched(self) -> bool:
+        """Whether a page shows this scene now."""
+        return bool(self.viser.get_clients())
+
+    def close(self) -> None:
+        """Stop serving."""
+        with contextlib.redirect_stdout(io.StringIO()):
+            self.viser.stop()
+
+
+@contextlib.contextmanager
+def _guarded(secret: str) -> Iterator[None]:
+    """While it lasts, a WebSocket server that is made refuses every request without the secret."""
+    serve = websockets.asyncio.server.serve
+
+    def guarded_serve(*arguments: Any, process_request: ProcessRequest | None = None, **options: Any) -> Any:
+        def check(connection: ServerConnection, request: Request) -> Response | None:
+            brought = request.headers.get(SECRET_HEADER, "")
+            if not hmac.compare_digest(brought.encode(), secret.encode()):
+                return Response(HTTPStatus.FORBIDDEN, "Forbidden", Headers({"Content-Length": "0"}), b"")
+            return None if process_request is None else process_request(connection, request)
+
+        return serve(*arguments, process_request=check, **options)
+
+    websockets.asyncio.server.serve = guarded_serve  # type: ignore[misc,assignment]
+    try:
+        yield
+    finally:
+        websockets.asyncio.server.serve = serve  # type: ignore[misc]

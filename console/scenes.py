@@ -1,0 +1,71 @@
+"""The scenes behind the page: the same cell with full and with light meshes, made when they are first looked at."""
+
+import threading
+from enum import StrEnum
+
+from console.scene import CellScene
+from console.scene_server import SceneServer
+from console.watch import Watch
+from rtstack.model.cell_description import CellDescription
+
+_FRAME_S = 1.0 / 30.0
+
+
+class Detail(StrEnum):
+    """How much is drawn: everything, or what software rendering can bear."""
+
+    FULL = "full"
+    LIGHT = "light"
+
+
+class _LiveScene:
+    """One scene, its server, and the thread that keeps it up to date while somebody looks."""
+
+    def __init__(self, cell: CellDescription, watch: Watch, detail: Detail) -> None:
+        self.server = SceneServer()
+        self._scene = CellScene(self.server.viser, cell, full=detail is Detail.FULL)
+        self._watch = watch
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._follow, daemon=True, name=f"scene {detail}")
+        self._thread.start()
+
+    def close(self) -> None:
+        self._ending.set()
+        self._thread.join()
+        self.server.close()
+
+    def _follow(self) -> None:
+        while not self._ending.wait(_FRAME_S):
+            if not self.server.watched:
+                continue
+            q = self._watch.q()
+            status = self._watch.view.status
+            with self.server.viser.atomic():
+                if q is not None:
+                    self._scene.show_arms(q)
+                if status is not None:
+                    self._scene.show_object(status.object, self._watch.object_pose())
+
+
+class Scenes:
+    """The live scenes by their detail."""
+
+    def __init__(self, cell: CellDescription, watch: Watch) -> None:
+        self._cell = cell
+        self._watch = watch
+        self._lock = threading.Lock()
+        self._live: dict[Detail, _LiveScene] = {}
+
+    def server(self, detail: Detail) -> SceneServer:
+        """Return the server of a scene; the first call makes it, which takes a second or two for the full one."""
+        with self._lock:
+            if detail not in self._live:
+                self._live[detail] = _LiveScene(self._cell, self._watch, detail)
+            return self._live[detail].server
+
+    def close(self) -> None:
+        """End all scenes."""
+        with self._lock:
+            for scene in self._live.values():
+                scene.close()
+            self._live.clear()

@@ -1,0 +1,27 @@
+// Speaks with the server: every change carries the session's word, every failure becomes one line.
+
+const csrf = document.querySelector('meta[name="csrf-token"]').content;
+
+export class Refused extends Error {}
+
+async function ask(path, options) {
+  let answer;
+  try {
+    answer = await fetch(path, options);
+  } catch {
+    throw new Refused("the console does not answer: is the stack still running?");
+  }
+  const document = await answer.json().catch(() => ({}));
+  if (!answer.ok) throw new Refused(document.error ?? `the console answered ${answer.status}`);
+  return document;
+}
+
+export const get = (path) => ask(path, {});
+
+export const post = (path, body = {}) =>
+  ask(path, {
+    method: "POST",
+    headers: { "content-type": "application/json", "x-csrf-token": csrf },
+    body: JSON.stringify(body),
+    keepalive: true,
+  });

@@ -1,0 +1,67 @@
+// The top bar: lights, mode, loop health, age. Colour never says anything that a word does not say too.
+
+const AMBER_S = 0.1;
+const RED_S = 0.5;
+const NEVER_S = 1e5;
+const REFRESH_MS = 50;
+const SIDES = ["left", "right"];
+const WORDS = {
+  UNKNOWN: "no state", IDLE: "idle", TELEOPERATION: "teleoperation", ANTE_IMPACT: "ante-impact",
+  INTERIM: "interim", POST_IMPACT: "post-impact", STOPPING: "stopping", STOPPED: "stopped",
+};
+const ROBOT_WORDS = {
+  OTHER: "other", IDLE: "idle", MOVE: "moving", GUIDING: "guiding", REFLEX: "reflex",
+  USER_STOPPED: "user stop", AUTOMATIC_ERROR_RECOVERY: "recovering", UNKNOWN: "no state",
+};
+
+export const wordOf = (mode) => WORDS[mode] ?? mode.toLowerCase();
+
+export function ageText(age) {
+  if (age > NEVER_S) return "none yet";
+  if (age < 10) return `${Math.round(age * 1000)} ms`;
+  return `${Math.round(age)} s`;
+}
+
+const write = (element, text) => {
+  if (element.textContent !== text) element.textContent = text;
+};
+
+function showArm(side, arm) {
+  const figure = document.getElementById(`light-${side}`);
+  const fault = arm.errors.length > 0 || arm.robot_mode === "REFLEX";
+  const moving = arm.robot_mode === "MOVE";
+  figure.dataset.mode = fault ? "FAULT" : moving ? arm.mode : arm.robot_mode === "IDLE" ? "IDLE" : "UNKNOWN";
+  write(figure.querySelector(".word"), fault ? "fault" : ROBOT_WORDS[arm.robot_mode] ?? arm.robot_mode);
+  const errors = arm.errors.length ? `: ${arm.errors.join(", ")}` : "";
+  figure.title = `The robot says ${arm.robot_mode}${errors}; commands received ${Math.round(arm.success_rate * 100)} %`;
+}
+
+function showLoop(loop) {
+  const element = document.getElementById("loop");
+  if (loop.period_us === null) return write(element, "-");
+  const ms = (us) => (us / 1000).toFixed(2);
+  write(element, `${ms(loop.period_us)} / ${ms(loop.period_p99_us)} ms / ${loop.missed}`);
+}
+
+export function startBar(live) {
+  const mode = document.getElementById("mode");
+  live.onView((view) => {
+    for (const side of SIDES) showArm(side, view[side]);
+    mode.dataset.mode = view.left.mode;
+    write(mode.querySelector(".word"), wordOf(view.left.mode));
+    showLoop(view.loop);
+  });
+
+  const age = document.getElementById("age");
+  const veil = document.getElementById("veil");
+  setInterval(() => {
+    const oldest = Math.max(...SIDES.map((side) => live.ageOf(side)));
+    age.dataset.age = oldest >= RED_S ? "red" : oldest >= AMBER_S ? "amber" : "fresh";
+    write(age.querySelector(".value"), ageText(oldest));
+    const stale = oldest >= RED_S;
+    document.body.classList.toggle("stale", stale);
+    veil.hidden = !stale;
+    const source = live.since() >= RED_S ? "No word from the console" : "No new state from the robot";
+    write(veil, oldest > NEVER_S ? `${source} yet` : `${source} for ${ageText(oldest)}: what you see is old`);
+  }, REFRESH_MS);
+}

@@ -1,0 +1,36 @@
+// The live state: one WebSocket, and an honest age that goes on counting when nothing arrives.
+
+const RETRY_MS = 1000;
+
+export class Live {
+  constructor() {
+    this.view = null;
+    this.receivedMs = null;
+    this.listeners = [];
+    this.connect();
+  }
+
+  onView(listener) {
+    this.listeners.push(listener);
+  }
+
+  connect() {
+    const scheme = location.protocol === "https:" ? "wss" : "ws";
+    const socket = new WebSocket(`${scheme}://${location.host}/live`);
+    socket.addEventListener("message", (message) => {
+      this.view = JSON.parse(message.data);
+      this.receivedMs = performance.now();
+      for (const listener of this.listeners) listener(this.view);
+    });
+    socket.addEventListener("close", () => setTimeout(() => this.connect(), RETRY_MS));
+  }
+
+  // Age of what is on screen, s: as old as the console says, and older by the time since it said so.
+  since() {
+    return this.receivedMs === null ? Infinity : (performance.now() - this.receivedMs) / 1000;
+  }
+
+  ageOf(arm) {
+    return this.view === null ? Infinity : this.view[arm].age_s + this.since();
+  }
+}

@@ -1,0 +1,228 @@
+"""What the robot last said, and how old that is: two threads that watch the rings and the robot process.
+
+A page never guesses: every number here comes from a record, and its age is counted from when a new one was seen.
+"""
+
+import threading
+import time
+from collections import deque
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hal.robot_errors import error_names
+from hal.state import RobotMode
+from rtstack.live.client import RobotClient, RobotRefused, RobotUnreachable
+from rtstack.live.protocol import Status
+from rtstack.log.ring import RingReader, Rings
+from rtstack.samples import SIDES, Level, Mode
+
+_SAMPLE_PERIOD_S = 0.02  # how finely an age is known
+_LOOP_EVERY = 10  # samples: statistics need no more than 5 Hz
+_STATUS_PERIOD_S = 0.1
+STATUS_TIMEOUT_S = 2.0  # of the client that this module is given
+_WINDOW = 2000  # ticks, 2 s: what period and p99 are about
+_EVENTS = 200  # the newest events that a page can open
+NEVER_S = 1e6  # an age before the first record
+
+
+@dataclass(frozen=True, slots=True)
+class ArmView:
+    """One arm. `age_s` since the last new state, `success_rate` as the robot reports it."""
+
+    robot_mode: str
+    errors: tuple[str, ...]
+    mode: str
+    age_s: float
+    success_rate: float
+
+
+@dataclass(frozen=True, slots=True)
+class LoopView:
+    """The loop over the last 2 s. Periods us; None before the first tick; missed since the console started."""
+
+    period_us: float | None
+    period_p99_us: float | None
+    missed: int
+
+
+@dataclass(frozen=True, slots=True)
+class EventView:
+    """An event: robot's time s, severity, who speaks, what."""
+
+    number: int
+    t_s: float
+    level: str
+    name: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class LiveView:
+    """Everything that the live page shows, 20 times a second."""
+
+    left: ArmView
+    right: ArmView
+    loop: LoopView
+    status: Status | None
+    status_age_s: float
+    unreachable: str | None
+    event: EventView | None
+
+    def as_document(self) -> dict[str, Any]:
+        """Return JSON-ready values."""
+        return asdict(self)
+
+
+class _ArmWatch:
+    """Follows one arm's rings."""
+
+    def __init__(self, rings: Rings, side: str) -> None:
+        self._arm = rings.reader(f"/{side}/arm")
+        self._control = rings.reader(f"/{side}/control")
+        self._t_ns = 0
+        self._changed_s: float | None = None
+        self.q: NDArray[np.float64] | None = None
+
+    def view(self, now_s: float) -> ArmView:
+        record, control = self._arm.latest(), self._control.latest()
+        if record is None:
+            return ArmView("UNKNOWN", (), "UNKNOWN", NEVER_S, 0.0)
+        t_ns = int(record["t_ns"][0])
+        if t_ns != self._t_ns or self._changed_s is None:
+            self._t_ns, self._changed_s = t_ns, now_s
+        self.q = record["q"][0]
+        rate = float(record["control_command_success_rate"][0])
+        return ArmView(
+            robot_mode=_name(RobotMode, record["robot_mode"][0]),
+            errors=error_names(int(record["current_errors"][0])),
+            mode="UNKNOWN" if control is None else _name(Mode, control["mode"][0]),
+            age_s=now_s - self._changed_s,
+            success_rate=rate if np.isfinite(rate) else 0.0,
+        )
+
+
+class _LoopWatch:
+    """Follows /timing."""
+
+    def __init__(self, reader: RingReader) -> None:
+        self._reader = reader
+        self._periods = np.empty(0)
+        self._missed = 0
+        self._counted = 0
+
+    def view(self) -> LoopView:
+        records = self._reader.drain()
+        if len(records):
+            periods = records["period_us"]
+            self._periods = np.concatenate([self._periods, periods[np.isfinite(periods)]])[-_WINDOW:]
+            counts = np.concatenate([[self._counted], records["missed_deadlines"]])
+            steps = np.diff(counts)  # each job counts from zero again
+            self._missed += int(np.where(steps >= 0, steps, counts[1:]).sum())
+            self._counted = int(counts[-1])
+        if not len(self._periods):
+            return LoopView(None, None, self._missed)
+        return LoopView(float(self._periods.mean()), float(np.percentile(self._periods, 99)), self._missed)
+
+
+class Watch:
+    """The threads. `view`, `q` and `object_pose` may be read from any thread; they are replaced, never changed."""
+
+    def __init__(self, rings: Rings, client: RobotClient) -> None:
+        self._arms = {side: _ArmWatch(rings, side) for side in SIDES}
+        self._loop = _LoopWatch(rings.reader("/timing"))
+        self._object = rings.reader("/object/pose")
+        self._event_reader = rings.reader("/events")
+        self._client = client
+        self._ending = threading.Event()
+        self._events: deque[EventView] = deque(maxlen=_EVENTS)
+        self._event_count = 0
+        self._status: tuple[Status | None, float | None, str | None] = (None, None, "not asked yet")
+        unknown = ArmView("UNKNOWN", (), "UNKNOWN", NEVER_S, 0.0)
+        self.view = LiveView(unknown, unknown, LoopView(None, None, 0), None, NEVER_S, None, None)
+        self._threads = [
+            threading.Thread(target=self._watch_rings, daemon=True, name="watch rings"),
+            threading.Thread(target=self._watch_status, daemon=True, name="watch status"),
+        ]
+
+    def start(self) -> None:
+        """Begin to watch."""
+        for thread in self._threads:
+            thread.start()
+
+    def close(self) -> None:
+        """End both threads."""
+        self._ending.set()
+        for thread in self._threads:
+            if thread.is_alive():
+                thread.join()
+
+    def events(self) -> tuple[EventView, ...]:
+        """Return the newest events, oldest first."""
+        return tuple(self._events)
+
+    def q(self) -> NDArray[np.float64] | None:
+        """Return both arms' joints, (2, 7) rad, None until both have spoken."""
+        joints = [self._arms[side].q for side in SIDES]
+        return None if any(q is None for q in joints) else np.array(joints)
+
+    def object_pose(self) -> NDArray[np.float64] | None:
+        """Return the object's pose, (7,) position m and quaternion wxyz, None until it was seen."""
+        record = self._object.latest()
+        if record is None or not record["seen"][0]:
+            return None
+        return np.concatenate([record["position"][0], record["orientation_wxyz"][0]])
+
+    def learn(self, status: Status) -> None:
+        """Take a status that an answer brought along, so that a page sees its own order at once."""
+        self._status = (status, time.monotonic(), None)
+
+    def _watch_rings(self) -> None:
+        samples = 0
+        loop = self.view.loop
+        while not self._ending.wait(_SAMPLE_PERIOD_S):
+            if samples % _LOOP_EVERY == 0:
+                loop = self._loop.view()
+            samples += 1
+            now_s = time.monotonic()
+            for record in self._event_reader.drain():
+                self._event_count += 1
+                self._events.append(_event(self._event_count, record))
+            status, asked_s, unreachable = self._status
+            self.view = LiveView(
+                left=self._arms["left"].view(now_s),
+                right=self._arms["right"].view(now_s),
+                loop=loop,
+                status=status,
+                status_age_s=NEVER_S if asked_s is None else now_s - asked_s,
+                unreachable=unreachable,
+                event=self._events[-1] if self._events else None,
+            )
+
+    def _watch_status(self) -> None:
+        while not self._ending.wait(_STATUS_PERIOD_S):
+            try:
+                self._status = (self._client.status(), time.monotonic(), None)
+            except (RobotUnreachable, RobotRefused) as error:
+                status, asked_s, _ = self._status
+                self._status = (status, asked_s, str(error))
+
+
+def _name(kind: type[RobotMode] | type[Mode], value: object) -> str:
+    try:
+        return kind(int(value)).name  # type: ignore[call-overload]
+    except ValueError:
+        return "UNKNOWN"
+
+
+def _event(number: int, record: Any) -> EventView:
+    level = int(record["level"])
+    return EventView(
+        number=number,
+        t_s=float(record["t_ns"]) * 1e-9,
+        level=Level(level).name if level in Level._value2member_map_ else "INFO",
+        name=record["name"].decode("ascii", "replace"),
+        text=record["text"].decode("ascii", "replace"),
+    )
