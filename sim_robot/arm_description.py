@@ -71,13 +71,9 @@ def _link(element: ElementTree.Element) -> Link:
     inertial = _required(element, "inertial")
     pose = _transform(inertial.find("origin"))
     i = {key: float(value) for key, value in _required(inertial, "inertia").attrib.items()}
-    tensor = np.array(
-        [[i["ixx"], i["ixy"], i["ixz"]], [i["ixy"], i["iyy"], i["iyz"]], [i["ixz"], i["iyz"], i["izz"]]]
-    )
+    tensor = np.array([[i["ixx"], i["ixy"], i["ixz"]], [i["ixy"], i["iyy"], i["iyz"]], [i["ixz"], i["iyz"], i["izz"]]])
     capsules = tuple(
-        Capsule(
-            _transform(c.find("origin")), float(shape.attrib["radius"]), float(shape.attrib["length"]) / 2.0
-        )
+        Capsule(_transform(c.find("origin")), float(shape.attrib["radius"]), float(shape.attrib["length"]) / 2.0)
         for c in element.findall("collision")
         if (shape := c.find("geometry/cylinder")) is not None  # the spheres are the ends of these cylinders
     )
@@ -96,9 +92,7 @@ def fr3_description() -> ArmDescription:
     links = {link.attrib["name"]: link for link in root.findall("link")}
     joints = {joint.attrib["name"]: joint for joint in root.findall("joint")}
     chain = [joints[f"joint{i}"] for i in range(1, JOINTS + 1)]
-    if any(
-        not np.array_equal(_vector(_required(joint, "axis").get("xyz")), (0.0, 0.0, 1.0)) for joint in chain
-    ):
+    if any(not np.array_equal(_vector(_required(joint, "axis").get("xyz")), (0.0, 0.0, 1.0)) for joint in chain):
         raise ValueError("URDF: every joint must turn about its z axis")
     return ArmDescription(
         links=tuple(_link(links[f"link{i}"]) for i in range(JOINTS + 1)),

@@ -77,9 +77,7 @@ class SimulatedArm:
         box = self._cell.boxes[self._side]
         if box.mode == RobotMode.REFLEX:
             names = box.error_names
-            raise CommandRejected(
-                f"{SIDES[self._side]} arm in reflex: {', '.join(names)}; recover it first", names
-            )
+            raise CommandRejected(f"{SIDES[self._side]} arm in reflex: {', '.join(names)}; recover it first", names)
 
 
 class SimulatedCell:
@@ -96,7 +94,7 @@ class SimulatedCell:
         self.plant, self.clock = plant, clock
         self._sensors = Sensors(plant, parameters.sensors, scene.pad.face_offset_z, seed)
         self.states = self._sensors.states  # both arms' present states, dtype ARM_STATE, (2,)
-        self._overload = parameters.reflexes.tau_J_overload
+        self._tolerances = parameters.reflexes
         self._masks = np.zeros(2, dtype=np.int64)
         timeout_ms = parameters.reflexes.communication_timeout_ms
         self.boxes = tuple(ControlBox(plant, side, timeout_ms) for side in range(2))
@@ -116,7 +114,7 @@ class SimulatedCell:
     def _observe(self) -> None:
         self._sensors.sense()
         self.tracker.update()
-        reflexes.judge_states(self.states, self._overload, self._masks)
+        reflexes.judge_states(self.states, self._tolerances, self._masks)
         for side, box in enumerate(self.boxes):
             if self._masks[side] and box.mode == RobotMode.MOVE:
                 box.trip(int(self._masks[side]))
@@ -128,9 +126,7 @@ class SimulatedCell:
         """Clear the reflex of arm 0 (left) or 1 (right). Raises RecoveryRefused while its cause persists."""
         persisting = error_names(self.boxes[side].errors & int(self._masks[side]))
         if persisting:
-            raise RecoveryRefused(
-                f"the cause persists: {', '.join(persisting)}; move the {SIDES[side]} arm back first"
-            )
+            raise RecoveryRefused(f"the cause persists: {', '.join(persisting)}; move the {SIDES[side]} arm back first")
         self.boxes[side].recover()
 
     def as_cell(self, name: str) -> Cell:
@@ -177,6 +173,4 @@ def nominal_cell(
     """Return a cell without scatter, noise or quantisation, in lockstep. For tests of what is exact."""
     layout = load_scene()
     parameters = (load_plant_parameters() if parameters is None else parameters).nominal()
-    return SimulatedCell(
-        Plant.nominal(layout, parameters, object_name, displacement_m), layout, parameters, seed=0
-    )
+    return SimulatedCell(Plant.nominal(layout, parameters, object_name, displacement_m), layout, parameters, seed=0)

@@ -1,11 +1,11 @@
 """Contact stiffness and damping: physical numbers into MuJoCo's direct solref.
 
-MuJoCo holds a contact point with f = (a_ref - a_0) / (A + R) with
-a_ref = -(b / d) v - (k / d) r and R = A_diag (1 - d) / d, for solref = (-k, -b) and a constant impedance d; k and b are mass-normalised (1/s^2, 1/s). At rest
-this is a spring of k / ((1 - d) A_diag) newton a metre whatever d is; with a small d it is that spring, and
-the damper b / ((1 - d) A_diag), in motion too. A_diag is what the compiler estimated for the two bodies, so
-the wanted stiffness K and damping C of one point give k = K (1 - d) A_diag and b = C (1 - d) A_diag. Four
-points, the corners of the pad's face or of the object's base, share a face.
+MuJoCo holds a contact point with f = (a_ref - a_0) / (A + R), where a_ref = -(b / d) v - (k / d) r and R =
+A_diag (1 - d) / d, for solref = (-k, -b) and a constant impedance d; k and b are mass-normalised (1/s^2,
+1/s). At rest this is a spring of k / ((1 - d) A_diag) newton a metre whatever d is; with a small d it is that
+spring, and the damper b / ((1 - d) A_diag), in motion too. A_diag is what the compiler estimated for the two
+bodies, so the wanted stiffness K and damping C of one point give k = K (1 - d) A_diag and b = C (1 - d)
+A_diag. Four points, the corners of the pad's face or of the object's base, share a face.
 """
 
 from math import sqrt

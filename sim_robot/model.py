@@ -73,9 +73,7 @@ def _add_arm(world: Element, side: str, place: ArmPlacement, arm: ArmDescription
         inertial.set("fullinertia", _text((I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2])))
         for number, capsule in enumerate(link.capsules):
             T = capsule.T_link_capsule
-            geom = SubElement(
-                body, "geom", name=f"{side}_{link.name}_{number}", type="capsule", pos=_text(T[:3, 3])
-            )
+            geom = SubElement(body, "geom", name=f"{side}_{link.name}_{number}", type="capsule", pos=_text(T[:3, 3]))
             geom.set("quat", _text(_quaternion(T[:3, :3])))
             geom.set("size", _text((capsule.radius, capsule.half_length)))
             _collides(geom, side)
@@ -89,9 +87,7 @@ def _add_arm(world: Element, side: str, place: ArmPlacement, arm: ArmDescription
     _collides(geom, side)
 
 
-def cell_xml(
-    scene: Scene, object_name: str, placement: ObjectPlacement, arms: tuple[ArmDescription, ...]
-) -> str:
+def cell_xml(scene: Scene, object_name: str, placement: ObjectPlacement, arms: tuple[ArmDescription, ...]) -> str:
     """Return the MJCF of the cell with this object. `arms` are the drawn descriptions (left, right)."""
     thing, table = scene.find(object_name), scene.table
     root = Element("mujoco", model=scene.name)
@@ -99,14 +95,12 @@ def cell_xml(
     option = SubElement(root, "option", timestep=repr(TIMESTEP_S), integrator="implicitfast", cone="elliptic")
     option.set("gravity", f"0 0 {-GRAVITY}")
     option.set("impratio", repr(scene.contact.friction_ratio))
-    # a simulation that diverges must stop, not start again in silence
-    SubElement(option, "flag", autoreset="disable")
+    # a simulation that diverges must stop, not start again in silence; islands cost more than they save here
+    SubElement(option, "flag", autoreset="disable", island="disable")
     world = SubElement(root, "worldbody")
     for side, place, arm in zip(SIDES, (scene.left, scene.right), arms, strict=True):
         _add_arm(world, side, place, arm, scene)
-    geom = SubElement(
-        world, "geom", name="table", type="box", pos=_text((*table.centre_xy, table.top_z / 2.0))
-    )
+    geom = SubElement(world, "geom", name="table", type="box", pos=_text((*table.centre_xy, table.top_z / 2.0)))
     geom.set("size", _text((table.size_xy[0] / 2.0, table.size_xy[1] / 2.0, table.top_z / 2.0)))
     geom.set("friction", f"{table.friction!r} 0 0")
     _collides(geom, "table")

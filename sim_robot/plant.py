@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 
 class SimulationDiverged(HardwareError):
-    """The simulation produced a number that is not finite, and cannot go on."""
+    """The simulation produced an absurd velocity or a number that is not finite, and cannot go on."""
 
 
 def pad_face(place: ArmPlacement, face_offset_z: float) -> Array:
@@ -117,7 +117,7 @@ class Plant:
         self.ticks += 1
         if not advance_millisecond(*self._arguments):
             raise SimulationDiverged(
-                f"the simulation diverged {self.ticks} ms after its start (a velocity is not finite); "
+                f"the simulation diverged {self.ticks} ms after its start (a velocity beyond reason); "
                 "start a new trial, and look at the last commanded torques"
             )
 

@@ -15,9 +15,7 @@ def _check(record: object, positive: tuple[str, ...], not_negative: tuple[str, .
         value = getattr(record, name)
         for item in value if isinstance(value, tuple) else (value,):
             if item < 0.0 or (item == 0.0 and name in positive):
-                raise ValueError(
-                    f"{name} must {'be positive' if name in positive else 'not be negative'}: {item}"
-                )
+                raise ValueError(f"{name} must {'be positive' if name in positive else 'not be negative'}: {item}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,13 +98,14 @@ class TrackerParameters:
 
 @dataclass(frozen=True, slots=True)
 class ReflexParameters:
-    """What the robot tolerates: factor on the torque range, ms without a command."""
+    """What the robot tolerates: factor on the torque range, rad/s over the velocity limit, ms unanswered."""
 
     tau_J_overload: float
+    velocity_tolerance: float
     communication_timeout_ms: int
 
     def __post_init__(self) -> None:
-        _check(self, ("tau_J_overload", "communication_timeout_ms"), ())
+        _check(self, ("tau_J_overload", "communication_timeout_ms"), ("velocity_tolerance",))
 
 
 @dataclass(frozen=True, slots=True)

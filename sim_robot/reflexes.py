@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from hal.limits import CONTROL_PERIOD_S, FR3
 from hal.robot_errors import error_bit
 from sim_robot.arm_description import JOINTS
+from sim_robot.plant_parameters import ReflexParameters
 
 Array = NDArray[np.float64]
 
@@ -38,7 +39,7 @@ def _step_too_large(tau, tau_last, largest):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _judge(states, limits, overload, position, velocity, torque, masks):
+def _judge(states, limits, overload, spare, position, velocity, torque, masks):
     for arm in range(2):
         state, mask = states[arm], 0
         for j in range(JOINTS):
@@ -47,7 +48,7 @@ def _judge(states, limits, overload, position, velocity, torque, masks):
                 mask |= position
             above = sqrt(2.0 * limits[4, j] * max(limits[1, j] - q, 0.0)) - limits[3, j]
             below = sqrt(2.0 * limits[4, j] * max(q - limits[0, j], 0.0)) - limits[3, j]
-            if dq > min(limits[2, j], max(0.0, above)) or -dq > min(limits[2, j], max(0.0, below)):
+            if dq - spare > min(limits[2, j], max(0.0, above)) or -dq - spare > min(limits[2, j], max(0.0, below)):
                 mask |= velocity
             if abs(state.tau_J[j]) > overload * limits[5, j]:
                 mask |= torque
@@ -59,10 +60,11 @@ def judge_command(tau: Array, tau_last: Array) -> int:
     return TORQUE_DISCONTINUITY if _step_too_large(tau, tau_last, _LARGEST_STEP) else 0
 
 
-def judge_states(states: NDArray[np.void], tau_J_overload: float, masks: NDArray[np.int64]) -> None:
+def judge_states(states: NDArray[np.void], tolerances: ReflexParameters, masks: NDArray[np.int64]) -> None:
     """Write the errors of both states (2,) into masks (2,): position, velocity, torque beyond limits.
 
-    The velocity limit shrinks towards the position limits as hal.limits says; torque trips at
-    `tau_J_overload` times the range.
+    The velocity limit shrinks to zero towards the position limits, as hal.limits says, and may be passed by
+    `velocity_tolerance`. Torque trips at `tau_J_overload` times the range.
     """
-    _judge(states, _LIMITS, tau_J_overload, POSITION_LIMITS, VELOCITY, TORQUE_RANGE, masks)
+    overload, spare = tolerances.tau_J_overload, tolerances.velocity_tolerance
+    _judge(states, _LIMITS, overload, spare, POSITION_LIMITS, VELOCITY, TORQUE_RANGE, masks)

@@ -27,9 +27,7 @@ class DrawnArm:
     gravity_factor: Array
 
 
-def draw_arm(
-    description: ArmDescription, parameters: PlantParameters, generator: np.random.Generator
-) -> DrawnArm:
+def draw_arm(description: ArmDescription, parameters: PlantParameters, generator: np.random.Generator) -> DrawnArm:
     """Draw one arm. The order of the draws is fixed, so that a seed names a plant."""
     joints, scatter = parameters.joints, parameters.scatter
 

@@ -1,0 +1,85 @@
+"""Two arms grip the rice box, lift it and hold it: the contact as the controller will meet it."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from sim_rigid_arm import RigidArm
+
+from sim_robot.cell import SimulatedCell, simulated_cell
+from sim_robot.scene import load_scene
+
+STIFFNESS = np.diag([1000.0, 1000.0, 2000.0, 30.0, 30.0, 30.0])
+DAMPING = np.diag([60.0, 60.0, 80.0, 2.0, 2.0, 2.0])
+SPEED = 0.2  # m/s, approach
+
+
+class SpringGrip:
+    """A Cartesian spring at each pad: its rest position comes together until it presses, then rises by 0.1 m."""
+
+    def __init__(self, cell: SimulatedCell, press_n: float) -> None:
+        self._cell = cell
+        self._travel = 0.2 + press_n / STIFFNESS[1, 1]
+        self._arm = RigidArm(load_scene().pad)
+        self._start = [self._arm.pose(arm.read().q) for arm in (cell.left, cell.right)]
+        self._tau = np.zeros((2, 7))
+        self.time_s = 0.0
+
+    def run(self, seconds: float) -> np.ndarray:
+        """Tick both arms; return the object's position, ms by ms, (n, 3)."""
+        cell, positions = self._cell, []
+        for _ in range(round(seconds * 1e3)):
+            for side, (arm, inwards) in enumerate(((cell.left, -1.0), (cell.right, 1.0))):
+                state = arm.read()
+                arm.write(self._torque(side, inwards, state.q, state.record["dq"][0]))
+            self.time_s += 1e-3
+            positions.append(cell.object_truth()[0])
+        return np.array(positions)
+
+    def _torque(self, side: int, inwards: float, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
+        J, T, start = self._arm.jacobian(q), self._arm.pose(q), self._start[side]
+        lift = np.clip(0.1 * (self.time_s - 1.5), 0.0, 0.1)
+        target = start.translation + (0.0, inwards * min(self._travel, SPEED * self.time_s), lift)
+        error = np.concatenate([target - T.translation, T.rotation @ pin.log3(T.rotation.T @ start.rotation)])
+        wanted = J.T @ (STIFFNESS @ error - DAMPING @ (J @ dq)) - 0.3 * dq
+        self._tau[side] += np.clip(wanted - self._tau[side], -1.0, 1.0)
+        return self._tau[side]
+
+
+def test_the_box_is_lifted_and_does_not_creep() -> None:
+    cell = simulated_cell("rice_box", 0.01, seed=3)
+    weight = load_scene().objects["rice_box"].mass * 9.81
+    grip = SpringGrip(cell, press_n=35.0)
+    grip.run(3.5)
+    held = grip.run(3.0)
+    assert held[0, 2] == pytest.approx(0.4, abs=0.01)
+    assert np.linalg.norm(held[-1] - held[0]) < 2e-3
+    # what the robot reports of it: a squeeze of equal and opposite forces, and half of the weight each
+    wrenches = cell.states["O_F_ext_hat_K"]
+    assert wrenches[0, 1] == pytest.approx(-wrenches[1, 1], abs=2.0)
+    assert -45.0 < wrenches[0, 1] < -25.0
+    assert wrenches[:, 2].sum() == pytest.approx(weight, rel=0.05)
+
+
+def test_the_pads_are_as_stiff_as_the_scene_says() -> None:
+    """At rest, force over penetration is the series of pad and wall, within 5 %."""
+    cell = simulated_cell("rice_box", 0.0, seed=3)
+    SpringGrip(cell, press_n=35.0).run(1.45)
+    data, model = cell.plant.data, cell.plant.model
+    pad = model.geom("left_pad").id
+    points = [i for i, c in enumerate(data.contact) if pad in (c.geom1, c.geom2)]
+    assert len(points) == 4
+    penetration = -np.mean([data.contact[i].dist for i in points])
+    force = np.abs(cell.states["O_F_ext_hat_K"][0, 1])
+    scene = load_scene()
+    expected = 1.0 / (1.0 / scene.pad.stiffness + 1.0 / scene.objects["rice_box"].stiffness)
+    assert force / penetration == pytest.approx(expected, rel=0.05)
+
+
+def test_a_grip_that_is_too_weak_leaves_the_box_on_the_table() -> None:
+    """Friction is finite: two pads at 4 N carry 7 N of the box's 12."""
+    cell = simulated_cell("rice_box", 0.0, seed=3)
+    start = cell.object_truth()[0]
+    lifted = SpringGrip(cell, press_n=4.0).run(3.0)
+    pads = cell.plant.data.xpos[[cell.plant.model.body(f"{side}_pad").id for side in ("left", "right")]]
+    assert pads[:, 2].min() > start[2]
+    assert lifted[-1, 2] == pytest.approx(start[2], abs=1e-3)

@@ -1,0 +1,113 @@
+"""The scene: what is written in it, what it refuses, and where objects may stand."""
+
+import re
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sim_rigid_arm import RigidArm
+
+from hal.errors import ObjectOutOfReach, UnknownObject
+from sim_robot.cell import simulated_cell
+from sim_robot.plant_parameters import load_plant_parameters
+from sim_robot.scene import load_scene
+from sim_robot.strict_toml import BadParameterFile
+
+GRAB = (files("sim_robot") / "scenes" / "grab.toml").read_text(encoding="utf-8")
+PLANT = (files("sim_robot") / "parameters" / "plant.toml").read_text(encoding="utf-8")
+
+
+def changed(tmp_path: Path, text: str, old: str, new: str) -> Path:
+    assert old in text
+    path = tmp_path / "changed.toml"
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("top_z = 0.2", "top_z = 0.2\ncolour = 3", "unknown key 'colour'"),
+        ("top_z = 0.2", "", "missing key 'top_z'"),
+        ("top_z = 0.2", 'top_z = "high"', "table: top_z: expected float, got 'high'"),
+        ("top_z = 0.2", "top_z = true", "top_z: expected float"),
+        ("top_z = 0.2", "top_z = nan", "top_z: expected a finite number"),
+        ("top_z = 0.2", "top_z = -0.2", "top_z must be positive"),
+        ("size = [0.1, 0.1, 0.03]", "size = [0.1, 0.1]", "size: expected 3 values, got 2"),
+        ("mass = 1.25", "mass = 0", "objects.rice_box: mass must be positive"),
+        ("impedance = 0.1", "impedance = 1.0", "impedance must be within"),
+        ("wxyz = [1.0", "wxyz = [1.1", "unit quaternion"),
+        ('name = "grab"', "name = ", "not valid TOML"),
+    ],
+)
+def test_a_bad_scene_names_what_is_wrong(tmp_path: Path, old: str, new: str, message: str) -> None:
+    with pytest.raises(BadParameterFile, match=re.escape(message)):
+        load_scene(changed(tmp_path, GRAB, old, new))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("q_noise = 2e-6", "q_noise = -1", "q_noise must not be negative"),
+        ("rate_hz = 250.0", "rate_hz = 300.0", "rate_hz must divide 1000"),
+        ("communication_timeout_ms = 20", "communication_timeout_ms = 20.5", "expected int, got 20.5"),
+        ("K = [14250.0, ", "K = [", "K: expected 7 values, got 6"),
+    ],
+)
+def test_bad_plant_parameters_name_what_is_wrong(tmp_path: Path, old: str, new: str, message: str) -> None:
+    with pytest.raises(BadParameterFile, match=re.escape(message)):
+        load_plant_parameters(changed(tmp_path, PLANT, old, new))
+
+
+def test_home_puts_the_pads_face_to_face_in_front_of_the_object() -> None:
+    scene = load_scene()
+    arm = RigidArm(scene.pad)
+    for place, side in ((scene.left, 1.0), (scene.right, -1.0)):
+        T = arm.pose(np.array(place.home))
+        assert T.translation + place.T_world_base_position == pytest.approx([0.0, 0.35 * side, 0.26], abs=1e-5)
+        assert T.rotation == pytest.approx(np.array([[1, 0, 0], [0, 0, -side], [0, side, 0]]), abs=1e-5)
+    mirrored = np.array(scene.left.home) * (-1, 1, -1, 1, -1, 1, -1)
+    assert np.array_equal(mirrored, scene.right.home)
+
+
+@pytest.mark.parametrize("name", sorted(load_scene().objects))
+def test_every_object_stands_still_on_the_table_and_touches_nothing_else(name: str) -> None:
+    cell = simulated_cell(name, 0.03, seed=5)
+    start, _ = cell.object_truth()
+    for _ in range(200):
+        cell.left.read()
+    position, wxyz = cell.object_truth()
+    assert np.abs(position - start)[:2].max() < 1e-4
+    assert 0.0 <= start[2] - position[2] < 1e-3  # what it sinks into its own stiffness
+    assert abs(wxyz[1]) + abs(wxyz[2]) < 1e-4
+    touching = {frozenset((cell.plant.model.geom(c.geom1).name, cell.plant.model.geom(c.geom2).name))
+                for c in cell.plant.data.contact}  # fmt: skip
+    assert touching == {frozenset(("table", "object"))}
+
+
+def test_an_unknown_object_is_answered_with_the_known_names() -> None:
+    with pytest.raises(UnknownObject, match=r"'brick'.*bottles.*rice_box"):
+        simulated_cell("brick", 0.0, seed=0)
+
+
+@pytest.mark.parametrize("displacement_m", [0.2, -0.2, 1.0, float("nan")])
+def test_an_object_in_a_pads_place_is_out_of_reach(displacement_m: float) -> None:
+    with pytest.raises(ObjectOutOfReach, match=re.escape("allowed are -190 to +190 mm")):
+        simulated_cell("rice_box", displacement_m, seed=0)
+
+
+def test_an_object_off_the_table_is_out_of_reach(tmp_path: Path) -> None:
+    narrow = changed(tmp_path, GRAB, "size_xy = [0.56, 0.8]", "size_xy = [0.56, 0.4]")
+    assert simulated_cell("rice_box", 0.049, seed=0, scene=narrow).object_truth()[0][1] == pytest.approx(
+        0.049, abs=5e-3
+    )
+    with pytest.raises(ObjectOutOfReach, match=re.escape("allowed are -50 to +50 mm")):
+        simulated_cell("rice_box", 0.051, seed=0, scene=narrow)
+
+
+def test_placement_scatters_by_about_a_millimetre_with_the_seed() -> None:
+    starts = np.array([simulated_cell("rice_box", 0.03, seed).object_truth()[0] for seed in range(30)])
+    offset = starts[:, :2] - (0.0, 0.03)
+    assert 0.6e-3 < offset.std() < 1.5e-3
+    assert np.abs(offset.mean(axis=0)).max() < 4 * 1e-3 / np.sqrt(30)
