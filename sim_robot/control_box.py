@@ -24,6 +24,7 @@ class ControlBox:
         self._waiting = False  # a torque that the plant has not felt yet
         self._lost = 0
         self._arrived = _ALL_ARRIVED
+        reflexes.judge_command(self._tau, self._tau)  # compile, or load from the cache, before a clock runs
 
     @property
     def error_names(self) -> tuple[str, ...]:

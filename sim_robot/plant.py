@@ -1,6 +1,7 @@
 """The plant: two arms with flexible joints and an object between them, stepped by the millisecond."""
 
 import mujoco
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -93,6 +94,8 @@ class Plant:
             data.xanchor, data.xaxis, data.subtree_com, self.model.body_subtreemass,
             np.array(cell.link1_bodies, dtype=np.int64), self.joints, self.motors,
         )  # fmt: skip
+        # compile, or load from the cache, before a clock runs
+        advance_millisecond.compile(tuple(numba.typeof(argument) for argument in self._arguments))
 
     def _fill(self, side: int, arm: DrawnArm, parameters: PlantParameters) -> None:
         joint, motor, data = self.joints[side], self.motors[side], self.data

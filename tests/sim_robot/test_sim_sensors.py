@@ -1,5 +1,8 @@
 """What the robot reports: noise without contact, known forces, what is rounded, and what is not known."""
 
+from importlib.resources import files
+from pathlib import Path
+
 import numpy as np
 import pytest
 from sim_rigid_arm import RigidArm
@@ -37,6 +40,21 @@ def test_a_known_force_on_the_pad_appears_within_five_percent(side: int, axis: i
     assert np.linalg.norm(mean[side, :3] + force) < 0.05 * 20.0
     assert np.linalg.norm(mean[side, 3:]) < 0.05 * 20.0 * 0.1
     assert np.linalg.norm(mean[1 - side, :3]) < 0.2
+
+
+def test_the_wrench_is_along_the_axes_of_a_turned_base(tmp_path: Path) -> None:
+    text = (files("sim_robot") / "scenes" / "grab.toml").read_text(encoding="utf-8")
+    half = np.deg2rad(10.0) / 2.0
+    turned = tmp_path / "turned.toml"
+    old, new = "wxyz = [1.0, 0.0, 0.0, 0.0]", f"wxyz = [{np.cos(half)}, 0.0, 0.0, {np.sin(half)}]"
+    turned.write_text(text.replace(old, new, 1), encoding="utf-8")
+    cell = simulated_cell("rice_box", 0.0, seed=2, scene=turned)
+    force = np.array([20.0, 5.0, 0.0])
+    cell.apply_pad_force(0, force)
+    mean = wrenches(cell, 400)[200:, 0, :3].mean(axis=0)
+    c, s = np.cos(2.0 * half), np.sin(2.0 * half)
+    in_base = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ force
+    assert np.linalg.norm(mean + in_base) < 0.05 * np.linalg.norm(force)
 
 
 def test_the_force_rises_with_the_time_constant_of_30_hz() -> None:
