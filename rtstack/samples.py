@@ -5,7 +5,7 @@ wrenches and twists are [linear, angular] along the world's axes about the pad's
 that the controller wants to act on the end effector.
 """
 
-from enum import IntEnum
+from enum import IntEnum, StrEnum
 
 import numpy as np
 
@@ -36,6 +36,13 @@ class QpStatus(IntEnum):
     INFEASIBLE = 3
     ITERATIONS_EXHAUSTED = 4
     WRONG_ANSWER = 5  # the solver says solved, the optimality conditions say no
+
+
+class QpSolver(StrEnum):
+    """Which library answers."""
+
+    PROXQP = "proxqp"
+    DAQP = "daqp"
 
 
 # hal's state and the torques: what the controller wanted, and what the safety judge let through

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from rtstack.samples import QpSolver
 from rtstack.trials.specification import Controller
 
 app = typer.Typer(
@@ -95,12 +96,13 @@ def up(
 @bench_app.command("tick")
 def bench_tick(
     ticks: Annotated[int, typer.Option(help="Ticks of each kind.", min=100)] = 3000,
+    solver: Annotated[QpSolver | None, typer.Option(help="QP solver; the default is the stack's.")] = None,
     json: Json = False,
 ) -> None:
     """The dual-arm tick and its parts, beside the same tick in plain numpy, in one run."""
     from rtstack.cli.bench import tick as run
 
-    run(ticks, json)
+    run(ticks, solver, json)
 
 
 def main() -> None:

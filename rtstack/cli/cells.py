@@ -4,6 +4,7 @@ from importlib.resources import as_file, files
 from pathlib import Path
 
 from hal.cell import Cell
+from rtstack.live.source import CellSource
 from rtstack.model.cell_description import CellDescription, load_cell_description
 from rtstack.trials.errors import TrialError
 
@@ -34,3 +35,14 @@ def open_cell(kind: str, object_name: str, displacement_m: float, seed: int) -> 
 
     clock = RealtimeClock() if kind == "realtime" else None
     return simulated_cell(object_name, displacement_m, seed, clock=clock).as_cell(kind)
+
+
+def live_source(description: Path) -> CellSource:
+    """Return the simulated cell, in real time, for the robot process. Raises ConfigurationError."""
+
+    def open_live(object_name: str, displacement_m: float, seed: int) -> Cell:
+        return open_cell("realtime", object_name, displacement_m, seed)
+
+    return CellSource(
+        kind="realtime", description=load_cell_description(description), file=description, open_cell=open_live
+    )

@@ -51,7 +51,7 @@ def trial(
             log = None
             if log_path is not None:
                 recording = Attachment("reference.mcap", "application/octet-stream", reference.read_bytes())
-                log = open_log(log_path, specification, description, cell_kind, source, [recording])
+                log = open_log(log_path, specification, description, cell_kind, source, [recording], reference=prepared.reference)
             result = run_trial(prepared, cell, log=log, stop=stop, progress=progress)
     finally:
         cell.close()

@@ -1,7 +1,6 @@
 """The controller's numbers, each with its source: Table I of the reference-spreading paper unless said otherwise."""
 
 from dataclasses import dataclass, field
-
 from typing import Any
 
 import numpy as np

@@ -11,12 +11,17 @@ from hal.limits import FR3
 from rtstack.control.detector import ImpactDetector
 from rtstack.control.law import force_norm, observe, pose_problem, torque
 from rtstack.control.modes import ModeMachine
-from rtstack.control.parameters import ControlParameters, DetectorParameters, FrictionParameters, InertiaParameters
-from rtstack.control.program import QpSolver, program
+from rtstack.control.parameters import (
+    ControlParameters,
+    DetectorParameters,
+    FrictionParameters,
+    InertiaParameters,
+)
+from rtstack.control.program import program
 from rtstack.control.records import SETPOINT, WORKSPACE
 from rtstack.control.setpoint import choose
 from rtstack.model.arm_model import ArmModel
-from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, Mode, QpStatus
+from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, Mode, QpSolver, QpStatus
 
 ANTE, INTERIM, POST = 0, 1, 2
 _BLEND = {Mode.TELEOPERATION: ANTE, Mode.ANTE_IMPACT: ANTE, Mode.INTERIM: INTERIM, Mode.POST_IMPACT: POST}

@@ -125,7 +125,10 @@ class Robot:
         if self._mailbox.stop_requested:
             raise TrialError("stopped by the operator before it began")
         attachments = () if prepared is None else (_reference(Path(prepared.specification.reference)),)
-        opened = open_log(log, order.specification(), description, cell.name, self._source.file, attachments)
+        reference = prepared.reference if prepared is not None else None
+        opened = open_log(
+            log, order.specification(), description, cell.name, self._source.file, attachments, reference=reference
+        )
         self._desk.started(log.name)
         self._idle.tell(Level.INFO, f"{order.verb} started: {log.name}")
         live, stop, progress = self._rings, self._mailbox, self._desk.progress

@@ -50,9 +50,10 @@ class JudgeParameters:
     measured_torque_fraction: float = 1.0
     # braking: the deceleration of the position-dependent velocity limits is at least this (FR3: 10 rad/s^2 anyhow)
     braking_rad_s2: float = 10.0
-    # the hold after a stop: stiff enough to stay, soft enough not to ring with the joints' elasticity
-    hold_stiffness: tuple[float, ...] = (600.0, 600.0, 600.0, 600.0, 250.0, 150.0, 50.0)  # Nm/rad, libfranka's example
-    hold_damping: tuple[float, ...] = (50.0, 50.0, 50.0, 50.0, 30.0, 25.0, 15.0)  # Nms/rad, libfranka's example
+    # the hold after a stop: stiff enough to stay, damped critically with the smallest inertia that a joint can have
+    # (wrist: B_theta 0.067 and a link of some 0.02 kg m^2), so that it does not ring with the joints' elasticity
+    hold_stiffness: tuple[float, ...] = (600.0, 600.0, 600.0, 600.0, 100.0, 80.0, 40.0)  # Nm/rad
+    hold_damping: tuple[float, ...] = (50.0, 50.0, 50.0, 50.0, 6.0, 5.5, 4.0)  # Nms/rad
     # the torque that is held through a stop is the mean of about this long
     hold_average_s: float = 0.02
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from rtstack.control.modes import ModeMachine, Strategy
 from rtstack.control.parameters import ControlParameters, DetectorParameters, FrictionParameters, InertiaParameters
-from rtstack.control.program import QpSolver
+from rtstack.samples import QpSolver
 from rtstack.control.records import POINT
 from rtstack.control.tick import ArmController, DualArmController
 from rtstack.model.arm_model import ArmModel

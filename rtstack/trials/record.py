@@ -11,6 +11,7 @@ from hal.description import fr3_urdf
 from rtstack.log.ring import Rings
 from rtstack.log.writer import Attachment, CellFrames, LogProcess
 from rtstack.model.cell_description import CellDescription, base_frame
+from rtstack.references.spreading import ExtendedReference
 from rtstack.trials.provenance import git_commit, host_report, package_versions
 from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 
@@ -53,16 +54,17 @@ def open_log(
     cell_file: Path,
     attachments: Sequence[Attachment] = (),
     *,
+    reference: ExtendedReference | None = None,
     overwrite: bool = False,
 ) -> TrialLog:
-    """Start the log of a trial. Raises LogError where it cannot be written."""
+    """Start the log of a trial, with its reference's times where it has one. Raises LogError where it cannot be written."""
     lockstep = cell_kind in ("direct", "lockstep")
     rings = Rings.create()
     try:
         process = LogProcess.start(
             path,
             rings,
-            {"trial": trial_metadata(specification, cell_kind)},
+            {"trial": trial_metadata(specification, cell_kind, reference)},
             [
                 Attachment("cell.toml", "application/toml", cell_file.read_bytes()),
                 Attachment("fr3.urdf", "application/xml", fr3_urdf().encode()),
@@ -78,10 +80,15 @@ def open_log(
 
 
 def trial_metadata(
-    specification: TrialSpecification | DemonstrationSpecification, cell_kind: str
+    specification: TrialSpecification | DemonstrationSpecification,
+    cell_kind: str,
+    reference: ExtendedReference | None,
 ) -> dict[str, str]:
     """Return the metadata record `trial`: nested values are JSON."""
     kind = "trial" if isinstance(specification, TrialSpecification) else "demonstration"
+    times = {}
+    if reference is not None:
+        times = {"nominal_impact_s": repr(reference.nominal_impact_s), "release_s": repr(reference.release_s)}
     return {
         "kind": kind,
         "specification": json.dumps(specification.as_dict()),
@@ -91,6 +98,7 @@ def trial_metadata(
         "versions": json.dumps(package_versions()),
         "git_commit": git_commit(),
         "host": json.dumps(host_report()),
+        **times,
     }
 
 

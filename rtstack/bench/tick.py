@@ -1,0 +1,223 @@
+"""The dual-arm tick, its parts, and the same tick in plain numpy, turn by turn in one run on the same states.
+
+The states come from a walk around the cell's home pose. In every other constrained tick the torque limit of one joint is
+lowered below what it carries, so that the solver has to answer.
+"""
+
+import time
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtstack.control.modes import ModeMachine, Strategy
+from rtstack.control.plain import PlainArm, PlainSetpoint, PlainState
+from rtstack.control.records import POINT
+from rtstack.control.tick import ArmController, DualArmController
+from rtstack.model.arm_model import ArmModel
+from rtstack.model.cell_description import CellDescription
+from rtstack.safety.judge import SafetyJudge
+from rtstack.samples import Mode, QpSolver, QpStatus
+from rtstack.trials.assembly import Parameters, arm_controllers
+
+Array = NDArray[np.float64]
+WARM_UP = 200  # ticks that are not counted
+
+
+@dataclass(frozen=True, slots=True)
+class TickBenchmark:
+    """Times of the whole dual-arm tick in us, and what they are compared with.
+
+    tick_*: no limit active. constrained_*: a limit active in half of the ticks. model, observe, command, judge: parts
+    of the tick without a limit, p50. speedup: plain numpy over compiled, p50 over p50, no limit active.
+    largest_difference: between both torques, Nm, over all ticks without a limit.
+    """
+
+    ticks: int
+    solver: str
+    tick_us_p50: float
+    tick_us_p99: float
+    numpy_tick_us_p50: float
+    numpy_tick_us_p99: float
+    speedup: float
+    constrained_tick_us_p50: float
+    constrained_tick_us_p99: float
+    constrained_numpy_tick_us_p50: float
+    constrained_share: float
+    unsolved: int
+    model_us_p50: float
+    observe_us_p50: float
+    command_us_p50: float
+    judge_us_p50: float
+    largest_difference: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the benchmark as JSON-ready values."""
+        return asdict(self)
+
+
+class _Pair:
+    """Both implementations of one dual-arm tick, fed with the same states."""
+
+    def __init__(self, description: CellDescription, parameters: Parameters, rng: np.random.Generator) -> None:
+        self.arms = arm_controllers(description, parameters)
+        machine = ModeMachine(Strategy.PROPOSED, parameters.control, 1e9)
+        machine.begin(Mode.ANTE_IMPACT)
+        self.controller = DualArmController(*self.arms, machine)
+        self.judges = (SafetyJudge(), SafetyJudge())
+        mountings = (description.left, description.right)
+        self.plain = tuple(
+            PlainArm(
+                ArmModel(mounting, description.pad), parameters.control, parameters.detector, parameters.inertia,
+                parameters.friction, parameters.solver,
+            )
+            for mounting in mountings
+        )  # fmt: skip
+        self.homes = [np.array(mounting.home) for mounting in mountings]
+        self.stiffness = np.array(parameters.control.stiffness)
+        self.points = [np.zeros(1, POINT) for _ in range(2)]
+        self._rng = rng
+        self._phase = rng.uniform(0.0, 2 * np.pi, (2, 7))
+
+    def pose(self, k: int, constrain: bool) -> tuple[list[PlainState], list[PlainSetpoint]]:
+        """Put the state and the reference of tick k into both implementations."""
+        states, setpoints = [], []
+        for a, arm in enumerate(self.arms):
+            t = 1e-3 * k
+            q = self.homes[a] + 0.1 * np.sin(2.0 * t + self._phase[a])
+            dq = 0.2 * np.cos(2.0 * t + self._phase[a])
+            noise = self._rng.normal(size=13)
+            state = PlainState(q, dq, arm.workspace["gravity"][0] + noise[:7] * 0.05, noise[7:] * 0.2)
+            point = self.points[a]
+            arm.model.update(q, dq)
+            point["position"][0] = arm.model.p7 + arm.model.R7 @ arm.model.face + 0.01 * np.sin(t + self._phase[a, :3])
+            point["rotation"][0] = arm.model.R7 @ arm.model.R_joint_ee
+            point["twist"][0, :3] = 0.02 * np.cos(t + self._phase[a, :3])
+            point["xi"][0] = q[0]
+            for implementation in (arm, self.plain[a]):
+                implementation.tau_max[:] = (87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0)
+                if constrain:
+                    # less than the joint needs to carry the arm: the torque row is active whatever is wanted
+                    implementation.tau_max[1] = 0.5 * abs(arm.model.g[1])
+            sample = arm.sample
+            sample["q"][0], sample["dq"][0], sample["tau_J"][0] = q, dq, state.tau_J
+            sample["O_F_ext_hat_K"][0] = state.O_F_ext_hat_K
+            states.append(state)
+            setpoints.append(
+                PlainSetpoint(
+                    point["position"][0], point["rotation"][0], point["twist"][0], point["wrench_ff"][0], q[0], 0.0, 0.0,
+                    1.0, self.stiffness, arm.parameters.posture_gain,
+                )
+            )  # fmt: skip
+        return states, setpoints
+
+    def compiled(self) -> tuple[int, list[Array], int]:
+        """Run the compiled tick; return its time in ns, its torques, and the worst QP status."""
+        began = time.perf_counter_ns()
+        for arm in self.arms:
+            arm.observe()
+        self.controller.decide(0.0)
+        worst = 0
+        self.choose()
+        for arm in self.arms:
+            worst = max(worst, arm.command(Mode.ANTE_IMPACT))
+        self.controller.finish()
+        for arm, judge in zip(self.arms, self.judges, strict=True):
+            judge.judge(arm.sample)
+            arm.applied()
+        elapsed = time.perf_counter_ns() - began
+        return elapsed, [arm.sample["tau_desired"][0].copy() for arm in self.arms], worst
+
+    def choose(self) -> None:
+        """Make the references of this tick the setpoints of both arms."""
+        for arm, point in zip(self.arms, self.points, strict=True):
+            self.controller.choose(arm, point, point, 0, self.stiffness)
+
+    def numpy(self, states: list[PlainState], setpoints: list[PlainSetpoint]) -> tuple[int, list[Array]]:
+        """Run the plain tick; return its time in ns and its torques."""
+        began = time.perf_counter_ns()
+        outputs = [arm.tick(s, p) for arm, s, p in zip(self.plain, states, setpoints, strict=True)]
+        return time.perf_counter_ns() - began, [output.tau_desired for output in outputs]
+
+    def agree_on_the_past(self) -> None:
+        """Start the next tick of both implementations from the torque that was applied."""
+        for arm, plain in zip(self.arms, self.plain, strict=True):
+            plain.tau_previous = arm.sample["tau_applied"][0].copy()
+
+
+def bench_tick(
+    description: CellDescription, parameters: Parameters, ticks: int, seed: int = 0
+) -> TickBenchmark:
+    """Measure `ticks` ticks without an active limit, and as many with one in half of them."""
+    rng = np.random.default_rng(seed)
+    pair = _Pair(description, parameters, rng)
+    times: dict[tuple[bool, str], list[int]] = {(c, n): [] for c in (False, True) for n in ("compiled", "numpy")}
+    largest = 0.0
+    solved = unsolved = 0
+    for constrained in (False, True):
+        for k in range(WARM_UP + ticks):
+            states, setpoints = pair.pose(k, constrained and k % 2 == 1)
+            compiled_ns, compiled, worst = pair.compiled()
+            numpy_ns, plain = pair.numpy(states, setpoints)
+            pair.agree_on_the_past()
+            if k < WARM_UP:
+                continue
+            times[constrained, "compiled"].append(compiled_ns)
+            times[constrained, "numpy"].append(numpy_ns)
+            if constrained:
+                solved += worst >= QpStatus.SOLVED
+                unsolved += worst > QpStatus.SOLVED
+            else:
+                largest = max(largest, *(float(np.max(np.abs(x - y))) for x, y in zip(compiled, plain, strict=True)))
+    us = {key: np.array(values) * 1e-3 for key, values in times.items()}
+    free, free_numpy = us[False, "compiled"], us[False, "numpy"]
+    return TickBenchmark(
+        ticks=ticks,
+        solver=str(parameters.solver),
+        tick_us_p50=_percentile(free, 50),
+        tick_us_p99=_percentile(free, 99),
+        numpy_tick_us_p50=_percentile(free_numpy, 50),
+        numpy_tick_us_p99=_percentile(free_numpy, 99),
+        speedup=_percentile(free_numpy, 50) / _percentile(free, 50),
+        constrained_tick_us_p50=_percentile(us[True, "compiled"], 50),
+        constrained_tick_us_p99=_percentile(us[True, "compiled"], 99),
+        constrained_numpy_tick_us_p50=_percentile(us[True, "numpy"], 50),
+        constrained_share=solved / ticks,
+        unsolved=unsolved,
+        largest_difference=largest,
+        **_parts(pair, ticks),
+    )
+
+
+def _percentile(values: Array, share: float) -> float:
+    return round(float(np.percentile(values, share)), 3)
+
+
+def _parts(pair: _Pair, ticks: int) -> dict[str, float]:
+    """Time the parts of both arms' tick, each by itself."""
+    arms: tuple[ArmController, ArmController] = pair.arms
+    parts: dict[str, list[int]] = {"model": [], "observe": [], "command": [], "judge": []}
+    for k in range(ticks):
+        pair.pose(k, False)
+        pair.choose()
+        marks = [time.perf_counter_ns()]
+        for arm in arms:
+            arm.model.update(arm.sample["q"][0], arm.sample["dq"][0])
+        marks.append(time.perf_counter_ns())
+        for arm in arms:
+            arm.observe()
+        marks.append(time.perf_counter_ns())
+        for arm in arms:
+            arm.command(Mode.ANTE_IMPACT)
+        marks.append(time.perf_counter_ns())
+        for arm, judge in zip(arms, pair.judges, strict=True):
+            judge.judge(arm.sample)
+            arm.applied()
+        marks.append(time.perf_counter_ns())
+        for name, began, ended in zip(parts, marks, marks[1:], strict=False):
+            parts[name].append(ended - began)
+    return {f"{name}_us_p50": _percentile(np.array(values) * 1e-3, 50) for name, values in parts.items()}
+
+
+__all__ = ["QpSolver", "TickBenchmark", "bench_tick"]

@@ -1,0 +1,59 @@
+"""`rtstack review` and `rtstack recover`."""
+
+import json as json_module
+from pathlib import Path
+
+import typer
+
+from rtstack.cli.progress import progress_bar
+from rtstack.log.recover import recover as recover_log
+from rtstack.trials.review import Review, review_log
+
+
+def review(path: Path, json: bool) -> None:
+    """Print what is in a log."""
+    found = review_log(path)
+    if json:
+        typer.echo(json_module.dumps(found.as_dict()))
+        return
+    for line in _lines(found):
+        typer.echo(line)
+
+
+def _lines(found: Review) -> list[str]:
+    lines = [f"{found.path}: {found.kind}, {found.duration_s:.3f} s"]
+    for name in ("object", "specification", "cell", "git_commit"):
+        if name in found.trial:
+            lines.append(f"  {name:<22} {found.trial[name]}")
+    for name in ("success", "failure_reason"):
+        if name in found.recorded:
+            lines.append(f"  {name:<22} {found.recorded[name]}")
+    if not found.recorded:
+        lines.append("  result                 none: the trial was cut off before its end")
+    contacts = ", ".join(
+        f"{side} {'none' if t is None else f'{t:.3f} s'}"
+        for side, t in zip(("left", "right"), found.first_contact_s, strict=True)
+    )
+    lines.append(f"  {'first contact':<22} {contacts}")
+    if found.score is not None:
+        values = found.score
+        for name in ("average_force_norm", "average_force_norm_linear_n", "peak_force_norm", "max_lift_mm",
+                     "peak_torque_ratio", "peak_velocity_ratio"):  # fmt: skip
+            value = getattr(values, name)
+            lines.append(f"  {name:<22} {'-' if value is None else f'{value:.3f}'}")
+    lines.append("  events")
+    lines += [f"    {e.t_ns * 1e-9:8.3f} s  {e.level.name:<7} {e.name}: {e.text}" for e in found.events]
+    return lines
+
+
+def recover(path: Path) -> None:
+    """Recover a log that was cut off."""
+    with progress_bar("recovering", True) as show:
+        summary = recover_log(path, progress=(lambda done, total: show(done / total)) if show else None)
+    if summary.complete:
+        typer.echo(f"{path} is complete: nothing to recover")
+        return
+    damaged = f"; {summary.damaged} chunks could not be read" if summary.damaged else ""
+    typer.echo(
+        f"recovered {summary.messages} messages, up to {summary.last_t_ns * 1e-9:.3f} s, to {summary.output}{damaged}"
+    )

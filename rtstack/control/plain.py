@@ -1,0 +1,200 @@
+"""The tick in plain numpy, written from the equations: the oracle of the tests and the other side of the benchmark.
+
+It shares nothing with the compiled tick but Pinocchio's model and the QP solver.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from hal.limits import FR3
+from rtstack.control.parameters import (
+    ControlParameters,
+    DetectorParameters,
+    FrictionParameters,
+    InertiaParameters,
+)
+from rtstack.control.program import Program, program
+from rtstack.control.tick import LIMITS_TABLE
+from rtstack.model.arm_model import ArmModel
+from rtstack.samples import QpSolver, QpStatus
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class PlainState:
+    """What the tick needs of an arm's state: (7,) each, O_F_ext_hat_K (6,)."""
+
+    q: Array
+    dq: Array
+    tau_J: Array
+    O_F_ext_hat_K: Array
+
+
+@dataclass(frozen=True, slots=True)
+class PlainSetpoint:
+    """What is wanted, with the fields of rtstack.control.records.SETPOINT."""
+
+    position: Array
+    rotation: Array
+    twist: Array
+    wrench_ff: Array
+    xi: float
+    dxi: float
+    beta: float
+    velocity_weight: float
+    stiffness: Array
+    posture_gain: float
+
+
+@dataclass(frozen=True, slots=True)
+class PlainOutput:
+    """What the tick says: torque (7,), wrench (6,), posture acceleration, residual (7,), impact, QP status."""
+
+    tau_desired: Array
+    wrench_desired: Array
+    beta: float
+    momentum_residual: Array
+    impact: bool
+    status: QpStatus
+
+
+class PlainArm:
+    """One arm's tick, with its observer, detector and last torque."""
+
+    def __init__(
+        self,
+        model: ArmModel,
+        control: ControlParameters | None = None,
+        detector: DetectorParameters | None = None,
+        inertia: InertiaParameters | None = None,
+        friction: FrictionParameters | None = None,
+        solver: QpSolver = QpSolver.PROXQP,
+    ) -> None:
+        self._pin = model.pin_model
+        self._data = self._pin.createData()
+        self._face = pin.SE3(model.R_joint_ee, model.face)
+        self._R_world_base = model.T_world_base[:3, :3]
+        self._p = control or ControlParameters()
+        self._detector = detector or DetectorParameters()
+        self._inertia = inertia or InertiaParameters()
+        self._friction = friction or FrictionParameters()
+        self._program: Program = program(solver)
+        self._history: deque[tuple[float, Array]] = deque(maxlen=round(self._detector.window_s / self._p.period_s))
+        self._integral: Array | None = None
+        self._r = np.zeros(7)
+        self.tau_previous = np.zeros(7)
+        self.tau_max = np.array(FR3.tau_max)
+
+    def tick(self, state: PlainState, setpoint: PlainSetpoint) -> PlainOutput:
+        """Compute the torque for one state and one setpoint."""
+        q, dq = state.q, state.dq
+        dt = self._p.period_s
+        pin.computeCoriolisMatrix(self._pin, self._data, q, dq)
+        M_links = pin.crba(self._pin, self._data, q, pin.Convention.WORLD)
+        M_links = np.triu(M_links) + np.triu(M_links, 1).T
+        g = pin.computeGeneralizedGravity(self._pin, self._data, q)
+        C = self._data.C
+        J, dJdq, T_world_ee = self._kinematics(dq)
+        twist = J @ dq
+        M = M_links + (np.diag(self._inertia.B_theta) if self._inertia.include_B_theta else 0.0)
+        f = self._friction
+        friction = f.scale * (
+            f.p1 / (1.0 + np.exp(-f.p2 * (dq + f.p3))) - f.p1 / (1.0 + np.exp(-f.p2 * f.p3))
+        )
+        residual = self._observe(M_links, C, g, state, dt)
+        impact = self._detect(-self._R_world_base @ state.O_F_ext_hat_K[:3], twist[:3])
+
+        Lambda_inverse = J @ np.linalg.solve(M, J.T)  # (8)
+        eigenvalues, V = np.linalg.eigh(Lambda_inverse)
+        sqrt_Lambda = V @ np.diag(1.0 / np.sqrt(eigenvalues)) @ V.T
+        sqrt_K = np.diag(np.sqrt(setpoint.stiffness))
+        D = sqrt_Lambda @ sqrt_K + sqrt_K @ sqrt_Lambda  # (7)
+        R = T_world_ee.rotation
+        error = np.concatenate(
+            [setpoint.position - T_world_ee.translation, R @ pin.log3(R.T @ setpoint.rotation)]
+        )
+        wrench = (
+            setpoint.wrench_ff
+            + setpoint.velocity_weight * (D @ (setpoint.twist - twist))
+            + setpoint.stiffness * error
+        )  # (5), (22), (27)
+        joint = self._p.posture_joint
+        k = setpoint.posture_gain
+        beta = (
+            setpoint.beta
+            + 2.0 * np.sqrt(k) * setpoint.velocity_weight * (setpoint.dxi - dq[joint])
+            + k * (setpoint.xi - q[joint])
+        )  # (10), (24), (31)
+
+        w_imp, w_pos = self._p.weight_impedance, self._p.weight_posture
+        S = np.eye(7)[joint]
+        b = Lambda_inverse @ wrench - dJdq
+        H = w_imp * J.T @ J + w_pos * np.outer(S, S) + self._p.regularisation * np.eye(7)
+        gradient = -w_imp * J.T @ b - w_pos * beta * S
+        ddq, status = self._minimise(H, gradient, q, dq, M, C @ dq + g + friction, dt)
+        if status in (QpStatus.UNCONSTRAINED, QpStatus.SOLVED):
+            tau = M @ ddq + C @ dq + friction  # (4), gravity excluded
+            step = FR3.tau_rate_max * dt * (1.0 - 2e-4)
+            tau = np.clip(tau, self.tau_previous - step, self.tau_previous + step)
+        else:
+            tau = self.tau_previous
+        return PlainOutput(tau, wrench, float(beta), residual, impact, status)
+
+    def _kinematics(self, dq: Array) -> tuple[Array, Array, pin.SE3]:
+        T_world_ee = self._data.oMi[7] * self._face
+        p = T_world_ee.translation
+        # from the world's origin to the end effector, axes unchanged
+        X = np.block([[np.eye(3), -pin.skew(p)], [np.zeros((3, 3)), np.eye(3)]])
+        J = X @ self._data.J
+        v = J @ dq
+        a = X @ (self._data.dJ @ dq)
+        a[:3] += np.cross(v[3:], v[:3])
+        return J, a, T_world_ee
+
+    def _observe(self, M: Array, C: Array, g: Array, state: PlainState, dt: float) -> Array:
+        p = M @ state.dq
+        if self._integral is None:
+            self._integral = p
+        else:
+            self._integral = self._integral + (state.tau_J - g + self._r + C.T @ state.dq) * dt
+        self._r = self._inertia.observer_gain_hz * (p - self._integral)
+        return -self._r
+
+    def _detect(self, force: Array, velocity: Array) -> bool:
+        d = self._detector
+        norm = float(np.linalg.norm(force))
+        hit = False
+        if len(self._history) == self._history.maxlen:
+            past_norm, past_velocity = self._history[0]
+            hit = bool(
+                past_norm < d.force_low_n
+                and norm > d.force_high_n
+                and past_velocity @ force < -d.velocity_m_s * norm
+            )
+        self._history.append((norm, velocity.copy()))
+        return hit
+
+    def _minimise(
+        self, H: Array, gradient: Array, q: Array, dq: Array, M: Array, bias: Array, dt: float
+    ) -> tuple[Array, QpStatus]:
+        braking = LIMITS_TABLE[5]
+        upper = np.minimum((FR3.dq_upper(q) - dq) / dt, 2.0 * (FR3.q_upper - q - dq * dt) / dt**2)  # (12), (13)
+        lower = np.maximum((FR3.dq_lower(q) - dq) / dt, 2.0 * (FR3.q_lower - q - dq * dt) / dt**2)
+        upper = np.maximum(upper, -braking)
+        lower = np.minimum(lower, braking)
+        tau_upper, tau_lower = self.tau_max - bias, -self.tau_max - bias  # (14)
+        ddq = np.linalg.solve(H, -gradient)
+        tau = M @ ddq
+        inside = (
+            np.all(ddq <= upper) and np.all(ddq >= lower) and np.all(tau <= tau_upper) and np.all(tau >= tau_lower)
+        )
+        if inside:
+            return ddq, QpStatus.UNCONSTRAINED
+        ddq = np.zeros(7)
+        status, _ = self._program.solve(H, gradient, lower, upper, M, tau_lower, tau_upper, ddq)
+        return ddq, status

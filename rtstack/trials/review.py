@@ -1,0 +1,98 @@
+"""What a log says about its trial, recomputed from its samples."""
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtstack.control.parameters import DetectorParameters
+from rtstack.log.reader import Event, Log, read_log
+from rtstack.loop.history import Columns
+from rtstack.samples import SIDES
+from rtstack.trials.scoring import Score, SuccessCriterion, score
+
+
+@dataclass(frozen=True, slots=True)
+class Review:
+    """kind: trial or demonstration; recorded: the result in the log; score: the same from the samples, None for a
+    demonstration; first_contact_s: of the left and right arm, s since the first sample."""
+
+    path: Path
+    kind: str
+    duration_s: float
+    complete: bool
+    trial: dict[str, str]
+    recorded: dict[str, str]
+    score: Score | None
+    first_contact_s: tuple[float | None, float | None]
+    events: tuple[Event, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the review as JSON-ready values."""
+        values = asdict(self)
+        values["path"] = str(self.path)
+        values["events"] = [
+            {"t_s": event.t_ns * 1e-9, "level": event.level.name, "name": event.name, "text": event.text}
+            for event in self.events
+        ]
+        return values
+
+
+def review_log(path: Path) -> Review:
+    """Read a log and score it again. Raises LogError."""
+    log = read_log(path)
+    trial = log.metadata.get("trial", {})
+    recorded = log.metadata.get("result", {})
+    columns = log_columns(log)
+    start_t_ns = int(columns.arm[0]["t_ns"][0]) if columns.arm.shape[1] else 0
+    values = None
+    if "nominal_impact_s" in trial:
+        values = score(
+            columns,
+            start_t_ns,
+            float(trial["nominal_impact_s"]),
+            float(trial["release_s"]),
+            _detected(recorded),
+            SuccessCriterion(),
+        )
+    return Review(
+        path=Path(path),
+        kind=trial.get("kind", "unknown"),
+        duration_s=log.duration_s,
+        complete=log.complete,
+        trial=dict(trial),
+        recorded=dict(recorded),
+        score=values,
+        first_contact_s=(_first_contact(columns, 0, start_t_ns), _first_contact(columns, 1, start_t_ns)),
+        events=log.events,
+    )
+
+
+def log_columns(log: Log) -> Columns:
+    """Return the samples of a log as the columns that a run keeps in memory. Arms of unlike length are cut to the shorter."""
+    arms = [log.topic(f"/{side}/arm") for side in SIDES]
+    controls = [log.topic(f"/{side}/control") for side in SIDES]
+    timing = log.topic("/timing")
+    n = min(len(topic) for topic in (*arms, *controls, timing))
+    return Columns(
+        arm=np.stack([arm[:n] for arm in arms]),
+        control=np.stack([control[:n] for control in controls]),
+        timing=timing[:n],
+        object=log.topic("/object/pose"),
+    )
+
+
+def _detected(recorded: dict[str, str]) -> float | None:
+    text = recorded.get("detected_impact_time_s", "null")
+    return None if text == "null" else float(text)
+
+
+def _first_contact(columns: Columns, arm: int, start_t_ns: int) -> float | None:
+    """First time at which the arm's external force exceeds what the detector calls a force."""
+    force: NDArray[np.float64] = np.linalg.norm(columns.arm[arm]["O_F_ext_hat_K"][:, :3], axis=1)
+    hits = np.flatnonzero(force > DetectorParameters().force_high_n)
+    if len(hits) == 0:
+        return None
+    return float((columns.arm[arm]["t_ns"][hits[0]] - start_t_ns) * 1e-9)
