@@ -46,10 +46,14 @@ class LogEntry:
 
 
 class Catalogue:
-    """The logs (*.mcap) of one directory, cached in SQLite beside them where the directory is writable."""
+    """The logs (*.mcap) of one directory, cached in SQLite beside them where the directory is writable.
 
-    def __init__(self, directory: Path) -> None:
+    patience_s: how long to wait for somebody else who writes the cache.
+    """
+
+    def __init__(self, directory: Path, patience_s: float = 5.0) -> None:
         self.directory = Path(directory)
+        self._patience_s = patience_s
 
     def entries(self) -> tuple[LogEntry, ...]:
         """Return all logs, the newest first, after reading the ones that are new or have changed.
@@ -60,17 +64,12 @@ class Catalogue:
             files = [path for path in self.directory.iterdir() if path.suffix == ".mcap" and path.is_file()]
         except OSError as error:
             raise LogError(f"cannot read {self.directory}: {error.strerror}") from error
-        with contextlib.closing(self._open()) as cache:
-            known = {
-                row[0]: row[1:] for row in cache.execute("SELECT name, size, modified_ns, entry FROM logs")
-            }
-            entries = []
-            for path in files:
-                with contextlib.suppress(FileNotFoundError):  # removed meanwhile
-                    entries.append(_entry(path, known.get(path.name), cache))
-            gone = [(name,) for name in known.keys() - {path.name for path in files}]
-            cache.executemany("DELETE FROM logs WHERE name = ?", gone)
-            cache.commit()
+        try:
+            with contextlib.closing(_open(self.directory / CACHE, self._patience_s)) as cache:
+                entries = _refresh(files, cache)
+        except sqlite3.Error:  # a directory that is not writable, or a cache that somebody else holds
+            with contextlib.closing(_prepared(":memory:")) as cache:
+                entries = _refresh(files, cache)
         return tuple(sorted(entries, key=lambda entry: entry.modified_s, reverse=True))
 
     def entry(self, log_id: str) -> LogEntry:
@@ -85,26 +84,25 @@ class Catalogue:
         (self.directory / CACHE).unlink(missing_ok=True)
         return self.entries()
 
-    def _open(self) -> sqlite3.Connection:
-        path = self.directory / CACHE
-        try:
-            return _prepared(path)
-        except sqlite3.DatabaseError:
-            with contextlib.suppress(OSError, sqlite3.DatabaseError):  # broken, or of another version
-                path.unlink(missing_ok=True)
-                return _prepared(path)
-        return _prepared(":memory:")  # a directory that is not writable is read each time
+
+def _open(path: Path, patience_s: float) -> sqlite3.Connection:
+    try:
+        return _prepared(path, patience_s)
+    except sqlite3.OperationalError:  # locked, or not writable: nothing is wrong with its content
+        raise
+    except sqlite3.DatabaseError:  # broken, or of another version
+        path.unlink(missing_ok=True)
+        return _prepared(path, patience_s)
 
 
-def _prepared(path: Path | str) -> sqlite3.Connection:
-    cache = sqlite3.connect(path, timeout=10.0)
+def _prepared(path: Path | str, patience_s: float = 0.0) -> sqlite3.Connection:
+    cache = sqlite3.connect(path, timeout=patience_s)
     try:
         version = cache.execute("PRAGMA user_version").fetchone()[0]
         if version not in (0, _VERSION):
             raise sqlite3.DatabaseError("another version")
         cache.execute(
-            "CREATE TABLE IF NOT EXISTS logs"
-            " (name TEXT PRIMARY KEY, size INTEGER, modified_ns INTEGER, entry TEXT)"
+            "CREATE TABLE IF NOT EXISTS logs (name TEXT PRIMARY KEY, size INTEGER, modified_ns INTEGER, entry TEXT)"
         )
         cache.execute(f"PRAGMA user_version = {_VERSION}")
         cache.commit()
@@ -112,6 +110,18 @@ def _prepared(path: Path | str) -> sqlite3.Connection:
         cache.close()
         raise
     return cache
+
+
+def _refresh(files: list[Path], cache: sqlite3.Connection) -> list[LogEntry]:
+    known = {row[0]: row[1:] for row in cache.execute("SELECT name, size, modified_ns, entry FROM logs")}
+    entries = []
+    for path in files:
+        with contextlib.suppress(FileNotFoundError):  # removed meanwhile
+            entries.append(_entry(path, known.get(path.name), cache))
+    gone = [(name,) for name in known.keys() - {path.name for path in files}]
+    cache.executemany("DELETE FROM logs WHERE name = ?", gone)
+    cache.commit()
+    return entries
 
 
 def _entry(path: Path, known: tuple | None, cache: sqlite3.Connection) -> LogEntry:

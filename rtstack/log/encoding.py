@@ -41,9 +41,7 @@ class WireFormat:
         names = [name for name in self.record.names or () if name != "t_ns"]
         for number, name in enumerate(names, start=1):
             dtype = self.record[name]
-            wire_type = (
-                _VARINT if name in ENUM_FIELDS else _LENGTH if dtype.shape or name == ERRORS_FIELD else _I64
-            )
+            wire_type = _VARINT if name in ENUM_FIELDS else _LENGTH if dtype.shape or name == ERRORS_FIELD else _I64
             self.tags[name] = tag = varint(number << 3 | wire_type)
             if name == ERRORS_FIELD:
                 continue

@@ -63,17 +63,13 @@ class LogWriter:
         if self._frames is None:
             return []
         poses = batches["/object/pose"]
-        return self._frames.update(
-            {side: batches[f"/{side}/arm"] for side in SIDES}, poses[poses["seen"] != 0]
-        )
+        return self._frames.update({side: batches[f"/{side}/arm"] for side in SIDES}, poses[poses["seen"] != 0])
 
     def finish(self, result: dict[str, str], ended: str) -> None:
         """Write what is left, the result and the account of what was lost, and finish the file."""
         self.step(final=True)
         lost = {topic: reader.lost for topic, reader in self._readers.items()}
-        counts = {
-            topic: {"messages": n, "lost": lost.get(topic, 0)} for topic, n in self._sink.messages.items()
-        }
+        counts = {topic: {"messages": n, "lost": lost.get(topic, 0)} for topic, n in self._sink.messages.items()}
         if result:
             self._sink.write_metadata("result", result)
         account = {

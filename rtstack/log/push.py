@@ -44,9 +44,7 @@ def _fence(_typing: Any) -> Any:
 def _copy(_typing: Any, _target: Any, _source: Any, _size: Any) -> Any:
     def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> None:
         target, source, size = arguments
-        cgutils.raw_memcpy(
-            builder, builder.inttoptr(target, _BYTES), builder.inttoptr(source, _BYTES), size, 1
-        )
+        cgutils.raw_memcpy(builder, builder.inttoptr(target, _BYTES), builder.inttoptr(source, _BYTES), size, 1)
 
     return types.void(types.int64, types.int64, types.int64), generate
 

@@ -117,9 +117,7 @@ class Log:
                     decoders[channel_id] = TopicDecoder(name, self._contents.schemas[channel.schema_id])
                 rows = table.channel_id == channel_id
                 parts.append(
-                    decoders[channel_id].decode(
-                        data, table.log_time_ns[rows], table.start[rows], table.size[rows]
-                    )
+                    decoders[channel_id].decode(data, table.log_time_ns[rows], table.start[rows], table.size[rows])
                 )
         return np.concatenate(parts)
 
@@ -152,9 +150,7 @@ class Log:
                 rows = np.isin(table.channel_id, wanted)
                 yield (
                     data,
-                    MessageTable(
-                        table.channel_id[rows], table.log_time_ns[rows], table.start[rows], table.size[rows]
-                    ),
+                    MessageTable(table.channel_id[rows], table.log_time_ns[rows], table.start[rows], table.size[rows]),
                 )
 
 
@@ -174,11 +170,12 @@ def read_log(path: Path, truncated: bool = False) -> Log:
             raise
         except Exception as error:  # the library raises whatever half a record makes of it
             raise LogError(f"{path} is damaged: {error or type(error).__name__}") from error
+    topics = {channel.topic for channel in contents.channels.values()}
     for channel in contents.channels.values():
         schema = contents.schemas.get(channel.schema_id)
         if channel.topic == _NEEDED_TOPIC and schema is not None and schema.name == _NEEDED_SCHEMA:
             return Log(path, contents, complete)
-    if not contents.channels and {"log", "trial"} & contents.metadata.keys():
+    if {"log", "trial"} & contents.metadata.keys() and topics <= {*TOPICS, "/tf"}:
         return Log(path, contents, complete)  # ours, of a run that ended before its first tick
     raise LogError(f"{path} is an MCAP file but not a log of ours: topic {_NEEDED_TOPIC} is missing")
 

@@ -219,9 +219,7 @@ class _Copy:
         metadata = Metadata("recovery", {**recovery, "messages": str(sum(self.counts.values()))})
         offset = self._file.tell()
         self._write(metadata)
-        self._metadata.append(
-            MetadataIndex(offset=offset, length=self._file.tell() - offset, name=metadata.name)
-        )
+        self._metadata.append(MetadataIndex(offset=offset, length=self._file.tell() - offset, name=metadata.name))
         self._write(DataEnd(data_section_crc=0))  # none
         summary_start = self._file.tell()
         groups: list[tuple[Opcode, list[McapRecord]]] = [
@@ -236,9 +234,7 @@ class _Copy:
         summary_offset_start = self._file.tell()
         for group in offsets:
             self._write(group)
-        self._write(
-            Footer(summary_start=summary_start, summary_offset_start=summary_offset_start, summary_crc=0)
-        )
+        self._write(Footer(summary_start=summary_start, summary_offset_start=summary_offset_start, summary_crc=0))
         self._file.write(MAGIC)
 
     def _statistics(self) -> Statistics:

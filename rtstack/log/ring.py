@@ -35,9 +35,7 @@ class LogState(IntEnum):
     FINISHED = 3
 
 
-_CONTROL = np.dtype(
-    [("magic", "S8"), ("closing", "i8"), ("state", "i8"), ("transforms", "i8"), ("error", "S480")]
-)
+_CONTROL = np.dtype([("magic", "S8"), ("closing", "i8"), ("state", "i8"), ("transforms", "i8"), ("error", "S480")])
 # the writer's word and the log process's words on cache lines of their own
 _TOPIC = np.dtype(
     {
@@ -159,6 +157,8 @@ class Rings:
         self._control = np.frombuffer(block, _CONTROL, 1)
         self._topics = np.frombuffer(block, _TOPIC, len(TOPICS), _CONTROL.itemsize)
         self._block = block
+        self._heads, self._consumed = self._topics["head"], self._topics["consumed"]
+        self._capacities = self._topics["capacity"]
 
     @classmethod
     def create(cls, capacity: int = CAPACITY, capacities: Mapping[str, int] | None = None) -> "Rings":
@@ -235,10 +235,9 @@ class Rings:
         A run that is faster than real time waits, outside of the tick, while there is little room. Without a
         log process to wait for (it failed or finished) there is always room.
         """
-        topics = self._topics
-        if self.state in (LogState.FAILED, LogState.FINISHED):
-            return int(topics["capacity"].min())
-        return max(0, int((topics["capacity"] - (topics["head"] - topics["consumed"])).min()))
+        if self._control["state"][0] >= LogState.FAILED:
+            return int(self._capacities.min())
+        return max(0, int((self._consumed - self._heads + self._capacities).min()))
 
     def published(self, topic: str) -> int:
         """Return how many records were pushed to a topic."""

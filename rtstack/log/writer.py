@@ -60,9 +60,7 @@ def _create(path: Path, overwrite: bool) -> BinaryIO:
 class LogProcess:
     """A running log process. Made by `start`, ended by `close`."""
 
-    def __init__(
-        self, path: Path, rings: Rings, process: subprocess.Popen, job: BinaryIO, errors: BinaryIO
-    ) -> None:
+    def __init__(self, path: Path, rings: Rings, process: subprocess.Popen, job: BinaryIO, errors: BinaryIO) -> None:
         self.path = path
         self._rings = rings
         self._process = process
@@ -169,15 +167,13 @@ class LogProcess:
         reason = self._rings.error
         if not reason and self._process.poll() is not None:
             code = self._process.returncode
-            reason = (
-                f"its process was killed by signal {-code}"
-                if code < 0
-                else self._last_error() or f"exit {code}"
-            )
+            reason = f"its process was killed by signal {-code}" if code < 0 else self._last_error() or f"exit {code}"
         recovery = f": recover it with `rtstack recover {self.path}`"
         return f"the log {self.path} is incomplete: {reason}{recovery if self.path.exists() else ''}"
 
     def _last_error(self) -> str:
+        if self._errors.closed:
+            return ""
         self._errors.seek(0)
         self._errors.seek(0)
         print(self._errors.read().decode())

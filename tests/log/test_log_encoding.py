@@ -1,0 +1,121 @@
+"""The fast encoder against the protobuf library, for any values."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from google.protobuf import descriptor_pb2
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from mcap.records import Schema
+from numpy.typing import NDArray
+
+from hal.robot_errors import ROBOT_ERRORS, error_names
+from rtstack.log.decoding import TopicDecoder, message_class
+from rtstack.log.encoding import varint, wire_format
+from rtstack.log.schema import ENUM_FIELDS, MESSAGES, TOPIC_MESSAGES, sample_descriptors
+
+TOPIC_OF = {message: topic for topic, message in TOPIC_MESSAGES.items()}
+
+
+def schema_of(message: str) -> Schema:
+    return Schema(id=1, data=sample_descriptors(), encoding="protobuf", name=f"rtstack.{message}")
+
+
+def records_of(message: str, enums: st.SearchStrategy[int]) -> st.SearchStrategy[NDArray[Any]]:
+    """Batches of up to four records with any bit pattern of doubles, any counts and any set of errors."""
+    dtype = MESSAGES[message]
+
+    def field(name: str) -> st.SearchStrategy[Any]:
+        if name in ENUM_FIELDS:
+            return enums
+        if name == "current_errors":
+            return st.one_of(st.just(0), st.integers(0, (1 << len(ROBOT_ERRORS)) - 1))
+        if dtype[name].base == np.int64:
+            return st.integers(-(1 << 63), (1 << 63) - 1)
+        return hnp.arrays(np.float64, dtype[name].shape) if dtype[name].shape else st.floats(width=64)
+
+    def build(rows: list[tuple[Any, ...]]) -> NDArray[Any]:
+        return np.array(rows, dtype)
+
+    names = dtype.names or ()
+    return st.lists(st.tuples(*(field(name) for name in names)), max_size=4).map(build)
+
+
+def places(encoded: list[bytes]) -> tuple[bytes, NDArray[np.int64], NDArray[np.int64]]:
+    sizes = np.array([len(message) for message in encoded], np.int64)
+    return b"".join(encoded), np.cumsum(sizes) - sizes, sizes
+
+
+def same(a: NDArray[Any], b: NDArray[Any]) -> bool:
+    """Equal bit for bit: NaN is a value that a log has to keep."""
+    return a.tobytes() == b.tobytes()
+
+
+any_enum = st.one_of(st.integers(0, 6), st.sampled_from([127, 128, 300, -1, (1 << 31) - 1, -(1 << 31)]))
+
+
+@pytest.mark.parametrize("message", list(MESSAGES))
+@settings(max_examples=60, deadline=None)
+@given(data=st.data())
+def test_the_protobuf_library_reads_every_field(message: str, data: st.DataObject) -> None:
+    records = data.draw(records_of(message, any_enum))
+    encoded = wire_format(message).encode(records)
+    assert len(encoded) == len(records)
+    for record, content in zip(records, encoded, strict=True):
+        decoded = message_class(schema_of(message)).FromString(content)
+        assert not decoded.DESCRIPTOR.is_extendable
+        for name in MESSAGES[message].names or ():
+            if name == "t_ns":
+                assert name not in decoded.DESCRIPTOR.fields_by_name
+            elif name == "current_errors":
+                assert tuple(decoded.current_errors) == error_names(int(record[name]))
+            elif name == "O_T_EE":
+                column_major = np.array(decoded.O_T_EE).reshape((4, 4), order="F")
+                assert same(column_major.copy(order="C"), record[name])
+            else:
+                value = np.array(getattr(decoded, name), MESSAGES[message][name].base)
+                assert same(value, record[name])
+
+
+@pytest.mark.parametrize("message", list(MESSAGES))
+@settings(max_examples=60, deadline=None)
+@given(data=st.data())
+def test_what_was_encoded_is_decoded(message: str, data: st.DataObject) -> None:
+    records = data.draw(records_of(message, any_enum))
+    content, start, size = places(wire_format(message).encode(records))
+    decoder = TopicDecoder(TOPIC_OF[message], schema_of(message))
+    assert same(decoder.decode(content, records["t_ns"], start, size), records)
+
+
+@pytest.mark.parametrize("message", list(MESSAGES))
+@settings(max_examples=60, deadline=None)
+@given(data=st.data())
+def test_any_other_encoding_of_the_same_message_is_decoded(message: str, data: st.DataObject) -> None:
+    records = data.draw(records_of(message, any_enum))
+    parse = message_class(schema_of(message)).FromString
+    encoded = [parse(content).SerializeToString() for content in wire_format(message).encode(records)]
+    content, start, size = places(encoded)
+    decoder = TopicDecoder(TOPIC_OF[message], schema_of(message))
+    decoded = decoder.decode(content, records["t_ns"], start, size)
+    for name in records.dtype.names or ():
+        np.testing.assert_array_equal(decoded[name], records[name], err_msg=name)
+
+
+@given(st.integers(-(1 << 63), (1 << 63) - 1))
+def test_varint_is_protobufs(value: int) -> None:
+    message = descriptor_pb2.UninterpretedOption(negative_int_value=value)
+    assert message.SerializeToString()[1:] == varint(value)
+
+
+def test_the_schema_stands_alone_and_explains_itself() -> None:
+    files = descriptor_pb2.FileDescriptorSet.FromString(sample_descriptors()).file
+    assert [file.name for file in files] == ["rtstack/samples.proto"]
+    comments = {tuple(entry.path): entry.leading_comments for entry in files[0].source_code_info.location}
+    control = next(i for i, message in enumerate(files[0].message_type) if message.name == "ControlSample")
+    fields = [field.name for field in files[0].message_type[control].field]
+    assert "qw qx qy qz" in comments[(4, control, 2, fields.index("pose_ref"))]
+    assert all(comments[(4, i, 2, j)] for i, m in enumerate(files[0].message_type) for j in range(len(m.field)))
+    values = {enum.name: enum.value[0].name for enum in files[0].enum_type}
+    assert values == {"RobotMode": "ROBOT_MODE_OTHER", "Mode": "MODE_IDLE", "QpStatus": "QP_STATUS_NOT_USED"}

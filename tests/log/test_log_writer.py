@@ -1,0 +1,286 @@
+"""The log process, started for real: what goes in comes out, and every way to end it leaves a file to read."""
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from log_samples import MS, RESULT, TRIAL, WrittenLog, push_all, random_records
+from mcap.reader import make_reader
+
+from rtstack.log.errors import LogError
+from rtstack.log.reader import read_log
+from rtstack.log.recover import recover
+from rtstack.log.ring import CAPACITY, LogState, Rings
+from rtstack.log.writer import LogProcess, check_log_path
+from rtstack.samples import TOPICS
+
+# a trial that is killed: pushes for ever, at ten times the robot's pace, and says what it has pushed
+TRIAL_PROGRAM = """
+import sys, time
+import numpy as np
+from rtstack.log.ring import Rings
+from rtstack.log.writer import LogProcess
+from rtstack.samples import TOPICS
+rings = Rings.create()
+log = LogProcess.start(sys.argv[1], rings, {"trial": {"seed": "7"}})
+log.wait_ready()
+pushers = {t: rings.pusher(t) for t in TOPICS if t != "/events"}
+records = {t: np.zeros(1, TOPICS[t]) for t in pushers}
+records["/object/pose"]["seen"] = 1
+tick = 0
+while True:
+    log.wait_room(128)
+    for _ in range(10):
+        tick += 1
+        for topic, pusher in pushers.items():
+            records[topic]["t_ns"] = tick * 1_000_000
+            pusher.push(records[topic])
+    print(log.pid, tick, flush=True)
+    time.sleep(0.001)
+"""
+
+
+def eventually(condition: Callable[[], bool], timeout_s: float = 20.0) -> bool:
+    deadline = time.monotonic() + timeout_s
+    while not condition():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.01)
+    return True
+
+
+def state_of(pid: int) -> str:
+    """Return the state letter of proc(5), nothing for a process that is gone."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except (FileNotFoundError, ProcessLookupError):
+        return ""
+
+
+def is_running(pid: int) -> bool:
+    return state_of(pid) not in ("", "Z")
+
+
+def push_and_close(rings: Rings, columns: dict[str, np.ndarray], log: LogProcess) -> None:
+    push_all(rings, columns, log)
+    log.close()
+
+
+def test_every_record_of_every_topic_comes_back(written: WrittenLog) -> None:
+    log = read_log(written.path)
+    for topic, records in written.columns.items():
+        back = log.topic(topic)
+        assert back.dtype == records.dtype
+        for name in records.dtype.names or ():
+            np.testing.assert_array_equal(back[name], records[name], err_msg=f"{topic} {name}")
+    assert written.summary.lost == 0
+    transforms = len(log.messages("/tf"))
+    assert written.summary.messages == sum(len(r) for r in written.columns.values()) + transforms
+
+
+def test_metadata_attachments_and_events_come_back(written: WrittenLog) -> None:
+    log = read_log(written.path)
+    assert log.metadata["trial"] == TRIAL
+    assert log.metadata["result"] == RESULT
+    assert log.metadata["log"]["ended"] == "closed"
+    assert log.metadata["log"]["lost"] == "0"
+    assert [(a.name, a.media_type, a.data) for a in log.attachments] == [
+        ("cell.toml", "application/toml", b"name = 'grab'\n")
+    ]
+    assert [event.text for event in log.events] == [f"event {i}" for i in range(5)]
+    assert log.duration_s == pytest.approx(1.499)
+
+
+def test_the_file_is_in_order_of_the_robots_time(written: WrittenLog) -> None:
+    with open(written.path, "rb") as file:
+        times = [message.log_time for _, _, message in make_reader(file).iter_messages(log_time_order=False)]
+        file.seek(0)
+        summary = make_reader(file).get_summary()
+    assert times == sorted(times)
+    assert summary is not None
+    # a chunk never holds more than the quarter of a second that a killed writer may lose
+    assert all(c.message_end_time - c.message_start_time <= 250 * MS for c in summary.chunk_indexes)
+
+
+def test_the_caller_goes_on_while_the_process_starts(tmp_path: Path) -> None:
+    with Rings.create() as rings:
+        log = LogProcess.start(tmp_path / "a.mcap", rings, {"trial": TRIAL})
+        assert rings.state is LogState.STARTING  # importing takes the child far longer than returning takes us
+        records = random_records("/timing", 10)
+        pusher = rings.pusher("/timing")
+        for row in range(10):
+            pusher.push(records[row : row + 1])
+        log.wait_ready()
+        assert log.close().messages == 10
+        assert rings.state is LogState.FINISHED
+
+
+def test_losses_are_counted_in_the_log(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with Rings.create(capacities={"/timing": 16}) as rings:
+        log = LogProcess.start(path, rings, {"trial": TRIAL})
+        log.wait_ready()
+        os.kill(log.pid, signal.SIGSTOP)  # the slowest log process that there is
+        assert eventually(lambda: state_of(log.pid) == "T")
+        push = rings.pusher("/timing").push
+        record = random_records("/timing", 1)
+        for _ in range(100):
+            push(record)
+        os.kill(log.pid, signal.SIGCONT)
+        summary = log.close()
+    account = read_log(path).metadata["log"]
+    assert summary.lost >= 84
+    assert summary.lost + summary.messages == 100
+    assert account["lost"] == str(summary.lost)
+    assert f'"/timing": {{"messages": {summary.messages}, "lost": {summary.lost}}}' in account["topics"]
+
+
+def test_an_interrupt_is_the_parents_business(tmp_path: Path) -> None:
+    with Rings.create() as rings:
+        log = LogProcess.start(tmp_path / "a.mcap", rings, {"trial": TRIAL})
+        log.wait_ready()
+        assert os.getsid(log.pid) != os.getsid(0)  # a Ctrl-C in our terminal does not even reach it
+        os.kill(log.pid, signal.SIGINT)
+        push_all(rings, {"/left/arm": random_records("/left/arm", 10)}, log)
+        assert log.close().messages == 10
+
+
+def test_a_killed_log_process_costs_less_than_half_a_second(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    columns = {topic: random_records(topic, 3000) for topic in TOPICS if topic != "/events"}
+    with Rings.create() as rings:
+        log = LogProcess.start(path, rings, {"trial": TRIAL})
+        log.wait_ready()
+        # as at the robot's pace, the process reads and never lags by more than 48 ms: all in the robot's time, so
+        # that it does not matter how fast this machine is
+        push_all(rings, columns, log, room=CAPACITY - 32)
+        os.kill(log.pid, signal.SIGKILL)
+        assert eventually(lambda: not is_running(log.pid))
+        with pytest.raises(LogError, match=r"killed by signal 9.*rtstack recover"):
+            log.check()
+        with pytest.raises(LogError, match="killed by signal 9"):
+            log.close(RESULT)
+    with pytest.raises(LogError, match=r"cut off \(no summary\): recover it with `rtstack recover"):
+        read_log(path)
+    summary = recover(path)
+    assert summary.output == tmp_path / "a.recovered.mcap"
+    assert summary.output is not None
+    assert summary.last_t_ns >= 2500 * MS
+    log_read = read_log(summary.output)
+    assert log_read.metadata["trial"] == TRIAL
+    for topic, records in columns.items():
+        back = log_read.topic(topic)
+        assert len(back) >= 2500
+        for name in records.dtype.names or ():
+            np.testing.assert_array_equal(back[name], records[name][: len(back)], err_msg=f"{topic} {name}")
+
+
+def test_the_log_is_finished_when_the_program_dies(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    program = subprocess.Popen([sys.executable, "-c", TRIAL_PROGRAM, str(path)], stdout=subprocess.PIPE, text=True)
+    with program:
+        assert program.stdout is not None
+        pid, ticks = 0, 0
+        while ticks < 500:
+            pid, ticks = (int(word) for word in program.stdout.readline().split())
+        program.kill()
+    assert eventually(lambda: not is_running(pid))
+    log = read_log(path)
+    assert log.metadata["trial"] == {"seed": "7"}
+    assert log.metadata["log"]["ended"] == "the program died"
+    assert "result" not in log.metadata
+    arm = log.topic("/left/arm")["t_ns"]
+    assert len(arm) >= 500
+    np.testing.assert_array_equal(arm, np.arange(1, len(arm) + 1) * MS)
+
+
+def test_a_full_disk_is_one_clear_line(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with Rings.create() as rings:
+        log = LogProcess.start(path, rings, {"trial": TRIAL})
+        log.wait_ready()
+        # the child's own limit on file sizes: the kernel refuses the write as it does on a full disk
+        resource.prlimit(log.pid, resource.RLIMIT_FSIZE, (400_000, 400_000))
+        columns = {topic: random_records(topic, 2000) for topic in ("/left/arm", "/right/arm")}
+        with pytest.raises(LogError, match="incomplete: File too large"):
+            push_and_close(rings, columns, log)
+        assert rings.state is LogState.FAILED
+        log.abandon()
+    assert recover(path).messages > 0
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path):
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=512k", "tmpfs", str(disk)], capture_output=True, check=False
+    )
+    if mounted.returncode:
+        pytest.skip("mounting needs privileges")
+    yield disk
+    subprocess.run(["umount", "-l", str(disk)], check=True)
+
+
+def test_a_small_disk_fills_up(small_disk: Path) -> None:
+    with Rings.create() as rings:
+        log = LogProcess.start(small_disk / "a.mcap", rings, {"trial": TRIAL})
+        columns = {topic: random_records(topic, 2000) for topic in ("/left/arm", "/right/arm")}
+        with pytest.raises(LogError, match="incomplete: No space left on device"):
+            push_and_close(rings, columns, log)
+        log.abandon()
+    assert recover(small_disk / "a.mcap", small_disk.parent / "b.mcap").messages > 0
+
+
+def test_paths_that_cannot_be_written_are_refused_before_anything_starts(tmp_path: Path) -> None:
+    existing = tmp_path / "old.mcap"
+    existing.write_bytes(b"precious")
+    for path, message in (
+        (tmp_path / "none" / "a.mcap", "directory .*none does not exist"),
+        (tmp_path, "is a directory"),
+        (existing, "exists already"),
+        (Path("/dev/full"), "not a regular file"),
+        (existing / "a.mcap", "does not exist"),
+    ):
+        with pytest.raises(LogError, match=message):
+            check_log_path(path)
+    check_log_path(tmp_path / "new.mcap")
+    check_log_path(existing, overwrite=True)
+    assert existing.read_bytes() == b"precious"
+    assert not (tmp_path / "new.mcap").exists()
+
+
+def test_a_directory_that_takes_no_files_is_refused() -> None:
+    # /proc takes no files even from a superuser, who may write to any directory's mode
+    with Rings.create(capacity=16) as rings, pytest.raises(LogError, match=r"cannot write /proc/self/a\.mcap"):
+        LogProcess.start(Path("/proc/self/a.mcap"), rings, {})
+
+
+def test_a_run_that_ended_before_its_first_tick_still_has_its_events(tmp_path: Path) -> None:
+    with Rings.create() as rings:
+        log = LogProcess.start(tmp_path / "a.mcap", rings, {"trial": TRIAL})
+        push_all(rings, {"/events": random_records("/events", 1)}, log)
+        log.close()
+    assert [event.text for event in read_log(tmp_path / "a.mcap").events] == ["event 0"]
+
+
+def test_an_existing_log_is_only_replaced_on_request(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    path.write_bytes(b"precious")
+    with Rings.create(capacity=16) as rings:
+        with pytest.raises(LogError, match="exists already"):
+            LogProcess.start(path, rings, {})
+        assert path.read_bytes() == b"precious"
+        log = LogProcess.start(path, rings, {"trial": TRIAL}, overwrite=True)
+        log.close(RESULT)
+    empty = read_log(path)
+    assert empty.metadata["result"] == RESULT
+    assert len(empty.topic("/left/arm")) == 0
+    assert empty.events == ()
