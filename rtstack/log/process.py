@@ -19,7 +19,7 @@ from rtstack.log.frames import FrameTree
 from rtstack.log.job import LogJob, get_job, get_result
 from rtstack.log.ring import LogState, Rings
 from rtstack.log.schema import TOPIC_MESSAGES
-from rtstack.log.sink import TRANSFORMS, McapSink
+from rtstack.log.sink import McapSink
 from rtstack.samples import SIDES, TOPICS
 
 POLL_S = 0.01  # ten records a topic at 1 kHz: enough for a batch, little for a ring
@@ -42,7 +42,7 @@ class LogWriter:
         batches = self._settled(batches, final)
         if any(len(records) for records in batches.values()):
             self._sink.write(batches, self._transforms(batches))
-            self._rings.transforms = self._sink.messages[TRANSFORMS]
+            self._rings.messages = sum(self._sink.messages.values())
         self._sink.flush_if_due()
 
     def _settled(self, batches: dict[str, NDArray], final: bool) -> dict[str, NDArray]:

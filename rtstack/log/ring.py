@@ -35,7 +35,7 @@ class LogState(IntEnum):
     FINISHED = 3
 
 
-_CONTROL = np.dtype([("magic", "S8"), ("closing", "i8"), ("state", "i8"), ("transforms", "i8"), ("error", "S480")])
+_CONTROL = np.dtype([("magic", "S8"), ("closing", "i8"), ("state", "i8"), ("messages", "i8"), ("error", "S480")])
 # the writer's word and the log process's words on cache lines of their own
 _TOPIC = np.dtype(
     {
@@ -267,13 +267,13 @@ class Rings:
         self.state = LogState.FAILED
 
     @property
-    def transforms(self) -> int:
-        """Number of /tf messages that the log process has written."""
-        return int(self._control["transforms"][0])
+    def messages(self) -> int:
+        """Number of messages that the log process has written, /tf included."""
+        return int(self._control["messages"][0])
 
-    @transforms.setter
-    def transforms(self, count: int) -> None:
-        self._control["transforms"] = count
+    @messages.setter
+    def messages(self, count: int) -> None:
+        self._control["messages"] = count
 
     @property
     def closing(self) -> bool:

@@ -154,9 +154,8 @@ class LogProcess:
                 raise LogError(self._reason())
         finally:
             self._reap()
-        published = sum(self._rings.published(topic) for topic in TOPICS)
         lost = sum(self._rings.lost(topic) for topic in TOPICS)
-        return LogSummary(self.path, published - lost + self._rings.transforms, lost)
+        return LogSummary(self.path, self._rings.messages, lost)
 
     def abandon(self) -> None:
         """End the process silently, for a parent that has a worse error to report. Never raises."""

@@ -271,6 +271,16 @@ def test_a_run_that_ended_before_its_first_tick_still_has_its_events(tmp_path: P
     assert [event.text for event in read_log(tmp_path / "a.mcap").events] == ["event 0"]
 
 
+def test_an_object_that_was_never_seen_is_not_in_the_log(tmp_path: Path) -> None:
+    poses = random_records("/object/pose", 10)
+    poses["seen"][:4] = 0
+    with Rings.create() as rings:
+        log = LogProcess.start(tmp_path / "a.mcap", rings, {"trial": TRIAL})
+        push_all(rings, {"/object/pose": poses}, log)
+        assert log.close().messages == 6
+    np.testing.assert_array_equal(read_log(tmp_path / "a.mcap").topic("/object/pose"), poses[4:])
+
+
 def test_an_existing_log_is_only_replaced_on_request(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     path.write_bytes(b"precious")
