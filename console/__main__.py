@@ -74,6 +74,7 @@ def main(arguments: list[str] | None = None) -> int:
             ws="websockets-sansio",
             ws_max_size=1 << 20,
             server_header=False,
+            proxy_headers=False,
             timeout_graceful_shutdown=2,
         )
         server = _Server(config, f"http://127.0.0.1:{port}/?token={parts.sign_in.token}", ready)

@@ -82,7 +82,8 @@ class ArmFigure:
             position=(0.0, 0.0, _FLANGE_M + pad.flange_to_face - pad.size[2] / 2.0),
             cast_shadow=full,
         )
-        scene.add_label(f"/{side}/label", side, position=(-0.12, 0.0, 0.02), anchor="center-center")
+        outwards = 0.24 if side == "left" else -0.24
+        scene.add_label(f"/{side}/label", side, position=(0.0, outwards, 0.02), anchor="center-center")
         self.show(np.array(mounting.home))
 
     def show(self, q: Sequence[float] | NDArray[np.float64]) -> None:
@@ -105,8 +106,10 @@ class CellScene:
         self._cell = cell
         self._full = full
         server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
-        server.initial_camera.position = (1.55, 0.95, 1.15)
-        server.initial_camera.look_at = (-0.12, 0.0, 0.32)
+        # from behind the arms, so that the left arm is on the left
+        server.initial_camera.position = (-1.75, 0.0, 1.35)
+        server.initial_camera.look_at = (-0.02, 0.0, 0.3)
+        server.initial_camera.fov = 0.72  # rad
         scene.configure_default_lights(cast_shadow=full)
         scene.add_grid(
             "/floor",

@@ -69,7 +69,7 @@ async def stream(websocket: WebSocket, detail: Detail) -> None:
             await asyncio.gather(*tasks, return_exceptions=True)
     except (OSError, WebSocketException):
         pass
-    with contextlib.suppress(RuntimeError):  # the page may have gone first
+    with contextlib.suppress(RuntimeError, WebSocketDisconnect):  # the page may have gone first
         await websocket.close()
 
 

@@ -5,25 +5,26 @@ from importlib.resources import as_file, files
 from pathlib import Path
 
 from hal.cell import Cell
+from rtstack.live.pace import PacedLockstep
 from rtstack.live.source import CellSource
 from rtstack.live.stack import StackSettings, run_stack
 from rtstack.model.cell_description import load_cell_description
 
+KIND = "lockstep"
 SIMULATED_SOURCE = "rtstack.live.__main__:simulated_source"
 
 
 def simulated_source(description: Path) -> CellSource:
-    """Return the simulated cell, in real time, as a source. Raises ConfigurationError."""
+    """Return the simulated cell as a source: in lockstep, paced to real time. Raises ConfigurationError."""
     from sim_robot.cell import simulated_cell  # the robot process alone pays for the plant
-    from sim_robot.clock import RealtimeClock
 
     cell = load_cell_description(description)
 
     def open_cell(object_name: str, displacement_m: float, seed: int) -> Cell:
-        simulated = simulated_cell(object_name, displacement_m, seed, clock=RealtimeClock())
-        return simulated.as_cell("realtime")
+        simulated = simulated_cell(object_name, displacement_m, seed, clock=PacedLockstep())
+        return simulated.as_cell(KIND)
 
-    return CellSource(kind="realtime", description=cell, file=description, open_cell=open_cell)
+    return CellSource(kind=KIND, description=cell, file=description, open_cell=open_cell)
 
 
 if __name__ == "__main__":

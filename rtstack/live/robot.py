@@ -102,7 +102,7 @@ class Robot:
             state = JobState.STOPPED if self._mailbox.stop_requested else JobState.DONE
             self._desk.finished(state, reason, result.success, _name_if_there(log))
             level = Level.INFO if result.success else Level.WARNING
-            self._idle.tell(level, f"{order.verb} {state}: {reason or 'as asked'}")
+            self._idle.tell(level, f"{order.verb} {state}: {reason or 'success'}")
         if self._cell is None and not self._desk.ending:
             self._open(self._first_object, 0.0, 0)
 

@@ -4,6 +4,7 @@ const AMBER_S = 0.1;
 const RED_S = 0.5;
 const NEVER_S = 1e5;
 const REFRESH_MS = 50;
+const TEXT_EVERY = 5; // refreshes: a number that changes 20 times a second cannot be read
 const SIDES = ["left", "right"];
 const WORDS = {
   UNKNOWN: "no state", IDLE: "idle", TELEOPERATION: "teleoperation", ANTE_IMPACT: "ante-impact",
@@ -54,10 +55,17 @@ export function startBar(live) {
 
   const age = document.getElementById("age");
   const veil = document.getElementById("veil");
+  let refreshes = 0;
+  let worst = 0;
   setInterval(() => {
     const oldest = Math.max(...SIDES.map((side) => live.ageOf(side)));
     age.dataset.age = oldest >= RED_S ? "red" : oldest >= AMBER_S ? "amber" : "fresh";
-    write(age.querySelector(".value"), ageText(oldest));
+    worst = Math.max(worst, oldest);
+    if (refreshes % TEXT_EVERY === 0) {
+      write(age.querySelector(".value"), ageText(worst));
+      worst = 0;
+    }
+    refreshes += 1;
     const stale = oldest >= RED_S;
     document.body.classList.toggle("stale", stale);
     veil.hidden = !stale;

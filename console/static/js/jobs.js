@@ -27,10 +27,10 @@ function sentence(job) {
     case "running": return [`${what} runs.`, ""];
     case "stopping": return [`${what} is being stopped.`, ""];
     case "stopped": return [`${what} was stopped: ${job.reason ?? "by the operator"}.`, "bad"];
-    case "failed": return [`${what} failed: ${job.reason}`, "bad"];
+    case "failed": return [`${what} failed: ${job.reason}.`, "bad"];
     default:
       if (job.success) return [`${what} succeeded.`, "good"];
-      return [`${what} ended without success: ${job.reason}`, "bad"];
+      return [`${what} ended without success: ${job.reason}.`, "bad"];
   }
 }
 

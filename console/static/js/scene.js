@@ -4,6 +4,15 @@ import { listenForSpace } from "./stop.js";
 
 const KEY = "rtstack.detail";
 
+// The scene's page brings a panel of its own with developer's settings: here it would cover the arms.
+const HIDDEN = "[data-floating-window], .mantine-Notifications-root { display: none !important; }";
+
+function hidePanels(document) {
+  const style = document.createElement("style");
+  style.textContent = HIDDEN;
+  document.head.append(style);
+}
+
 function softwareRendering() {
   const gl = document.createElement("canvas").getContext("webgl2");
   if (!gl) return true;
@@ -20,9 +29,13 @@ export function startScene() {
 
   const show = () => {
     button.textContent = `detail: ${detail}`;
-    frame.src = `/viser/${detail}/?hideViserControls&darkMode${detail === "light" ? "&fixedDpr=0.75" : ""}`;
+    frame.src = `/viser/${detail}/${detail === "light" ? "?fixedDpr=0.75" : ""}`;
   };
-  frame.addEventListener("load", () => listenForSpace(frame.contentWindow));
+  frame.addEventListener("load", () => {
+    listenForSpace(frame.contentWindow);
+    hidePanels(frame.contentDocument);
+  });
+  document.getElementById("home").addEventListener("click", show);
   button.addEventListener("click", () => {
     detail = detail === "light" ? "full" : "light";
     localStorage.setItem(KEY, detail);
