@@ -1,0 +1,171 @@
+"""The page in a real Chromium against a real stack: what an operator sees and does."""
+
+import io
+import re
+
+import numpy as np
+import pytest
+from PIL import Image
+from playwright.sync_api import expect
+
+from rtstack.log.reader import read_log
+
+pytestmark = pytest.mark.browser
+FINISHED_MS = 120_000
+
+
+def test_signing_in_leaves_a_clean_address_and_the_token_works_once(console, browser, printed_address):
+    assert "token" not in console.page.url
+    other = browser.new_context()
+    page = other.new_page()
+    answer = page.goto(printed_address)
+    assert answer is not None
+    assert answer.status == 403
+    expect(page.locator("#refused")).to_contain_text("once")
+    other.close()
+
+
+def test_both_arms_say_their_state_and_its_age(console):
+    page = console.page
+    for side in ("left", "right"):
+        expect(page.locator(f"#light-{side} .word")).to_have_text("idle", timeout=30_000)
+    expect(page.locator("#mode .word")).to_have_text("idle")
+    expect(page.locator("#age .value")).to_have_text(re.compile(r"^\d+ ms$"))
+    expect(page.locator("#loop")).to_have_text(re.compile(r"^[\d.]+ / [\d.]+ ms / \d+$"))
+    expect(page.locator(".badge")).to_have_text("SIMULATED")
+    box = page.locator("#stop").bounding_box()
+    assert box is not None
+    assert box["width"] >= 96
+    assert box["height"] >= 44
+    assert box["x"] + box["width"] > 1400
+    assert box["y"] < 56
+
+
+def test_the_scene_shows_both_pads_and_the_object(console):
+    canvas = console.page.frame_locator("#scene").locator("canvas").first
+    expect(canvas).to_be_visible(timeout=60_000)
+    # the left pad is blue and on the left, the right one orange and on the right
+    expected = {"left": (86, 180, 233), "right": (230, 159, 0)}
+    for _ in range(30):
+        image = Image.open(io.BytesIO(canvas.screenshot())).convert("RGB")
+        places = {side: _centre_of_hue(image, colour) for side, colour in expected.items()}
+        if all(place is not None for place in places.values()):
+            break
+        console.page.wait_for_timeout(1000)
+    assert places["left"] is not None
+    assert places["right"] is not None
+    assert places["left"] < image.width / 2 < places["right"]
+    assert len(np.unique(np.asarray(image).reshape(-1, 3), axis=0)) > 200
+
+
+def _centre_of_hue(image, colour):
+    """Mean column of the saturated pixels of a colour's hue, None where there are hardly any."""
+    hue = Image.new("RGB", (1, 1), colour).convert("HSV").getpixel((0, 0))[0]
+    pixels = np.asarray(image.convert("HSV")).astype(int)
+    fits = (abs(pixels[..., 0] - hue) < 10) & (pixels[..., 1] > 130) & (pixels[..., 2] > 60)
+    return float(np.nonzero(fits)[1].mean()) if fits.sum() > 80 else None
+
+
+def test_what_cannot_act_says_why(console):
+    if console.page.locator("#logs tbody tr").count() == 0:
+        expect(console.page.locator("#trial button[type=submit]")).to_be_disabled()
+        expect(console.page.locator("#trial [data-why]")).to_contain_text("record a demonstration first")
+        expect(console.page.locator("#empty")).to_contain_text("Record a demonstration")
+    expect(console.page.locator("#recover")).to_be_disabled()
+    expect(console.page.locator("#recover")).to_have_attribute("title", "Nothing to recover")
+
+
+def test_a_recording_becomes_the_reference_of_a_trial_whose_log_comes_down(recorded, tmp_path):
+    page = recorded.page
+    rows = page.locator("#logs tbody tr")
+    before = rows.count()
+    recorded.start_trial("no_interim", "10")
+    expect(page.locator("#progress-row")).to_be_visible()
+    expect(page.locator("#demonstration button[type=submit]")).to_be_disabled()
+    expect(page.locator("#demonstration [data-why]")).to_contain_text("is running")
+    expect(page.locator("#progress-row")).to_be_hidden(timeout=FINISHED_MS)
+    expect(rows).to_have_count(before + 1, timeout=10_000)
+    row = rows.first
+    for text in ("trial", "no interim", "rice box", "10"):
+        expect(row).to_contain_text(text)
+    expect(row.locator(".outcome")).to_have_text(re.compile("^(success|failed: .+)$"))
+    with page.expect_download() as download:
+        row.locator("a").click()
+    path = tmp_path / "trial.mcap"
+    download.value.save_as(path)
+    log = read_log(path)
+    assert log.complete
+    assert log.metadata["result"]["controller"] == "no_interim"
+    assert log.metadata["result"]["displacement_mm"] == "10.0"
+    assert len(log.topic("/left/arm")) > 1000
+
+
+@pytest.mark.parametrize("way", ["button", "space bar", "space bar in the scene", "cancel"])
+def test_stop_stops_a_trial(recorded, way):
+    page = recorded.page
+    rows = page.locator("#logs tbody tr")
+    before = rows.count()
+    recorded.start_trial("proposed", "0")
+    if way == "button":
+        page.click("#stop")
+    elif way == "cancel":
+        page.click("#cancel")
+    else:
+        page.locator("#scene" if way == "space bar in the scene" else "h2 >> nth=0").click()
+        page.keyboard.press("Space")
+    expect(page.locator("#job-line")).to_contain_text("was stopped", timeout=FINISHED_MS)
+    expect(page.locator("#progress")).not_to_have_attribute("value", "1")
+    expect(rows).to_have_count(before + 1, timeout=10_000)
+    expect(rows.first.locator(".outcome")).to_contain_text("stop requested")
+    expect(page.locator("#stop")).to_have_text("STOP")
+    expect(page.locator("#light-left .word")).to_have_text("idle", timeout=30_000)
+
+
+def test_a_space_in_a_text_field_is_a_space(recorded):
+    page = recorded.page
+    page.locator("#filter").click()
+    page.keyboard.type("rice box")
+    expect(page.locator("#filter")).to_have_value("rice box")
+    page.fill("#filter", "no such log")
+    expect(page.locator("#empty")).to_have_text("No log matches the filter.")
+    page.fill("#filter", "")
+    expect(page.locator("#stop")).to_have_text("STOP")
+
+
+def test_an_impossible_displacement_is_refused_with_the_reason(recorded):
+    page = recorded.page
+    page.fill("#trial input[name=displacement_mm]", "900")
+    page.click("#trial button[type=submit]")
+    expect(page.locator("#job-line")).to_contain_text("allowed are", timeout=FINISHED_MS)
+    expect(page.locator("#errors .error")).to_contain_text("allowed are")
+    page.click("#errors .error button")
+    expect(page.locator("#errors .error")).to_have_count(0)
+    page.fill("#trial input[name=displacement_mm]", "0")
+    expect(page.locator("#light-left .word")).to_have_text("idle", timeout=30_000)
+
+
+def test_the_events_open_from_the_strip(recorded):
+    page = recorded.page
+    page.click("#event")
+    expect(page.locator("#events li").first).to_be_visible()
+    expect(page.locator("#events")).to_contain_text("impact")
+    page.click("#event")
+    expect(page.locator("#events")).to_be_hidden()
+
+
+def test_the_theme_changes_and_stays(console):
+    page = console.page
+    root = page.locator("html")
+    expect(root).to_have_attribute("data-theme", "dark")
+    page.click("#theme")
+    expect(root).to_have_attribute("data-theme", "light")
+    page.reload()
+    expect(root).to_have_attribute("data-theme", "light")
+    page.click("#theme")
+
+
+def test_nothing_was_fetched_from_elsewhere_and_no_script_failed(console, printed_address):
+    ours = printed_address.split("/?")[0]
+    foreign = [url for url in console.requests if not url.startswith((ours, "blob:", "data:"))]
+    assert foreign == []
+    assert console.errors == []

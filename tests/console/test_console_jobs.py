@@ -1,0 +1,97 @@
+"""Orders, STOP and recovery through the HTTP interface, against the real desk and socket."""
+
+import httpx
+import pytest
+
+from rtstack.live.protocol import JobState
+
+
+def test_an_order_is_taken_once_and_the_second_says_why_not(served):
+    with served.signed_in() as (client, headers):
+        order = {"object": "parcel", "variation": 3, "seed": 7}
+        answer = client.post("/api/jobs/demonstration", json=order, headers=headers)
+        assert answer.status_code == 202
+        assert answer.json()["job"]["title"] == "parcel, variation 3, seed 7"
+        taken, _ = served.desk.collect()
+        assert (taken.object, taken.variation, taken.seed) == ("parcel", 3, 7)
+        second = client.post("/api/jobs/demonstration", json=order, headers=headers)
+        assert second.status_code == 409
+        assert "running" in second.json()["error"]
+
+
+@pytest.mark.parametrize(
+    ("order", "key"),
+    [
+        ({"object": "parcel", "variation": -1}, "variation"),
+        ({"object": "parcel", "seed": 2**40}, "seed"),
+        ({"object": "parcel", "seed": 1.5}, "seed"),
+        ({"object": "parcel", "colour": "red"}, "colour"),
+        ({"object": "../parcel"}, "object"),
+        ({}, "object"),
+        ([], "the request"),
+    ],
+)
+def test_a_bad_order_is_one_line_that_names_the_key(served, order, key):
+    with served.signed_in() as (client, headers):
+        answer = client.post("/api/jobs/demonstration", json=order, headers=headers)
+        assert answer.status_code == 422
+        assert answer.json()["error"].startswith(key)
+    assert served.desk.status().job is None
+
+
+def test_an_object_that_the_cell_does_not_have_is_refused_with_the_ones_it_has(served):
+    with served.signed_in() as (client, headers):
+        answer = client.post("/api/jobs/demonstration", json={"object": "piano"}, headers=headers)
+        assert answer.status_code == 409
+        assert "rice_box" in answer.json()["error"]
+
+
+def test_a_trial_needs_a_recording_and_finite_numbers(served):
+    with served.signed_in() as (client, headers):
+        order = {"reference": "0" * 32, "object": "rice_box"}
+        answer = client.post("/api/jobs/trial", json=order, headers=headers)
+        assert answer.status_code == 404
+        assert "recording" in answer.json()["error"]
+        for bad in ('{"reference": "a", "object": "rice_box", "displacement_mm": NaN}', '{"reference": ', "null"):
+            content = {"content-type": "application/json"}
+            answer = client.post("/api/jobs/trial", content=bad, headers={**headers, **content})
+            assert answer.status_code == 422
+            assert "\n" not in answer.json()["error"]
+        unknown = client.post("/api/jobs/trial", json={**order, "controller": "best"}, headers=headers)
+        assert unknown.status_code == 422
+
+
+def test_stop_reaches_the_loop_while_the_robot_process_does_not_answer(served):
+    with served.signed_in() as (client, headers):
+        served.service.close()
+        assert client.post("/api/stop", headers=headers).status_code == 200
+    assert served.mailbox.stop_requested
+
+
+def test_a_new_order_clears_an_old_stop(served):
+    with served.signed_in() as (client, headers):
+        client.post("/api/stop", headers=headers)
+        assert served.desk.status().stop_requested
+        client.post("/api/jobs/demonstration", json={"object": "parcel"}, headers=headers)
+        assert not served.mailbox.stop_requested
+        client.post("/api/stop", headers=headers)
+        served.desk.started("x.mcap")
+        assert client.get("/api/status").json()["job"]["state"] == JobState.STOPPING
+
+
+def test_a_recovery_is_refused_while_a_job_runs(served):
+    with served.signed_in() as (client, headers):
+        client.post("/api/jobs/demonstration", json={"object": "parcel"}, headers=headers)
+        answer = client.post("/api/recover", headers=headers)
+        assert answer.status_code == 409
+        assert "stop it first" in answer.json()["error"]
+
+
+def test_a_robot_process_that_is_gone_is_one_line(served):
+    with served.signed_in() as (client, _):
+        served.service.close()
+        served.parts.client.close()
+        answer = client.get("/api/status")
+        assert answer.status_code == 503
+        assert "robot process" in answer.json()["error"]
+        assert httpx.codes.is_success(client.get("/api/logs").status_code)

@@ -1,0 +1,93 @@
+"""The scene: its figure agrees with an independent model, its raw port is shut."""
+
+import socket
+
+import httpx
+import numpy as np
+import pinocchio
+import pytest
+import trimesh
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+from console.meshes import LINKS, capsule_parts, full_parts, light_parts
+from console.scene import fr3_joints, turned
+from console.scene_server import SECRET_HEADER
+from console.scenes import Detail
+from hal.description import fr3_urdf
+from hal.limits import FR3
+
+
+def test_the_chain_of_frames_agrees_with_pinocchio():
+    model = pinocchio.buildModelFromXML(fr3_urdf())
+    data = model.createData()
+    generator = np.random.default_rng(3)
+    for _ in range(20):
+        q = generator.uniform(FR3.q_lower, FR3.q_upper)
+        pinocchio.forwardKinematics(model, data, q)
+        T = np.eye(4)
+        for number, joint in enumerate(fr3_joints()):
+            step = trimesh.transformations.quaternion_matrix(turned(joint, q[number]))
+            step[:3, 3] = joint.position
+            T = T @ step
+            np.testing.assert_allclose(T, data.oMi[number + 1].homogeneous, atol=1e-9)
+
+
+@pytest.mark.parametrize("link", LINKS)
+def test_every_link_has_a_shape_of_its_size_in_every_detail(link):
+    boxes = []
+    for parts in (full_parts(link), light_parts(link), capsule_parts(link)):
+        vertices = np.vstack([part.vertices for part in parts])
+        assert all(part.faces.max() < len(part.vertices) for part in parts)
+        boxes.append((vertices.min(axis=0), vertices.max(axis=0)))
+    (full_low, full_high), (light_low, light_high), (capsule_low, capsule_high) = boxes
+    # two independent files of the same link agree; our capsules are only roughly as large
+    np.testing.assert_allclose(full_low, light_low, atol=6e-3)
+    np.testing.assert_allclose(full_high, light_high, atol=6e-3)
+    assert np.linalg.norm(capsule_high - capsule_low) == pytest.approx(np.linalg.norm(full_high - full_low), rel=0.6)
+
+
+def test_the_raw_port_refuses_everybody_but_our_proxy(served):
+    server = served.parts.scenes.server(Detail.LIGHT)
+    base = f"http://127.0.0.1:{server.port}/"
+    for headers in ({}, {SECRET_HEADER: "guess"}, {SECRET_HEADER: ""}, {"host": f"127.0.0.1:{served.port}"}):
+        answer = httpx.get(base, headers=headers, trust_env=False)
+        assert answer.status_code == 403
+        assert answer.content == b""
+        with (
+            pytest.raises(InvalidStatus) as refusal,
+            connect(f"ws://127.0.0.1:{server.port}/", additional_headers=headers, proxy=None),
+        ):
+            pass
+        assert refusal.value.response.status_code == 403
+    assert httpx.get(base, headers={SECRET_HEADER: server.secret}, trust_env=False).status_code == 200
+
+
+def test_the_raw_port_is_on_loopback_only(served):
+    server = served.parts.scenes.server(Detail.LIGHT)
+    with pytest.raises(OSError, match="refused"):
+        socket.create_connection(("127.0.0.2", server.port), timeout=2).close()
+
+
+def test_no_page_can_open_a_tunnel(served):
+    handlers = served.parts.scenes.server(Detail.LIGHT).viser._websock_server._incoming_handlers
+    assert handlers
+    assert not [message for message in handlers if "share" in message.__name__.lower()]
+
+
+def test_the_proxy_forwards_the_page_and_the_subprotocol(served):
+    with served.signed_in() as (client, _):
+        page = client.get("/viser/light/")
+        assert page.status_code == 200
+        assert "<title>Viser</title>" in page.text
+        assert client.get("/viser/no_such_detail/").status_code == 422
+        with connect(
+            f"ws://127.0.0.1:{served.port}/viser/light",
+            subprotocols=["viser-v1.1.1"],
+            additional_headers={"cookie": served.cookie(client)},
+            origin=served.base,
+            proxy=None,
+            max_size=None,
+        ) as stream:
+            assert stream.subprotocol == "viser-v1.1.1"
+            assert len(stream.recv(timeout=10)) > 16

@@ -1,0 +1,89 @@
+"""What the page is told: the robot's own words, and their true age."""
+
+import json
+import time
+
+import numpy as np
+from websockets.sync.client import connect
+
+from hal.robot_errors import error_bit
+from hal.state import RobotMode
+from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, EVENT, TIMING_SAMPLE, Level, Mode
+
+PATIENCE_S = 10.0
+
+
+def wait_for(condition):
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline, "did not happen"
+        time.sleep(0.01)
+
+
+def push_arm(served, side, t_ns, robot_mode=RobotMode.MOVE, mode=Mode.INTERIM, errors=0):
+    arm, control = np.zeros(1, ARM_SAMPLE), np.zeros(1, CONTROL_SAMPLE)
+    arm["t_ns"] = control["t_ns"] = t_ns
+    arm["robot_mode"], control["mode"], arm["current_errors"] = robot_mode, mode, errors
+    arm["q"] = np.arange(7) * (1.0 if side == "left" else -1.0)
+    served.rings.pusher(f"/{side}/arm").push(arm)
+    served.rings.pusher(f"/{side}/control").push(control)
+
+
+def test_the_view_says_what_each_robot_said(served):
+    watch = served.parts.watch
+    assert watch.view.left.robot_mode == "UNKNOWN"
+    assert watch.q() is None
+    push_arm(served, "left", 5_000_000)
+    push_arm(served, "right", 5_000_000, RobotMode.REFLEX, Mode.STOPPED, error_bit("joint_reflex"))
+    wait_for(lambda: watch.view.right.robot_mode != "UNKNOWN")
+    assert (watch.view.left.robot_mode, watch.view.left.mode, watch.view.left.errors) == ("MOVE", "INTERIM", ())
+    assert (watch.view.right.robot_mode, watch.view.right.mode) == ("REFLEX", "STOPPED")
+    assert watch.view.right.errors == ("joint_reflex",)
+    np.testing.assert_array_equal(watch.q(), [np.arange(7), -np.arange(7)])
+
+
+def test_an_age_grows_until_the_robot_speaks_again(served):
+    watch = served.parts.watch
+    push_arm(served, "left", 1)
+    wait_for(lambda: 0.3 < watch.view.left.age_s < 1e5)
+    push_arm(served, "left", 1)  # the same state again is no news
+    grown = watch.view.left.age_s
+    wait_for(lambda: watch.view.left.age_s > grown + 0.1)
+    push_arm(served, "left", 2)
+    wait_for(lambda: watch.view.left.age_s < 0.1)
+    assert watch.view.right.age_s > 1e5
+
+
+def test_loop_health_counts_what_was_missed_over_jobs(served):
+    watch = served.parts.watch
+    pusher, timing = served.rings.pusher("/timing"), np.zeros(1, TIMING_SAMPLE)
+    for period_us, missed in [(1000.0, 0)] * 99 + [(3000.0, 2)] + [(1000.0, 0)] * 50 + [(1000.0, 1)] * 50:
+        timing["period_us"], timing["missed_deadlines"] = period_us, missed
+        pusher.push(timing)
+    wait_for(lambda: watch.view.loop.missed == 3)
+    assert watch.view.loop.period_us == 1010.0
+    assert 1000.0 <= watch.view.loop.period_p99_us <= 3000.0
+
+
+def test_the_live_socket_sends_view_events_and_status(served):
+    event = np.zeros(1, EVENT)
+    event["t_ns"], event["level"], event["name"], event["text"] = 1_250_000_000, Level.WARNING, b"impact", b"<b>early</b>"
+    served.rings.pusher("/events").push(event)
+    push_arm(served, "left", 1)
+    wait_for(lambda: served.parts.watch.view.event is not None and served.parts.watch.view.status is not None)
+    with (
+        served.signed_in() as (client, _),
+        connect(
+            f"ws://127.0.0.1:{served.port}/live",
+            additional_headers={"cookie": served.cookie(client)},
+            origin=served.base,
+            proxy=None,
+        ) as stream,
+    ):
+        view = json.loads(stream.recv(timeout=10))
+        assert view["event"]["t_s"] == 1.25
+        assert (view["event"]["level"], view["event"]["text"]) == ("WARNING", "<b>early</b>")
+        assert view["left"]["mode"] == "INTERIM"
+        assert view["status"]["cell"] == "grab"
+        assert view["status"]["refusal"] is None
+        assert client.get("/api/events").json()[-1] == view["event"]

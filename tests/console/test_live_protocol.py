@@ -1,0 +1,116 @@
+"""The mailbox and the lines between console and robot process."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rtstack.live.protocol import (
+    MAX_LINE_BYTES,
+    Answer,
+    DemonstrationRequest,
+    Job,
+    JobKind,
+    JobState,
+    ProtocolError,
+    RecoverRequest,
+    Status,
+    StatusRequest,
+    StopRequest,
+    TrialRequest,
+    decode_answer,
+    decode_request,
+    encode,
+)
+from rtstack.loop.mailbox import Mailbox, MailboxError, remove_mailbox
+from rtstack.trials.specification import Controller
+
+REQUESTS = [
+    StatusRequest(),
+    DemonstrationRequest("parcel", 2, 3),
+    TrialRequest("a.mcap", Controller.NO_INTERIM, "parcel", -12.5, 4),
+    StopRequest(),
+    RecoverRequest(),
+]
+
+
+@pytest.mark.parametrize("request_", REQUESTS, ids=lambda request: request.verb)
+def test_a_request_comes_back_as_it_was(request_):
+    line = encode(request_)
+    assert line.endswith(b"\n")
+    assert line.count(b"\n") == 1
+    assert decode_request(line) == request_
+
+
+def test_an_answer_comes_back_as_it_was():
+    job = Job(3, JobKind.TRIAL, JobState.FAILED, "t", 0.25, 12.5, 'two\n"lines"', False, "a.mcap")
+    status = Status("grab", True, ("parcel",), "parcel", job, None, "left arm in reflex", True)
+    for answer in (Answer(status=status), Answer(error="no")):
+        assert decode_answer(encode(answer)) == answer
+
+
+@pytest.mark.parametrize(
+    ("line", "key"),
+    [
+        (b"{}", "verb"),
+        (b'{"verb": "dance"}', "verb"),
+        (b'{"verb": "trial"}', "reference"),
+        (b'{"verb": "trial", "reference": "a", "displacement_mm": 1e9}', "displacement_mm"),
+        (b'{"verb": "trial", "reference": "a", "displacement_mm": NaN}', "displacement_mm"),
+        (b'{"verb": "trial", "reference": "a", "controller": "best"}', "controller"),
+        (b'{"verb": "stop", "now": true}', "now"),
+        (b'{"verb": "demonstration", "seed": -1}', "seed"),
+        (b'{"verb": "demonstration", "object": "a b"}', "object"),
+    ],
+)
+def test_a_bad_request_is_one_line_that_names_the_key(line, key):
+    with pytest.raises(ProtocolError, match=key) as refusal:
+        decode_request(line)
+    assert "\n" not in str(refusal.value)
+
+
+@given(st.binary(max_size=200))
+def test_any_other_line_is_refused_and_never_more(line):
+    assert len(line) < MAX_LINE_BYTES
+    with pytest.raises(ProtocolError):
+        decode_request(line)
+
+
+@pytest.fixture
+def mailbox():
+    name = "rtstack-test-mailbox"
+    remove_mailbox(name)
+    box = Mailbox.create(name)
+    yield name, box
+    box.close()
+
+
+def test_a_stop_crosses_the_mailbox_and_stays_until_it_is_cleared(mailbox):
+    name, owner = mailbox
+    other = Mailbox.attach(name)
+    assert not owner.stop_requested
+    other.request_stop()
+    other.request_stop()
+    assert owner.stop_requested
+    other.close()
+    assert owner.stop_requested
+    owner.clear_stop()
+    assert not owner.stop_requested
+
+
+def test_only_the_owner_removes_the_name(mailbox):
+    name, owner = mailbox
+    Mailbox.attach(name).close()
+    Mailbox.attach(name).close()
+    with pytest.raises(MailboxError, match="exists"):
+        Mailbox.create(name)
+    owner.close()
+    owner.close()
+    with pytest.raises(MailboxError, match="No such file"):
+        Mailbox.attach(name)
+
+
+@pytest.mark.parametrize("name", ["", "../x", "a/b", "ä", "a b"])
+def test_a_path_is_no_name(name):
+    for verb in (Mailbox.create, Mailbox.attach, remove_mailbox):
+        with pytest.raises(MailboxError, match="a name has"):
+            verb(name)
