@@ -1,4 +1,6 @@
-"""The console's process: `python -m console --run FOLDER --name NAME --rings NAME --logs DIR --cell TOML --listener FD`.
+"""The console's process.
+
+    python -m console --run FOLDER --name NAME --rings NAME --logs DIR --cell TOML --listener FD
 
 Started by the supervisor (rtstack.live.stack), which holds the listening socket and the other end of our standard
 input. Prints one line on standard output once it answers: the address with the one-time token.
@@ -55,9 +57,7 @@ def main(arguments: list[str] | None = None) -> int:
     asked = parser.parse_args(arguments)
 
     ready = os.dup(sys.stdout.fileno())
-    os.dup2(
-        sys.stderr.fileno(), sys.stdout.fileno()
-    )  # what libraries print is for the terminal, not the supervisor
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what libraries print is for the terminal, not the supervisor
     listener = socket.socket(fileno=asked.listener)
     port = listener.getsockname()[1]
     with ExitStack() as stack:

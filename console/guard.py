@@ -66,11 +66,7 @@ class Guard:
         path = scope["path"]
         if session is None:
             # the front page says itself how to sign in
-            if (
-                not websocket
-                and (path == "/" or path.startswith(_OPEN_PREFIX))
-                and scope["method"] in _SAFE_METHODS
-            ):
+            if not websocket and (path == "/" or path.startswith(_OPEN_PREFIX)) and scope["method"] in _SAFE_METHODS:
                 return None
             return _refuse(401, "not signed in: open the address that `rtstack up` printed")
         if (

@@ -39,7 +39,7 @@ def log_rows(catalogue: Catalogue, being_written: str | None) -> list[LogRow]:
 
 
 def log_path(catalogue: Catalogue, log_id: str) -> Path | None:
-    """Return the path of a log by its opaque id, None where there is none: an id is looked up, never joined to a path."""
+    """Return the path of a log by its opaque id, None where there is none. Looked up, never joined to a path."""
     try:
         return catalogue.entry(log_id).path
     except LogError:
@@ -76,11 +76,7 @@ def _outcome(condition: LogCondition, being_written: bool, success: bool | None,
     if condition is LogCondition.FOREIGN:
         return "no log of ours"
     if success is None:
-        return (
-            "cut off: rtstack recover gives back the rest"
-            if condition is LogCondition.TRUNCATED
-            else "no result"
-        )
+        return "cut off: rtstack recover gives back the rest" if condition is LogCondition.TRUNCATED else "no result"
     return "success" if success else f"failed: {reason or 'no reason given'}"
 
 

@@ -56,9 +56,7 @@ def capsule_parts(link: str) -> list[Part]:
         if shape.tag == "sphere":
             mesh = trimesh.creation.icosphere(subdivisions=1, radius=float(shape.attrib["radius"]))
         else:
-            mesh = trimesh.creation.cylinder(
-                float(shape.attrib["radius"]), float(shape.attrib["length"]), sections=16
-            )
+            mesh = trimesh.creation.cylinder(float(shape.attrib["radius"]), float(shape.attrib["length"]), sections=16)
         roll, pitch, yaw = _numbers(origin.attrib["rpy"])
         transform = trimesh.transformations.euler_matrix(roll, pitch, yaw, "sxyz")
         transform[:3, 3] = _numbers(origin.attrib["xyz"])
@@ -104,9 +102,7 @@ def _triangles(
         raise ValueError("a polygon with more than three corners")
     vertices = geometry.find(f".//{_C}vertices[@id='{vertex.attrib['source'].removeprefix('#')}']/{_C}input")
     assert vertices is not None
-    source = geometry.find(
-        f".//{_C}source[@id='{vertices.attrib['source'].removeprefix('#')}']/{_C}float_array"
-    )
+    source = geometry.find(f".//{_C}source[@id='{vertices.attrib['source'].removeprefix('#')}']/{_C}float_array")
     assert source is not None
     return np.array(_numbers(source.text or "")).reshape(-1, 3), corners.reshape(-1, 3)
 

@@ -55,24 +55,18 @@ def turned(joint: Joint, angle: float) -> NDArray[np.float64]:
 class ArmFigure:
     """One arm and its pad in a scene."""
 
-    def __init__(
-        self, scene: viser.SceneApi, side: str, mounting: ArmMounting, cell: CellDescription, full: bool
-    ):
+    def __init__(self, scene: viser.SceneApi, side: str, mounting: ArmMounting, cell: CellDescription, full: bool):
         self._joints = fr3_joints()
         self._frames: list[viser.FrameHandle] = []
         self._shown = np.full(7, np.inf)
         colour = LEFT_COLOUR if side == "left" else RIGHT_COLOUR
         path = f"/{side}"
-        scene.add_frame(
-            path, show_axes=False, position=mounting.base_position, wxyz=mounting.base_orientation_wxyz
-        )
+        scene.add_frame(path, show_axes=False, position=mounting.base_position, wxyz=mounting.base_orientation_wxyz)
         parts = full_parts if full else light_parts
         _add_parts(scene, path, parts(LINKS[0]), full)
         for link, joint in zip(LINKS[1:], self._joints, strict=True):
             path = f"{path}/{link}"
-            self._frames.append(
-                scene.add_frame(path, show_axes=False, position=joint.position, wxyz=joint.wxyz)
-            )
+            self._frames.append(scene.add_frame(path, show_axes=False, position=joint.position, wxyz=joint.wxyz))
             _add_parts(scene, path, parts(link), full)
         pad = cell.pad
         scene.add_box(

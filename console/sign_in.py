@@ -39,9 +39,7 @@ class SignIn:
             if self._token is None or not _same(token, self._token):
                 return None
             self._token = None
-            session = Session(
-                secrets.token_urlsafe(32), secrets.token_urlsafe(32), time.monotonic() + _SESSION_S
-            )
+            session = Session(secrets.token_urlsafe(32), secrets.token_urlsafe(32), time.monotonic() + _SESSION_S)
             while len(self._sessions) >= _MAX_SESSIONS:
                 self._sessions.pop(next(iter(self._sessions)))
             self._sessions[session.key] = session

@@ -1,4 +1,7 @@
-"""The 3D scene, proxied from a viser server that only we can reach: HTTP at /viser/DETAIL/, WebSocket at /viser/DETAIL."""
+"""The 3D scene, proxied from a viser server that only we can reach.
+
+HTTP at /viser/DETAIL/, WebSocket at /viser/DETAIL: viser's client finds the one from the other.
+"""
 
 import asyncio
 import contextlib

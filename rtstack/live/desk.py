@@ -56,9 +56,7 @@ class Desk:
             self._order = request
             self._last_error = None
             number = 1 if self._job is None else self._job.number + 1
-            self._job = Job(
-                number, JobKind(request.verb), JobState.STARTING, _title(request), 0.0, time.time()
-            )
+            self._job = Job(number, JobKind(request.verb), JobState.STARTING, _title(request), 0.0, time.time())
             self._news.set()
 
     def stop(self) -> None:

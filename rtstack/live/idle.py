@@ -5,9 +5,12 @@ from collections.abc import Callable
 
 import numpy as np
 
+from hal.arm import Arm
 from hal.cell import Cell
+from hal.errors import CommandRejected
 from hal.limits import CONTROL_PERIOD_S
-from hal.state import ARM_STATE
+from hal.robot_errors import ROBOT_ERRORS, error_bit
+from hal.state import ARM_STATE, RobotMode
 from rtstack.log.ring import Rings
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, EVENT, SIDES, TIMING_SAMPLE, Level, Mode
 
@@ -15,38 +18,84 @@ _PERIOD_NS = round(CONTROL_PERIOD_S * 1e9)
 _TRACKER_EVERY = 10  # ticks: the tracker's contract is 100 Hz
 
 
+class _ArmView:
+    """Shows one arm. In a reflex an arm answers with its errors only: they are shown on its last state."""
+
+    def __init__(self, rings: Rings, side: str) -> None:
+        self._pusher = rings.pusher(f"/{side}/arm")
+        self._control_pusher = rings.pusher(f"/{side}/control")
+        self._reader = rings.reader(f"/{side}/arm")
+        self._sample = np.zeros(1, ARM_SAMPLE)
+        self._control = np.zeros(1, CONTROL_SAMPLE)
+        self._control["mode"] = Mode.IDLE
+
+    def begin(self) -> None:
+        """Go on from what was shown last, by whomever: nothing is desired or applied any more."""
+        last = self._reader.latest()
+        if last is not None:
+            self._sample[:] = last
+        self._sample["tau_desired"] = 0.0
+        self._sample["tau_applied"] = 0.0
+
+    def show(self, arm: Arm) -> str | None:
+        """Read the arm and show its state. Returns why it refuses to move, None when it does not."""
+        refusal = None
+        try:
+            state = arm.read()
+            for name in ARM_STATE.names or ():
+                self._sample[name] = state.record[name]
+        except CommandRejected as error:
+            refusal = str(error)
+            self._sample["t_ns"] += _PERIOD_NS
+            self._sample["dq"] = 0.0
+            self._sample["robot_mode"] = RobotMode.REFLEX
+            self._sample["current_errors"] = sum(error_bit(name) for name in error.errors if name in ROBOT_ERRORS)
+        self._pusher.push(self._sample)
+        self._control["t_ns"] = self._sample["t_ns"]
+        self._control_pusher.push(self._control)
+        return refusal
+
+    @property
+    def t_ns(self) -> int:
+        """Robot's time of what is shown, ns."""
+        return int(self._sample["t_ns"][0])
+
+
 class IdleView:
     """Publishes an idle cell to the live rings, in the same records as a trial does."""
 
     def __init__(self, rings: Rings) -> None:
-        self._arm_pushers = [rings.pusher(f"/{side}/arm") for side in SIDES]
-        self._control_pushers = [rings.pusher(f"/{side}/control") for side in SIDES]
+        self._arms = tuple(_ArmView(rings, side) for side in SIDES)
         self._timing_pusher = rings.pusher("/timing")
         self._object_pusher = rings.pusher("/object/pose")
         self._event_pusher = rings.pusher("/events")
         self._event = np.zeros(1, EVENT)
-        self._sample = np.zeros(1, ARM_SAMPLE)  # nothing desired, nothing applied
-        self._control = np.zeros(1, CONTROL_SAMPLE)
-        self._control["mode"] = Mode.IDLE
         self._timing = np.zeros(1, TIMING_SAMPLE)
 
-    def watch(self, cell: Cell, interrupted: Callable[[], bool]) -> None:
-        """Read and show both arms until `interrupted`. Raises hal.errors.HardwareError when an arm is lost."""
-        arms = (cell.left, cell.right)
+    def watch(self, cell: Cell, interrupted: Callable[[], bool], refused: Callable[[str], None]) -> None:
+        """Read and show both arms until `interrupted`. `refused` is told once for each new reason not to move.
+
+        Raises hal.errors.HardwareError when an arm is lost.
+        """
+        for view in self._arms:
+            view.begin()
         last_ns = time.perf_counter_ns()
         last_t_ns = 0
         self._timing["missed_deadlines"] = 0
         ticks = 0
+        told: list[str | None] = [None, None]
         while not interrupted():
-            for side, arm in enumerate(arms):
-                state = arm.read()
-                for name in ARM_STATE.names or ():
-                    self._sample[name] = state.record[name]
-                self._arm_pushers[side].push(self._sample)
-                self._control["t_ns"] = state.t_ns
-                self._control_pushers[side].push(self._control)
+            refusals = [view.show(arm) for view, arm in zip(self._arms, (cell.left, cell.right), strict=True)]
+            if refusals != told:
+                for refusal in refusals:
+                    if refusal is not None and refusal not in told:
+                        self.tell(Level.ERROR, refusal)
+                        refused(refusal)
+                told = refusals
+            if None not in refusals:
+                time.sleep(CONTROL_PERIOD_S)  # no arm is the clock any more
             now_ns = time.perf_counter_ns()
-            t_ns = int(self._sample["t_ns"][0])
+            t_ns = max(view.t_ns for view in self._arms)
             if last_t_ns and t_ns - last_t_ns > 1.5 * _PERIOD_NS:
                 self._timing["missed_deadlines"] += round((t_ns - last_t_ns) / _PERIOD_NS) - 1
             self._timing["t_ns"] = t_ns
@@ -58,7 +107,7 @@ class IdleView:
 
     def tell(self, level: Level, text: str) -> None:
         """Publish an event of the robot process, at the time of the last state that was shown."""
-        self._event["t_ns"] = self._sample["t_ns"]
+        self._event["t_ns"] = max(view.t_ns for view in self._arms)
         self._event["level"] = level
         self._event["name"] = b"robot"
         self._event["text"] = text.encode("ascii", "replace")

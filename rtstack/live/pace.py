@@ -19,7 +19,7 @@ class PacedLockstep:
         self._deadline_ns = time.monotonic_ns()
 
     def wait(self) -> int:
-        """Sleep until the next millisecond is due, at once when it is late. Returns 1: ms by which the plant goes on."""
+        """Sleep until the next millisecond is due, or not at all when it is late. Returns 1, the plant's next ms."""
         self._deadline_ns = max(self._deadline_ns + _PERIOD_NS, time.monotonic_ns() - _LARGEST_DEBT_NS)
         spare_ns = self._deadline_ns - time.monotonic_ns() - _FINAL_WAIT_NS
         if spare_ns > 0:

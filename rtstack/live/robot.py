@@ -9,6 +9,7 @@ when its standard input closes, so that it never outlives its supervisor.
 import argparse
 import signal
 import sys
+import threading
 import time
 import traceback
 from concurrent.futures import Future
@@ -68,7 +69,7 @@ class Robot:
             self._desk.wait(_RETRY_S)
             return
         try:
-            self._idle.watch(self._cell, lambda: self._desk.has_news)
+            self._idle.watch(self._cell, lambda: self._desk.has_news, self._desk.complain)
         except HardwareError as error:
             self._close()
             self._desk.lost(str(error))
@@ -92,9 +93,7 @@ class Robot:
             result = self._job(order, log)
         except (HardwareError, TrialError, LogError) as error:
             self._failed(order, str(error), log)
-        except (
-            Exception
-        ) as error:  # a defect of ours ends the job, not the stack: both arms are stopped by then
+        except Exception as error:  # a defect of ours ends the job, not the stack: both arms are stopped by then
             traceback.print_exc()
             self._failed(order, f"internal error, see the terminal: {error}", log)
         else:
@@ -108,17 +107,13 @@ class Robot:
 
     def _failed(self, order: JobRequest, reason: str, log: Path) -> None:
         stopped = self._mailbox.stop_requested
-        self._desk.finished(
-            JobState.STOPPED if stopped else JobState.FAILED, reason, None, _name_if_there(log)
-        )
+        self._desk.finished(JobState.STOPPED if stopped else JobState.FAILED, reason, None, _name_if_there(log))
         self._idle.tell(Level.ERROR, f"{order.verb} failed: {reason}")
 
     def _job(self, order: JobRequest, log: Path) -> DemonstrationResult | TrialResult:
         """Read the reference, put the object in its place, run. What is refused is refused before an arm moves."""
         description = self._source.description
-        prepared = (
-            prepare_trial(order.specification(), description) if isinstance(order, TrialRequest) else None
-        )
+        prepared = prepare_trial(order.specification(), description) if isinstance(order, TrialRequest) else None
         displacement_m = order.displacement_mm * 1e-3 if isinstance(order, TrialRequest) else 0.0
         self._close()
         cell = self._open_or_raise(order.object, displacement_m, order.seed)
@@ -192,7 +187,8 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"robot process: {error}", file=sys.stderr)
         return 2
     desk = Desk(source, mailbox)
-    signal.signal(signal.SIGTERM, lambda *_: desk.end())
+    # in a thread: a signal may come while this thread holds one of the desk's locks
+    signal.signal(signal.SIGTERM, lambda *_: threading.Thread(target=desk.end).start())
     hold_lifeline(desk.end)
     rings = Rings.create()
     try:

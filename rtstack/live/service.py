@@ -36,9 +36,7 @@ class Service:
         finally:
             os.umask(mask)
         self._server.desk = desk
-        self._thread = threading.Thread(
-            target=self._server.serve_forever, args=(0.1,), daemon=True, name="service"
-        )
+        self._thread = threading.Thread(target=self._server.serve_forever, args=(0.1,), daemon=True, name="service")
         self._thread.start()
 
     def close(self) -> None:

@@ -112,9 +112,7 @@ def _listen(port: int) -> socket.socket:
     except (OSError, OverflowError) as error:
         listener.close()
         reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise StackError(
-            f"port {port} cannot be used: {reason}; choose another one with --port", status=2
-        ) from None
+        raise StackError(f"port {port} cannot be used: {reason}; choose another one with --port", status=2) from None
     return listener
 
 
@@ -141,9 +139,7 @@ class _Child:
         line = self._process.stdout.readline().decode().strip()
         if not line:
             status = self._process.wait()
-            raise StackError(
-                f"the {self.what} did not start: {self.how_it_ended()}", status=2 if status == 2 else 1
-            )
+            raise StackError(f"the {self.what} did not start: {self.how_it_ended()}", status=2 if status == 2 else 1)
         return line
 
     @property

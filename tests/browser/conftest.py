@@ -25,7 +25,10 @@ def printed_address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """Run a stack; give the address that it printed."""
     logs = tmp_path_factory.mktemp("stack") / "logs"
     process = subprocess.Popen(
-        [sys.executable, "-m", "rtstack.live", "0", str(logs)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [sys.executable, "-m", "rtstack.live", "0", str(logs)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
     )
     assert process.stdout is not None
     yield process.stdout.readline().removeprefix("rtstack is up: ").strip()

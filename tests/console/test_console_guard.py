@@ -50,7 +50,10 @@ def test_a_websocket_needs_our_origin_and_a_session(served, path, subprotocols):
             {"origin": served.base},
         ]
         for options in refused:
-            with pytest.raises(InvalidStatus) as refusal, connect(address, proxy=None, subprotocols=subprotocols, **options):
+            with (
+                pytest.raises(InvalidStatus) as refusal,
+                connect(address, proxy=None, subprotocols=subprotocols, **options),
+            ):
                 pass
             assert refusal.value.response.status_code == 403
         ours = {"additional_headers": {"cookie": cookie}, "origin": served.base}

@@ -67,7 +67,12 @@ def test_loop_health_counts_what_was_missed_over_jobs(served):
 
 def test_the_live_socket_sends_view_events_and_status(served):
     event = np.zeros(1, EVENT)
-    event["t_ns"], event["level"], event["name"], event["text"] = 1_250_000_000, Level.WARNING, b"impact", b"<b>early</b>"
+    event["t_ns"], event["level"], event["name"], event["text"] = (
+        1_250_000_000,
+        Level.WARNING,
+        b"impact",
+        b"<b>early</b>",
+    )
     served.rings.pusher("/events").push(event)
     push_arm(served, "left", 1)
     wait_for(lambda: served.parts.watch.view.event is not None and served.parts.watch.view.status is not None)
