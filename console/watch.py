@@ -50,10 +50,11 @@ class LoopView:
 
 @dataclass(frozen=True, slots=True)
 class EventView:
-    """An event: robot's time s, severity, who speaks, what."""
+    """An event: robot's time s (each job may begin at 0 again), Unix time s when it was seen, severity, who, what."""
 
     number: int
     t_s: float
+    seen_s: float
     level: str
     name: str
     text: str
@@ -222,6 +223,7 @@ def _event(number: int, record: Any) -> EventView:
     return EventView(
         number=number,
         t_s=float(record["t_ns"]) * 1e-9,
+        seen_s=time.time(),
         level=Level(level).name if level in Level._value2member_map_ else "INFO",
         name=record["name"].decode("ascii", "replace"),
         text=record["text"].decode("ascii", "replace"),

@@ -57,8 +57,13 @@ class _ArmView:
 
     @property
     def t_ns(self) -> int:
-        """Robot's time of what is shown, ns."""
+        """Robot's time of what this view showed last, ns."""
         return int(self._sample["t_ns"][0])
+
+    def last_shown_t_ns(self) -> int:
+        """Return the robot's time of what anybody showed last, ns; 0 before the first state."""
+        last = self._reader.latest()
+        return 0 if last is None else int(last["t_ns"][0])
 
 
 class IdleView:
@@ -106,8 +111,8 @@ class IdleView:
             last_ns, last_t_ns, ticks = now_ns, t_ns, ticks + 1
 
     def tell(self, level: Level, text: str) -> None:
-        """Publish an event of the robot process, at the time of the last state that was shown."""
-        self._event["t_ns"] = max(view.t_ns for view in self._arms)
+        """Publish an event of the robot process, at the time of the last state that was shown, by whomever."""
+        self._event["t_ns"] = max(view.last_shown_t_ns() for view in self._arms)
         self._event["level"] = level
         self._event["name"] = b"robot"
         self._event["text"] = text.encode("ascii", "replace")

@@ -153,6 +153,20 @@ def test_the_events_open_from_the_strip(recorded):
     expect(page.locator("#events")).to_be_hidden()
 
 
+def test_every_control_fits_into_the_smallest_window(recorded):
+    page = recorded.page
+    page.set_viewport_size({"width": 1280, "height": 720})
+    column = page.locator(".column").bounding_box()
+    for selector in ("#stop", "#recover", "#demonstration button[type=submit]", "#trial button[type=submit]", "#event"):
+        box = page.locator(selector).bounding_box()
+        assert box is not None
+        assert box["x"] + box["width"] <= 1280, selector
+        assert box["y"] + box["height"] <= 720, selector
+        if selector.startswith(("#demonstration", "#trial")):
+            assert box["y"] + box["height"] <= column["y"] + column["height"], selector
+    page.set_viewport_size({"width": 1440, "height": 900})
+
+
 def test_the_theme_changes_and_stays(console):
     page = console.page
     root = page.locator("html")

@@ -57,15 +57,18 @@ export function startBar(live) {
   const veil = document.getElementById("veil");
   let refreshes = 0;
   let worst = 0;
+  let shown = 0;
   setInterval(() => {
     const oldest = Math.max(...SIDES.map((side) => live.ageOf(side)));
-    age.dataset.age = oldest >= RED_S ? "red" : oldest >= AMBER_S ? "amber" : "fresh";
     worst = Math.max(worst, oldest);
     if (refreshes % TEXT_EVERY === 0) {
-      write(age.querySelector(".value"), ageText(worst));
+      shown = worst;
       worst = 0;
+      write(age.querySelector(".value"), ageText(shown));
     }
     refreshes += 1;
+    const colour = Math.max(oldest, shown);
+    age.dataset.age = colour >= RED_S ? "red" : colour >= AMBER_S ? "amber" : "fresh";
     const stale = oldest >= RED_S;
     document.body.classList.toggle("stale", stale);
     veil.hidden = !stale;

@@ -5,13 +5,15 @@ import { showError } from "./errors.js";
 
 function fill(element, event) {
   const time = document.createElement("time");
-  time.textContent = `${event.t_s.toFixed(3)} s`;
-  time.title = "Robot's time";
+  time.textContent = new Date(event.seen_s * 1000).toTimeString().slice(0, 8);
+  const robot = document.createElement("time");
+  robot.textContent = `t = ${event.t_s.toFixed(3)} s`;
+  robot.title = "Robot's time, as in the log";
   const level = document.createElement("span");
   level.className = "level";
   level.dataset.level = event.level;
   level.textContent = event.level;
-  element.replaceChildren(time, level, `${event.name}: ${event.text}`);
+  element.replaceChildren(time, robot, level, `${event.name}: ${event.text}`);
 }
 
 export function startEvents(live) {

@@ -21,6 +21,12 @@ function when(seconds) {
   return `${day} ${two(date.getHours())}:${two(date.getMinutes())}:${two(date.getSeconds())}`;
 }
 
+// Of today: the time is enough to tell recordings apart.
+function shortWhen(seconds) {
+  const [day, time] = when(seconds).split(" ");
+  return day === when(Date.now() / 1000).split(" ")[0] ? time : `${day} ${time.slice(0, 5)}`;
+}
+
 function cell(row, text, kind = "") {
   const element = row.insertCell();
   element.textContent = text;
@@ -105,7 +111,7 @@ export class Logs {
     const recordings = this.logs.filter((log) => log.recording).sort((a, b) => b.when - a.when);
     const select = document.querySelector("#trial select[name=reference]");
     const chosen = select.value;
-    select.replaceChildren(...recordings.map((log) => new Option(`${plain(log.object)}, ${when(log.when)}`, log.id)));
+    select.replaceChildren(...recordings.map((log) => new Option(`${plain(log.object)}, ${shortWhen(log.when)}`, log.id)));
     if (recordings.length === 0) select.add(new Option("no recording yet", ""));
     else if (recordings.some((log) => log.id === chosen)) select.value = chosen;
     this.onRecordings(recordings.length);
