@@ -7,6 +7,7 @@ when its standard input closes, so that it never outlives its supervisor.
 """
 
 import argparse
+import contextlib
 import signal
 import sys
 import threading
@@ -201,6 +202,8 @@ def main(arguments: list[str] | None = None) -> int:
     finally:
         rings.close()
         mailbox.close()
+        with contextlib.suppress(OSError):  # the supervisor's, but it may have been killed
+            asked.run.rmdir()
     return 0
 
 

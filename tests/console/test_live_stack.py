@@ -91,10 +91,15 @@ def test_when_one_dies_it_says_which_and_ends_the_other(stack, module, what):
 
 def test_a_supervisor_that_is_killed_leaves_no_orphan(stack):
     children = list(stack.children.values())
+    command = children[0].cmdline()
+    run = Path(command[command.index("--run") + 1])
+    assert run.is_dir()
     stack.process.kill()
     stack.process.wait()
     _, alive = psutil.wait_procs(children, timeout=30)
     assert alive == []
+    assert left_behind(stack.process.pid) == []
+    assert not run.exists()
 
 
 def test_a_busy_port_is_one_line_and_status_two(tmp_path):
