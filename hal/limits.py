@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 
 def _fixed(*values: float) -> Array:
@@ -44,9 +44,7 @@ class ArmLimits:
     def dq_lower(self, q: Array) -> Array:
         """Smallest (most negative) allowed velocity at `q`, shape (7,), rad/s."""
         room = np.maximum(q - self.q_lower, 0.0)
-        return -np.minimum(
-            self.dq_max, np.maximum(0.0, np.sqrt(2.0 * self.deceleration * room) - self.velocity_offset)
-        )
+        return -np.minimum(self.dq_max, np.maximum(0.0, np.sqrt(2.0 * self.deceleration * room) - self.velocity_offset))
 
 
 FR3 = ArmLimits(

@@ -1,6 +1,7 @@
 """The dual-arm tick, its parts, and the same tick in plain numpy, turn by turn in one run on the same states.
 
-The states come from a walk around the cell's home pose. In every other constrained tick the torque limit of one joint is
+The states come from a walk around the cell's home pose. In every other constrained tick the torque limit of one joint
+is
 lowered below what it carries, so that the solver has to answer.
 """
 
@@ -21,7 +22,7 @@ from rtstack.safety.judge import SafetyJudge
 from rtstack.samples import Mode, QpSolver, QpStatus
 from rtstack.trials.assembly import Parameters, arm_controllers
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 WARM_UP = 200  # ticks that are not counted
 
 
@@ -106,7 +107,8 @@ class _Pair:
             states.append(state)
             setpoints.append(
                 PlainSetpoint(
-                    point["position"][0], point["rotation"][0], point["twist"][0], point["wrench_ff"][0], q[0], 0.0, 0.0,
+                    point["position"][0], point["rotation"][0], point["twist"][0], point["wrench_ff"][0], q[0], 0.0,
+                    0.0,
                     1.0, self.stiffness, arm.parameters.posture_gain,
                 )
             )  # fmt: skip
@@ -146,9 +148,7 @@ class _Pair:
             plain.tau_previous = arm.sample["tau_applied"][0].copy()
 
 
-def bench_tick(
-    description: CellDescription, parameters: Parameters, ticks: int, seed: int = 0
-) -> TickBenchmark:
+def bench_tick(description: CellDescription, parameters: Parameters, ticks: int, seed: int = 0) -> TickBenchmark:
     """Measure `ticks` ticks without an active limit, and as many with one in half of them."""
     rng = np.random.default_rng(seed)
     pair = _Pair(description, parameters, rng)

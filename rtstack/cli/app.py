@@ -47,7 +47,9 @@ def teach(
 @app.command()
 def trial(
     reference: Annotated[Path, typer.Option(metavar="REC.mcap", help="A recording, made by `rtstack teach`.")],
-    controller: Annotated[Controller, typer.Option(help="The proposed controller or a baseline.")] = Controller.PROPOSED,
+    controller: Annotated[
+        Controller, typer.Option(help="The proposed controller or a baseline.")
+    ] = Controller.PROPOSED,
     object_name: ObjectName = "rice_box",
     displacement_mm: Annotated[float, typer.Option(help="Shift of the object along y.")] = 0.0,
     seed: Seed = 0,
@@ -83,7 +85,7 @@ def recover(log: Annotated[Path, typer.Argument(metavar="LOG.mcap")]) -> None:
 
 @app.command()
 def up(
-    port: Annotated[int, typer.Option(help="Port of the console, on the loopback address.", min=1, max=65535)] = 8080,
+    port: Annotated[int, typer.Option(help="Port of the console, on the loopback address.", min=0, max=65535)] = 8080,
     logs: Annotated[Path, typer.Option(help="Where logs are written.")] = Path("logs"),
     cell_file: Annotated[Path | None, typer.Option("--cell", help="TOML description of the cell.")] = None,
 ) -> None:

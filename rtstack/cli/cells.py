@@ -26,7 +26,7 @@ def load_description(path: Path | None) -> tuple[CellDescription, Path]:
 def open_cell(kind: str, object_name: str, displacement_m: float, seed: int) -> Cell:
     """Open a cell with the object in its place. Raises TrialError for an unknown kind, HardwareError from the cell.
 
-    kind: direct (one process, lockstep, deterministic) or realtime (the same plant, paced at 1 kHz).
+    kind: direct (one process, lockstep, deterministic) or realtime (the same plant, 1 kHz, whatever the answer takes).
     """
     if kind not in ("direct", "realtime"):
         raise TrialError(f"unknown cell {kind!r}: choose one of {KINDS}")
@@ -38,11 +38,17 @@ def open_cell(kind: str, object_name: str, displacement_m: float, seed: int) -> 
 
 
 def live_source(description: Path) -> CellSource:
-    """Return the simulated cell, in real time, for the robot process. Raises ConfigurationError."""
+    """Return the simulated cell that a person watches, for the robot process. Raises ConfigurationError.
+
+    It is the direct cell, paced: real time where the machine can, slower where it cannot, and never wrong.
+    """
 
     def open_live(object_name: str, displacement_m: float, seed: int) -> Cell:
-        return open_cell("realtime", object_name, displacement_m, seed)
+        from sim_robot.cell import simulated_cell
+        from sim_robot.clock import PacedLockstep
+
+        return simulated_cell(object_name, displacement_m, seed, clock=PacedLockstep()).as_cell("direct")
 
     return CellSource(
-        kind="realtime", description=load_cell_description(description), file=description, open_cell=open_live
+        kind="direct", description=load_cell_description(description), file=description, open_cell=open_live
     )

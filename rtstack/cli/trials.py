@@ -51,7 +51,9 @@ def trial(
             log = None
             if log_path is not None:
                 recording = Attachment("reference.mcap", "application/octet-stream", reference.read_bytes())
-                log = open_log(log_path, specification, description, cell_kind, source, [recording], reference=prepared.reference)
+                log = open_log(
+                    log_path, specification, description, cell_kind, source, [recording], reference=prepared.reference
+                )
             result = run_trial(prepared, cell, log=log, stop=stop, progress=progress)
     finally:
         cell.close()
@@ -80,7 +82,7 @@ def _trial_line(result: TrialResult) -> str:
     lift = "-" if result.max_lift_mm is None else f"{result.max_lift_mm:.0f} mm"
     norm = "-" if result.average_force_norm is None else f"{result.average_force_norm:.1f}"
     return (
-        f"{outcome} | {result.controller}, {result.object}, {result.displacement_mm:+g} mm, seed {result.seed} | impact "
-        f"{impact} (nominal {result.nominal_impact_time_s:.3f} s) | mean force norm {norm} | lift {lift} | "
+        f"{outcome} | {result.controller}, {result.object}, {result.displacement_mm:+g} mm, seed {result.seed} | "
+        f"impact {impact} (nominal {result.nominal_impact_time_s:.3f} s) | mean force norm {norm} | lift {lift} | "
         f"compute p50 {result.compute_us_p50:.0f} us"
     )

@@ -1,4 +1,4 @@
-"""Small dense linear algebra for compiled code, in place: LAPACK through numba allocates, and costs more than it saves."""
+"""Small dense linear algebra for compiled code, in place: LAPACK through numba allocates at every call."""
 
 import math
 
@@ -7,7 +7,7 @@ from numba import njit
 
 @njit(cache=True)
 def cholesky(A, n, L):
-    """Write the lower factor of A (n, n), of which the lower triangle is read. False where A is not positive definite."""
+    """Write the lower factor of A (n, n), whose lower triangle is read. False where A is not positive definite."""
     for j in range(n):
         s = A[j, j]
         for k in range(j):

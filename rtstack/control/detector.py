@@ -13,7 +13,8 @@ from rtstack.control.parameters import DetectorParameters
 def impact_now(force, velocity, history, head, count, force_low, force_high, velocity_bound):
     """Push (|f|, v) into the history of one arm and return whether 1)-3) hold now.
 
-    force (3,) N is the force that acts ON the end effector, velocity (3,) m/s; history (window, 4); head and count (1,).
+    force (3,) N is the force that acts ON the end effector, velocity (3,) m/s; history (window, 4); head and count
+    (1,).
     """
     window = history.shape[0]
     norm = math.sqrt(force[0] ** 2 + force[1] ** 2 + force[2] ** 2)
@@ -53,7 +54,7 @@ class ImpactDetector:
         self._count[0] = 0
 
     def update(self, force: NDArray[np.float64], velocity: NDArray[np.float64]) -> bool:
-        """Take the force ON the end effector (3,) N and its velocity (3,) m/s, world axes; return whether it was hit."""
+        """Take the force ON the end effector (3,) N and its velocity (3,) m/s; return whether it was hit."""
         p = self._parameters
         return impact_now(
             force, velocity, self._history, self._head, self._count, p.force_low_n, p.force_high_n, p.velocity_m_s

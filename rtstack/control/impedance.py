@@ -45,7 +45,7 @@ def task_inertia(work):
 
 @njit(cache=True)
 def desired_wrench(work, setpoint, control):
-    """(5), (22), (27): feedforward + D (v_d - v) weight + K pose error; D from (7), rotation error along inertial axes."""
+    """(5), (22), (27): feedforward + weight D (v_d - v) + K (pose error, along the inertial axes); D from (7)."""
     relative = work.relative
     local = work.three
     error = work.six
@@ -53,9 +53,7 @@ def desired_wrench(work, setpoint, control):
     log_so3(relative, local)
     for i in range(3):
         error[i] = setpoint.position[i] - work.position[i]
-        error[3 + i] = (
-            work.rotation[i, 0] * local[0] + work.rotation[i, 1] * local[1] + work.rotation[i, 2] * local[2]
-        )
+        error[3 + i] = work.rotation[i, 0] * local[0] + work.rotation[i, 1] * local[1] + work.rotation[i, 2] * local[2]
     for i in range(6):
         root_i = math.sqrt(setpoint.stiffness[i])
         damping = 0.0

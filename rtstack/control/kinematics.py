@@ -7,7 +7,7 @@ from numba import njit
 def end_effector(work, J0, dJ0, R7, p7, face, R_joint_ee, dq):
     """Write position, rotation, J (6, 7), twist and dJ dq (6,) of the end effector, along the world's axes (1)-(2).
 
-    The classical acceleration at zero ddq: a = dv0 + alpha x p + w x v, with dv0 and alpha those of the point of the body
+    The classical acceleration at zero ddq: a = dv0 + alpha x p + w x v, with dv0 and alpha of the point of the body
     at the world's origin.
     """
     for i in range(3):

@@ -40,9 +40,7 @@ def observe(
             + R_world_base[i, 1] * sample.O_F_ext_hat_K[1]
             + R_world_base[i, 2] * sample.O_F_ext_hat_K[2]
         )
-    return impact_now(
-        work.force_world, work.twist, history, head, count, force_low, force_high, velocity_bound
-    )
+    return impact_now(work.force_world, work.twist, history, head, count, force_low, force_high, velocity_bound)
 
 
 @njit(cache=True)
@@ -79,7 +77,7 @@ def pose_problem(
 
 @njit(cache=True)
 def torque(workspaces, samples, tau_step):
-    """tau = M ddq + C dq + friction (4), gravity excluded, at most tau_step Nm a tick away from the last applied torque."""
+    """tau = M ddq + C dq + friction (4), gravity excluded, at most tau_step Nm away from the last applied torque."""
     work = workspaces[0]
     out = samples[0].tau_desired
     for i in range(7):

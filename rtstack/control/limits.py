@@ -9,7 +9,8 @@ from numba import njit
 def acceleration_bounds(q, dq, limits_table, dt, lower, upper):
     """Write the bounds of ddq, (7,), rad/s^2.
 
-    limits_table rows: q_lower, q_upper, dq_max, velocity_offset, deceleration, braking. The velocity limit of (13) is the
+    limits_table rows: q_lower, q_upper, dq_max, velocity_offset, deceleration, braking. The velocity limit of (13) is
+    the
     FR3's position-dependent one, with which (12) can be met by braking. A bound never asks for more than `braking`:
     limits are kept in a soft sense, as the paper says, and the problem stays feasible.
     """

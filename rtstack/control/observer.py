@@ -1,4 +1,5 @@
-"""Generalised-momentum observer in its flexible-joint form: driven by the measured joint torque, blind to motor friction.
+"""Generalised-momentum observer in its flexible-joint form: driven by the measured joint torque, blind to motor
+friction.
 
 r = K_O (p - int(tau_J + C^T dq - g + r) dt - p(0)), p = M dq with the links' mass matrix: (5)-(7) of the
 collision-monitoring paper. r converges to the torque that the environment exerts on the joints.

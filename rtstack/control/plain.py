@@ -22,7 +22,7 @@ from rtstack.control.tick import LIMITS_TABLE
 from rtstack.model.arm_model import ArmModel
 from rtstack.samples import QpSolver, QpStatus
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,9 +103,7 @@ class PlainArm:
         twist = J @ dq
         M = M_links + (np.diag(self._inertia.B_theta) if self._inertia.include_B_theta else 0.0)
         f = self._friction
-        friction = f.scale * (
-            f.p1 / (1.0 + np.exp(-f.p2 * (dq + f.p3))) - f.p1 / (1.0 + np.exp(-f.p2 * f.p3))
-        )
+        friction = f.scale * (f.p1 / (1.0 + np.exp(-f.p2 * (dq + f.p3))) - f.p1 / (1.0 + np.exp(-f.p2 * f.p3)))
         residual = self._observe(M_links, C, g, state, dt)
         impact = self._detect(-self._R_world_base @ state.O_F_ext_hat_K[:3], twist[:3])
 
@@ -115,13 +113,9 @@ class PlainArm:
         sqrt_K = np.diag(np.sqrt(setpoint.stiffness))
         D = sqrt_Lambda @ sqrt_K + sqrt_K @ sqrt_Lambda  # (7)
         R = T_world_ee.rotation
-        error = np.concatenate(
-            [setpoint.position - T_world_ee.translation, R @ pin.log3(R.T @ setpoint.rotation)]
-        )
+        error = np.concatenate([setpoint.position - T_world_ee.translation, R @ pin.log3(R.T @ setpoint.rotation)])
         wrench = (
-            setpoint.wrench_ff
-            + setpoint.velocity_weight * (D @ (setpoint.twist - twist))
-            + setpoint.stiffness * error
+            setpoint.wrench_ff + setpoint.velocity_weight * (D @ (setpoint.twist - twist)) + setpoint.stiffness * error
         )  # (5), (22), (27)
         joint = self._p.posture_joint
         k = setpoint.posture_gain
@@ -172,9 +166,7 @@ class PlainArm:
         if len(self._history) == self._history.maxlen:
             past_norm, past_velocity = self._history[0]
             hit = bool(
-                past_norm < d.force_low_n
-                and norm > d.force_high_n
-                and past_velocity @ force < -d.velocity_m_s * norm
+                past_norm < d.force_low_n and norm > d.force_high_n and past_velocity @ force < -d.velocity_m_s * norm
             )
         self._history.append((norm, velocity.copy()))
         return hit
@@ -190,9 +182,7 @@ class PlainArm:
         tau_upper, tau_lower = self.tau_max - bias, -self.tau_max - bias  # (14)
         ddq = np.linalg.solve(H, -gradient)
         tau = M @ ddq
-        inside = (
-            np.all(ddq <= upper) and np.all(ddq >= lower) and np.all(tau <= tau_upper) and np.all(tau >= tau_lower)
-        )
+        inside = np.all(ddq <= upper) and np.all(ddq >= lower) and np.all(tau <= tau_upper) and np.all(tau >= tau_lower)
         if inside:
             return ddq, QpStatus.UNCONSTRAINED
         ddq = np.zeros(7)

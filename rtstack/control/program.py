@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from rtstack.samples import QpSolver, QpStatus
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
-# Together they cap the time of a problem that ProxQP cannot solve at about half a millisecond; a warm one takes 10 to 20
+# Together they cap the time of a problem that ProxQP cannot solve at about half a millisecond; a warm one takes 10 to
+# 20
 OUTER_ITERATIONS = 12
 INNER_ITERATIONS = 10
 ACTIVE_SET_ITERATIONS = 200  # daqp ends by itself, after a handful

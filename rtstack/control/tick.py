@@ -1,7 +1,8 @@
 """The tick: an arm's state and its setpoint become a torque. Pure: no I/O, no clock, no allocation, no exception.
 
-`ArmController` is one arm's tick in two halves, observe and command; `DualArmController` joins two of them by the shared
-mode. Where both states carry one time stamp both are observed before either is commanded, so that the order cannot matter.
+`ArmController` is one arm's tick in two halves, observe and command; `DualArmController` joins two of them by the
+shared mode. Where both states carry one time stamp both are observed before either is commanded, so that the order
+cannot matter.
 """
 
 import numpy as np

@@ -1,12 +1,12 @@
-"""Everything that a run published, kept in memory: what a result is computed from, in the shape that a log gives back."""
+"""Everything that a run published, kept in memory: what a result is computed from, as a log gives it back."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, TIMING_SAMPLE
 from hal.tracker import OBJECT_POSE
+from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, TIMING_SAMPLE
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class History:
         self._poses = 0
 
     def append(self, left: tuple[NDArray, NDArray], right: tuple[NDArray, NDArray], timing: NDArray) -> None:
-        """Take the arm and control records of both arms and the timing record, (1,) each. Beyond the capacity: dropped."""
+        """Take both arms' arm and control records and the timing, (1,) each. Beyond the capacity: dropped."""
         k = self._ticks
         if k == len(self._timing):
             return
@@ -52,5 +52,8 @@ class History:
         """Return views of what was taken so far."""
         n = self._ticks
         return Columns(
-            arm=self._arm[:, :n], control=self._control[:, :n], timing=self._timing[:n], object=self._object[: self._poses]
+            arm=self._arm[:, :n],
+            control=self._control[:, :n],
+            timing=self._timing[:n],
+            object=self._object[: self._poses],
         )

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hal.cell import Cell
 from hal.errors import HardwareError
 from hal.state import ARM_STATE
-from rtstack.control.tick import ArmController, DualArmController
+from rtstack.control.tick import DualArmController
 from rtstack.loop.publisher import Publisher
 from rtstack.safety.judge import Reason, SafetyJudge
 from rtstack.samples import SIDES, Level, Mode, QpStatus
@@ -220,11 +220,15 @@ class Session:
         machine = self._controller.machine
         if machine.mode is self._mode:
             return
-        if machine.mode in (Mode.INTERIM, Mode.POST_IMPACT) and machine.impact_s >= 0.0 and self._mode is Mode.ANTE_IMPACT:
+        if (
+            machine.mode in (Mode.INTERIM, Mode.POST_IMPACT)
+            and machine.impact_s >= 0.0
+            and self._mode is Mode.ANTE_IMPACT
+        ):
             self._publisher.event(
                 self._t_ns, Level.INFO, "impact", f"detected at {machine.impact_s:.3f} s, {self._controller.impact_arm}"
             )
-        self._publisher.event(self._t_ns, Level.INFO, "mode", f"{self._mode.name.lower()} -> {machine.mode.name.lower()}")
+        self._publisher.event(
+            self._t_ns, Level.INFO, "mode", f"{self._mode.name.lower()} -> {machine.mode.name.lower()}"
+        )
         self._mode = machine.mode
-
-

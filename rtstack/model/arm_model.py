@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from hal.description import fr3_urdf
 from rtstack.model.cell_description import ArmMounting, Pad, base_frame
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 
 @lru_cache(maxsize=1)

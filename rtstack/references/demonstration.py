@@ -13,8 +13,8 @@ from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import ObjectDescription, Table
 from rtstack.references.quintic import ViaPoint, quintic_path
 
-Array = NDArray[np.float64]
-LEAST_RISE_M = 0.03  # room to gather the upward speed in
+Array = NDArray[np.floating]
+LEAST_RISE_M = 0.05  # room to gather the upward speed in
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,11 +29,12 @@ class Grab:
     lower_s: float = 1.1
     release_s: float = 0.6
     speed_y: float = 0.35  # at the surface, towards the object
-    speed_z: float = 0.25  # at the surface, upwards: the arms grab while they rise
+    speed_z: float = 0.15  # at the surface, upwards: the arms grab while they rise
+    steady_s: float = 0.2  # before the surface at constant velocity, as hands that have made up their mind
     squeeze: float = 0.12  # how far inside the object the targets go
     lift: float = 0.25
     carry_x: float = 0.05
-    height: float = 0.0  # of the impact, above the object's centre
+    height: float = 0.02  # of the impact, above the object's centre
     retreat: float = 0.12
     lag_s: tuple[float, float] = (0.0, 0.0)  # no two hands are quite simultaneous
 
@@ -49,12 +50,12 @@ def grab(variation: int) -> Grab:
         lift_s=rng.uniform(1.1, 1.35),
         carry_s=rng.uniform(0.5, 0.7),
         lower_s=rng.uniform(1.05, 1.2),
-        speed_y=rng.uniform(0.28, 0.38),
-        speed_z=rng.uniform(0.15, 0.27),
+        speed_y=rng.uniform(0.3, 0.38),
+        speed_z=rng.uniform(0.12, 0.16),
         squeeze=rng.uniform(0.105, 0.13),
         lift=rng.uniform(0.2, 0.27),
         carry_x=rng.uniform(-0.04, 0.08),
-        height=rng.uniform(-0.015, 0.015),
+        height=rng.uniform(0.01, 0.03),
         lag_s=(rng.uniform(0.0, 0.004), rng.uniform(0.0, 0.004)),
     )
 
@@ -66,9 +67,14 @@ def duration_s(script: Grab) -> float:
 
 
 def scripted_targets(
-    script: Grab, models: tuple[ArmModel, ArmModel], homes: Array, thing: ObjectDescription, table: Table, period_s: float
+    script: Grab,
+    models: tuple[ArmModel, ArmModel],
+    homes: Array,
+    thing: ObjectDescription,
+    table: Table,
+    period_s: float,
 ) -> NDArray:
-    """Return the operator's target frames, (2, n) of POINT, one point a tick, for arms that start at `homes` (2, 7) rad."""
+    """Return the operator's target frames, (2, n) of POINT, one a tick, for arms that start at `homes` (2, 7) rad."""
     n = round(duration_s(script) / period_s)
     targets = np.zeros((2, n), POINT)
     centre_z = table.top_z + thing.size[2] / 2
@@ -83,8 +89,11 @@ def scripted_targets(
         end = release + script.release_s
         inside = surface + inward * script.squeeze
         contact_z = max(centre_z + script.height, start[2] + LEAST_RISE_M)
+        steady = touch - script.steady_s
+        steady_y = surface - inward * script.speed_y * script.steady_s
+        steady_z = contact_z - script.speed_z * script.steady_s
         # at half the final speed on average, so that the path rises all the way and never dips towards the table
-        rise_s = 2.0 * (contact_z - start[2]) / script.speed_z
+        rise_s = 2.0 * (steady_z - start[2]) / script.speed_z
         paths = (
             [
                 ViaPoint(touch + script.lift_s, start[0]),
@@ -92,13 +101,15 @@ def scripted_targets(
             ],
             [
                 ViaPoint(script.rest_s, start[1]),
+                ViaPoint(steady, steady_y, inward * script.speed_y),
                 ViaPoint(touch, surface, inward * script.speed_y),
                 ViaPoint(touch + script.squeeze_s, inside),
                 ViaPoint(release, inside),
                 ViaPoint(end, surface - inward * script.retreat),
             ],
             [
-                ViaPoint(touch - rise_s, start[2]),
+                ViaPoint(steady - rise_s, start[2]),
+                ViaPoint(steady, steady_z, script.speed_z),
                 ViaPoint(touch, contact_z, script.speed_z),
                 ViaPoint(touch + script.lift_s, contact_z + script.lift),
                 ViaPoint(lower, contact_z + script.lift),

@@ -1,11 +1,12 @@
 """Quintic paths through via points: position, velocity and acceleration are continuous."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +25,7 @@ def quintic_path(points: list[ViaPoint], t_s: Array) -> tuple[Array, Array]:
     """
     position = np.full_like(t_s, points[0].position)
     velocity = np.zeros_like(t_s)
-    for a, b in zip(points, points[1:], strict=False):
+    for a, b in pairwise(points):
         duration = b.t_s - a.t_s
         if not duration > 0.0:
             raise ValueError(f"via points at {a.t_s} s and {b.t_s} s: the times have to increase")

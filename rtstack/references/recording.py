@@ -14,7 +14,9 @@ from rtstack.log.errors import LogError
 from rtstack.log.reader import read_log
 from rtstack.samples import SIDES, Mode
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
+# a robot ends torque control after 20 lost packets: a longer gap is no recording of one motion
+LARGEST_GAP_NS = 21_000_000
 
 
 class ReferenceError(Exception):
@@ -25,7 +27,8 @@ class ReferenceError(Exception):
 class Recording:
     """The teleoperated part of a recording, one sample a tick.
 
-    points (2, n) of POINT: measured pose, twist and posture, and the wrench and posture acceleration that the operator's
+    points (2, n) of POINT: measured pose, twist and posture, and the wrench and posture acceleration that the
+    operator's
     controller wanted; impact: index of the nominal impact T_r; release: index at which the operator let go.
     """
 
@@ -51,26 +54,28 @@ def load_recording(
         raise ReferenceError(str(error)) from None
     controls = [log.topic(f"/{side}/control") for side in SIDES]
     samples = [log.topic(f"/{side}/arm") for side in SIDES]
-    taught = np.flatnonzero(controls[0]["mode"] == Mode.TELEOPERATION)
+    taught = controls[0]["t_ns"][controls[0]["mode"] == Mode.TELEOPERATION]
     if len(taught) == 0:
-        raise ReferenceError(f"{path}: nothing in it was teleoperated: record a demonstration with `rtstack teach {path}`")
-    part = slice(taught[0], taught[-1] + 1)
-    n = part.stop - part.start
-    if any(len(s) < part.stop for s in (*controls, *samples)) or np.any(
-        np.diff(samples[0]["t_ns"][part]) != round(period_s * 1e9)
-    ):
-        raise ReferenceError(f"{path}: samples are missing in the demonstration: record it again")
+        raise ReferenceError(f"{path}: nothing in it was teleoperated: record a demonstration with `rtstack teach`")
+    period_ns = round(period_s * 1e9)
+    grid_ns = np.arange(taught[0], taught[-1] + 1, period_ns)
+    for topic in (*controls, *samples):
+        within = topic["t_ns"][(topic["t_ns"] >= taught[0]) & (topic["t_ns"] <= taught[-1])]
+        gap_ns = int(np.max(np.diff(within), initial=0)) if len(within) > 1 else taught[-1] - taught[0] + period_ns
+        if gap_ns > LARGEST_GAP_NS:
+            raise ReferenceError(f"{path}: {gap_ns * 1e-6:.0f} ms of the demonstration are missing: record it again")
+    n = len(grid_ns)
     points = np.zeros((2, n), POINT)
     force = np.zeros((2, n))
     hits = [n, n]
     for arm, controller in enumerate(arms):
         finder = ImpactDetector(detector, period_s)
+        q, dq, push = (_on_grid(samples[arm], name, grid_ns) for name in ("q", "dq", "O_F_ext_hat_K"))
         for k in range(n):
-            sample = samples[arm][part.start + k]
             point = points[arm, k]
-            controller.sample["q"][0] = sample["q"]
-            controller.sample["dq"][0] = sample["dq"]
-            controller.sample["O_F_ext_hat_K"][0] = sample["O_F_ext_hat_K"]
+            controller.sample["q"][0] = q[k]
+            controller.sample["dq"][0] = dq[k]
+            controller.sample["O_F_ext_hat_K"][0] = push[k]
             controller.observe()
             work = controller.workspace[0]
             point["position"] = work["position"]
@@ -80,10 +85,10 @@ def load_recording(
             if finder.update(work["force_world"], work["twist"]) and hits[arm] == n:
                 hits[arm] = k
         joint = controller.parameters.posture_joint
-        points[arm]["xi"] = samples[arm]["q"][part, joint]
-        points[arm]["dxi"] = samples[arm]["dq"][part, joint]
-        points[arm]["wrench_ff"] = controls[arm]["wrench_desired"][part]
-        points[arm]["beta"] = controls[arm]["beta"][part]
+        points[arm]["xi"] = q[:, joint]
+        points[arm]["dxi"] = dq[:, joint]
+        points[arm]["wrench_ff"] = _on_grid(controls[arm], "wrench_desired", grid_ns)
+        points[arm]["beta"] = _on_grid(controls[arm], "beta", grid_ns)
     impact = min(hits)
     if impact == n:
         raise ReferenceError(f"{path}: no impact was found in the demonstration: record one that hits the object")
@@ -96,6 +101,13 @@ def load_recording(
         release=release,
         object=_object_name(log.metadata),
     )
+
+
+def _on_grid(records: NDArray, name: str, grid_ns: NDArray[np.int64]) -> Array:
+    """Return a field at the times of the grid: as recorded, and on a straight line across ticks that were missed."""
+    values = records[name].reshape(len(records), -1)
+    on_grid = np.stack([np.interp(grid_ns, records["t_ns"], column) for column in values.T], axis=1)
+    return on_grid[:, 0] if records[name].ndim == 1 else on_grid
 
 
 def _object_name(metadata: dict[str, dict[str, str]]) -> str:

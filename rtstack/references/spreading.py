@@ -1,7 +1,7 @@
 """Reference extension: (16)-(20) of the reference-spreading paper.
 
-The recording is cut around the nominal impact T_r. Ante-impact references go on after T_a = T_r - Delta T_r, post-impact
-ones exist before T_p = T_r + Delta T_r, so that both overlap around the impact.
+The recording is cut around the nominal impact T_r. Ante-impact references go on after T_a = T_r - Delta T_r,
+post-impact ones exist before T_p = T_r + Delta T_r, so that both overlap around the impact.
 """
 
 from dataclasses import dataclass
@@ -59,8 +59,8 @@ def extend(recording: Recording, exclusion_s: float) -> ExtendedReference:
 def _hold_velocity(points: NDArray, pivot: int, indices: NDArray, period_s: float) -> None:
     """Replace points[indices]: feedforward and velocities held at the pivot (16), poses integrated from it (17)-(20).
 
-    (20) is used with (t - T_p): the printed sign turns the wrong way. The angular velocity is along the inertial axes, so
-    its rotation multiplies from the left.
+    (20) is used with (t - T_p): the printed sign turns the wrong way. The angular velocity is along the inertial axes,
+    so its rotation multiplies from the left.
     """
     held = points[pivot].copy()
     points[indices] = held

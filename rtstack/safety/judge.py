@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hal.limits import CONTROL_PERIOD_S, FR3, ArmLimits
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 
 class Verdict(IntEnum):
@@ -127,7 +127,7 @@ def _braking_torque(sample, memory, gains, braking, dt):
 
 @njit(cache=True)
 def _clip(sample, memory, table, tau_step, wanted):
-    """Bring `wanted` inside torque and torque rate, write it to tau_applied, and return the reason if that changed it."""
+    """Bring `wanted` inside torque and torque rate, write it to tau_applied; return the reason for a change."""
     reason = 0
     for i in range(7):
         tau = wanted[i]
@@ -149,7 +149,8 @@ def _clip(sample, memory, table, tau_step, wanted):
 def judge(samples, memories, table, gains, braking, tau_step, hold_share, dt, demand):
     """Judge samples[0].tau_desired, write samples[0].tau_applied, return (verdict, reason).
 
-    table rows: q_lower, q_upper, dq_max, velocity_offset, deceleration, tau_max, tau_J_max. demand: 0, or the reason for
+    table rows: q_lower, q_upper, dq_max, velocity_offset, deceleration, tau_max, tau_J_max. demand: 0, or the reason
+    for
     which somebody else wants the stop (COMMANDED, CONTROLLER). gains (2, 7): stiffness and damping of the hold.
     """
     sample = samples[0]

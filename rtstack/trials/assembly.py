@@ -6,13 +6,12 @@ import numpy as np
 
 from rtstack.control.modes import ModeMachine, Strategy
 from rtstack.control.parameters import ControlParameters, DetectorParameters, FrictionParameters, InertiaParameters
-from rtstack.samples import QpSolver
 from rtstack.control.records import POINT
 from rtstack.control.tick import ArmController, DualArmController
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
 from rtstack.safety.judge import SafetyJudge
-from rtstack.samples import Mode
+from rtstack.samples import Mode, QpSolver
 from rtstack.trials.specification import Controller
 
 STRATEGIES = {

@@ -57,7 +57,7 @@ def open_log(
     reference: ExtendedReference | None = None,
     overwrite: bool = False,
 ) -> TrialLog:
-    """Start the log of a trial, with its reference's times where it has one. Raises LogError where it cannot be written."""
+    """Start the log of a trial, with its reference's times if it has one. Raises LogError."""
     lockstep = cell_kind in ("direct", "lockstep")
     rings = Rings.create()
     try:

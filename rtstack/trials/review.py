@@ -71,7 +71,7 @@ def review_log(path: Path) -> Review:
 
 
 def log_columns(log: Log) -> Columns:
-    """Return the samples of a log as the columns that a run keeps in memory. Arms of unlike length are cut to the shorter."""
+    """Return the samples of a log as the columns that a run keeps in memory, cut to the shortest topic."""
     arms = [log.topic(f"/{side}/arm") for side in SIDES]
     controls = [log.topic(f"/{side}/control") for side in SIDES]
     timing = log.topic("/timing")

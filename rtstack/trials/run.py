@@ -18,7 +18,7 @@ from rtstack.references.demonstration import grab, scripted_targets
 from rtstack.references.recording import ReferenceError, load_recording
 from rtstack.references.spreading import ExtendedReference, extend
 from rtstack.safety.judge import SafetyJudge
-from rtstack.samples import Level, Mode
+from rtstack.samples import Mode
 from rtstack.trials.assembly import (
     STRATEGIES,
     Parameters,
@@ -56,7 +56,10 @@ def prepare_trial(
     control = parameters.control
     try:
         recording = load_recording(
-            Path(specification.reference), arm_controllers(description, parameters), parameters.detector, control.period_s
+            Path(specification.reference),
+            arm_controllers(description, parameters),
+            parameters.detector,
+            control.period_s,
         )
         reference = extend(recording, control.exclusion_s)
     except ReferenceError as error:
@@ -234,4 +237,3 @@ def _trial_result(
         safety_interventions=outcome.safety_interventions,
         log=str(log.path) if log is not None else None,
     )
-

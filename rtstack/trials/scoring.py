@@ -10,7 +10,7 @@ from rtstack.loop.history import Columns
 from rtstack.loop.session import End
 from rtstack.samples import Mode
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,13 +19,15 @@ ARGUMENTS = [
 ]
 JOB_TIMEOUT_MS = 120_000  # software rendering beside it makes a paced run several times slower
 
+COMMAND = Path(sys.executable).with_name("rtstack")
+
 
 @pytest.fixture(scope="module")
 def printed_address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """Run a stack; give the address that it printed."""
     logs = tmp_path_factory.mktemp("stack") / "logs"
     process = subprocess.Popen(
-        [sys.executable, "-m", "rtstack.live", "0", str(logs)],
+        [str(COMMAND), "up", "--port", "0", "--logs", str(logs)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -19,7 +19,7 @@ from console.scenes import Scenes
 from console.sign_in import SignIn
 from console.watch import Watch
 from deploy import cells
-from rtstack.live.__main__ import simulated_source
+from rtstack.cli.cells import live_source
 from rtstack.live.client import RobotClient
 from rtstack.live.desk import Desk
 from rtstack.live.service import Service
@@ -71,7 +71,7 @@ def served(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[ServedCon
         mailbox = Mailbox.create(f"rtstack-test-{folder.name[-8:]}")
         stack.callback(mailbox.close)
         rings = stack.enter_context(Rings.create(capacity=1024))
-        desk = Desk(simulated_source(CELL), mailbox)
+        desk = Desk(live_source(CELL), mailbox)
         service = Service(desk, folder / "robot.sock")
         stack.callback(service.close)
         cell = load_cell_description(CELL)

@@ -12,15 +12,15 @@ from deploy import cells
 from hal.errors import RecoveryRefused
 from hal.robot_errors import error_bit
 from hal.state import RobotMode
-from rtstack.live.__main__ import simulated_source
+from rtstack.cli.cells import live_source
 from rtstack.live.desk import Desk, Refused
-from rtstack.live.pace import PacedLockstep
 from rtstack.live.protocol import DemonstrationRequest, JobState, RecoverRequest, TrialRequest
 from rtstack.live.robot import Robot
 from rtstack.log.reader import read_log
 from rtstack.log.ring import Rings
 from rtstack.loop.mailbox import Mailbox, remove_mailbox
 from sim_robot.cell import SimulatedCell, simulated_cell
+from sim_robot.clock import PacedLockstep
 
 CELL = Path(cells.__file__).parent / "grab.toml"
 PATIENCE_S = 120.0
@@ -41,7 +41,7 @@ class RunningRobot:
         self.mailbox = Mailbox.create("rtstack-test-robot")
         self.rings = Rings.create()
         self.opened: list[SimulatedCell] = []
-        source = replace(simulated_source(CELL), open_cell=self._open)
+        source = replace(live_source(CELL), open_cell=self._open)
         self.desk = Desk(source, self.mailbox)
         self.logs = logs
         self._thread = threading.Thread(target=Robot(source, self.desk, self.rings, self.mailbox, logs).run)

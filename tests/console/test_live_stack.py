@@ -14,13 +14,15 @@ import pytest
 
 TIMEOUT_S = 120.0
 
+COMMAND = Path(sys.executable).with_name("rtstack")
+
 
 class Stack:
     """A running stack, and what it said."""
 
     def __init__(self, logs: Path, port: int = 0) -> None:
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "rtstack.live", str(port), str(logs)],
+            [str(COMMAND), "up", "--port", str(port), "--logs", str(logs)],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,

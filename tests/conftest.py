@@ -1,0 +1,81 @@
+"""What tests of several packages share: the cell, one recorded demonstration, and a runner of trials on it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import settings
+
+from rtstack.cli.cells import default_cell_file, open_cell
+from rtstack.model.cell_description import CellDescription, load_cell_description
+from rtstack.trials.record import open_log
+from rtstack.trials.result import DemonstrationResult, TrialResult
+from rtstack.trials.run import prepare_trial, run_demonstration, run_trial
+from rtstack.trials.specification import Controller, DemonstrationSpecification, TrialSpecification
+
+# the first example may compile code, and shared machines stall: correctness is never a matter of wall-clock here
+settings.register_profile("shared", deadline=None)
+settings.load_profile("shared")
+
+
+@pytest.fixture(scope="session")
+def cell() -> CellDescription:
+    """The description of the simulated grabbing cell."""
+    return load_cell_description(default_cell_file())
+
+
+@dataclass(frozen=True, slots=True)
+class Demonstration:
+    """A recording and what came out of it."""
+
+    path: Path
+    result: DemonstrationResult
+
+
+@pytest.fixture(scope="session")
+def demonstration(cell: CellDescription, tmp_path_factory: pytest.TempPathFactory) -> Demonstration:
+    """The plain demonstration with the rice box, seed 0."""
+    path = tmp_path_factory.mktemp("recordings") / "ref.mcap"
+    specification = DemonstrationSpecification()
+    simulated = open_cell("direct", specification.object, 0.0, specification.seed)
+    log = open_log(path, specification, cell, "direct", default_cell_file())
+    result = run_demonstration(specification, cell, simulated, log=log)
+    simulated.close()
+    return Demonstration(path, result)
+
+
+@dataclass(frozen=True, slots=True)
+class Runner:
+    """Runs trials on the shared recording."""
+
+    cell: CellDescription
+    reference: Path
+
+    def run(
+        self,
+        controller: Controller = Controller.PROPOSED,
+        displacement_mm: float = 0.0,
+        seed: int = 1,
+        log: Path | None = None,
+        **around: Any,
+    ) -> TrialResult:
+        """Run one trial in the direct cell."""
+        specification = TrialSpecification(str(self.reference), controller, "rice_box", displacement_mm, seed)
+        prepared = prepare_trial(specification, self.cell)
+        simulated = open_cell("direct", "rice_box", displacement_mm * 1e-3, seed)
+        opened = None
+        if log is not None:
+            opened = open_log(
+                log, specification, self.cell, "direct", default_cell_file(), reference=prepared.reference
+            )
+        try:
+            return run_trial(prepared, simulated, log=opened, **around)
+        finally:
+            simulated.close()
+
+
+@pytest.fixture(scope="session")
+def runner(cell: CellDescription, demonstration: Demonstration) -> Runner:
+    """Trials on the shared demonstration."""
+    return Runner(cell, demonstration.path)

@@ -1,0 +1,51 @@
+"""A recording with ticks missed, as real time has them, still gives its reference; one with a hole does not."""
+
+import numpy as np
+import pytest
+
+from rtstack.log.reader import read_log
+from rtstack.log.ring import Rings
+from rtstack.log.writer import LogProcess
+from rtstack.references.recording import Recording, ReferenceError, load_recording
+from rtstack.samples import SIDES, TOPICS
+from rtstack.trials.assembly import arm_controllers, default_parameters
+
+
+def _without(source, target, dropped: np.ndarray) -> None:
+    """Copy a recording without the ticks `dropped`."""
+    log = read_log(source)
+    with Rings.create() as rings:
+        process = LogProcess.start(target, rings, log.metadata)
+        keep = np.setdiff1d(np.arange(len(log.topic("/timing"))), dropped)
+        for topic in TOPICS:
+            records = log.topic(topic)
+            if topic.split("/")[1] in (*SIDES, "timing"):
+                records = records[keep]
+            push = rings.pusher(topic).push
+            for k in range(len(records)):
+                if k % 1000 == 0:
+                    process.wait_room(1000)
+                push(records[k : k + 1])
+        process.close()
+
+
+def _load(path, cell) -> Recording:
+    parameters = default_parameters()
+    arms = arm_controllers(cell, parameters)
+    return load_recording(path, arms, parameters.detector, parameters.control.period_s)
+
+
+def test_missed_ticks_are_bridged(demonstration, cell, tmp_path):
+    rng = np.random.default_rng(0)
+    _without(demonstration.path, tmp_path / "gaps.mcap", rng.choice(np.arange(100, 5000), 200, replace=False))
+    whole, bridged = _load(demonstration.path, cell), _load(tmp_path / "gaps.mcap", cell)
+    assert abs(whole.impact - bridged.impact) <= 2
+    assert whole.points.shape == bridged.points.shape
+    np.testing.assert_allclose(bridged.points["position"], whole.points["position"], atol=2e-4)
+    assert whole.impact * 1e-3 == pytest.approx(demonstration.result.detected_impact_time_s)
+
+
+def test_a_hole_is_refused(demonstration, cell, tmp_path):
+    _without(demonstration.path, tmp_path / "hole.mcap", np.arange(700, 730))
+    with pytest.raises(ReferenceError, match="31 ms of the demonstration are missing"):
+        _load(tmp_path / "hole.mcap", cell)

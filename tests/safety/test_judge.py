@@ -1,0 +1,138 @@
+"""The safety judge: what it lets through, what it limits, what it stops, and that a stop lasts."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hal.limits import CONTROL_PERIOD_S, FR3
+from rtstack.safety.judge import JudgeParameters, Reason, SafetyJudge, Verdict
+from rtstack.samples import ARM_SAMPLE
+
+HOME = np.array([0.0, 0.0, 0.0, -1.6, 0.0, 2.0, 0.0])
+STEP = FR3.tau_rate_max * CONTROL_PERIOD_S
+
+
+def _sample(q=HOME, dq=0.0, tau_desired=0.0, tau_J=0.0) -> np.ndarray:
+    sample = np.zeros(1, ARM_SAMPLE)
+    sample["q"][0], sample["dq"][0] = q, dq
+    sample["tau_desired"][0], sample["tau_J"][0] = tau_desired, tau_J
+    return sample
+
+
+def test_an_ordinary_torque_passes_unchanged():
+    judge, sample = SafetyJudge(), _sample(tau_desired=0.9)
+    assert judge.judge(sample) is Verdict.PASS
+    np.testing.assert_array_equal(sample["tau_applied"], sample["tau_desired"])
+    assert judge.interventions == 0
+
+
+@pytest.mark.parametrize("joint", range(7))
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_torque_step_is_limited_to_the_rate(joint, sign):
+    judge, sample = SafetyJudge(), _sample()
+    sample["tau_desired"][0, joint] = sign * (STEP + 0.01)
+    assert judge.judge(sample) is Verdict.LIMITED
+    assert abs(sample["tau_applied"][0, joint]) <= STEP
+    assert judge.joint == joint + 1
+    assert judge.interventions == 1
+
+
+@pytest.mark.parametrize("joint", range(7))
+def test_torque_never_exceeds_its_limit(joint):
+    judge, sample = SafetyJudge(), _sample()
+    for _ in range(200):
+        sample["tau_desired"][0, joint] = FR3.tau_max[joint] + 5.0
+        judge.judge(sample)
+        assert sample["tau_applied"][0, joint] <= FR3.tau_max[joint]
+    assert sample["tau_applied"][0, joint] == FR3.tau_max[joint]
+
+
+def _broken(joint: int, what: str) -> tuple[np.ndarray, Reason]:
+    sample = _sample()
+    if what == "position_up":
+        sample["q"][0, joint] = FR3.q_upper[joint] - 0.004
+        return sample, Reason.JOINT_POSITION
+    if what == "position_down":
+        sample["q"][0, joint] = FR3.q_lower[joint] + 0.004
+        return sample, Reason.JOINT_POSITION
+    if what == "velocity":
+        sample["dq"][0, joint] = FR3.dq_max[joint] * 0.99
+        return sample, Reason.JOINT_VELOCITY
+    if what == "velocity_near_limit":
+        # a tenth of the top speed, where the position-dependent limit allows none
+        sample["q"][0, joint] = FR3.q_lower[joint] + 0.0055
+        sample["dq"][0, joint] = -0.1 * FR3.dq_max[joint]
+        return sample, Reason.JOINT_VELOCITY
+    if what == "measured_torque":
+        sample["tau_J"][0, joint] = -FR3.tau_max[joint] - 0.01
+        return sample, Reason.MEASURED_TORQUE
+    sample[what][0, joint] = np.nan
+    return sample, Reason.NOT_FINITE
+
+
+BREAKS = [
+    "position_up", "position_down", "velocity", "velocity_near_limit", "measured_torque", "q", "dq", "tau_J",
+    "tau_desired",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("joint", range(7))
+@pytest.mark.parametrize("what", BREAKS)
+def test_each_violation_stops_and_latches(joint, what):
+    judge = SafetyJudge()
+    judge.judge(_sample())
+    sample, reason = _broken(joint, what)
+    assert judge.judge(sample) is Verdict.STOPPING
+    assert (judge.reason, judge.joint) == (reason, joint + 1)
+    assert np.all(np.isfinite(sample["tau_applied"]))
+    good = _sample(tau_desired=0.5)
+    assert judge.judge(good) is Verdict.STOPPING
+    assert judge.interventions == 1
+
+
+def test_a_commanded_stop_is_no_intervention_but_an_unsolved_qp_is():
+    for demand, count in ((Reason.COMMANDED, 0), (Reason.CONTROLLER, 1)):
+        judge = SafetyJudge()
+        assert judge.judge(_sample(), demand) is Verdict.STOPPING
+        assert judge.reason is demand
+        assert judge.interventions == count
+
+
+@given(
+    seed=st.integers(0, 2**31),
+    values=st.lists(
+        st.sampled_from([0.0, -0.0, 1e-300, 86.9, 87.0, 1e9, -1e9, np.inf, -np.inf, np.nan]), min_size=7, max_size=7
+    ),
+)
+def test_whatever_is_wanted_the_answer_is_finite_limited_and_continuous(seed, values):
+    rng = np.random.default_rng(seed)
+    judge, last = SafetyJudge(), np.zeros(7)
+    for k in range(20):
+        sample = _sample(q=HOME + 0.1 * rng.normal(size=7), dq=rng.normal(size=7))
+        sample["tau_desired"][0] = values if k == 10 else 40.0 * rng.normal(size=7)
+        judge.judge(sample)
+        applied = sample["tau_applied"][0].copy()
+        assert np.all(np.isfinite(applied))
+        assert np.all(np.abs(applied) <= FR3.tau_max)
+        assert np.all(np.abs(applied - last) <= STEP)
+        last = applied
+
+
+def test_a_stop_brakes_at_the_stated_rate_and_then_holds():
+    """Seven unit masses that do what they are told: from 1 rad/s to rest in 1 / braking seconds, and no further."""
+    parameters = JudgeParameters()
+    judge = SafetyJudge(parameters)
+    inertia = np.array([1.2, 1.2, 0.8, 0.8, 0.1, 0.1, 0.08])
+    q, dq = HOME.copy(), np.full(7, 1.0)
+    for k in range(3000):
+        sample = _sample(q=q, dq=dq)
+        judge.judge(sample, Reason.COMMANDED if k == 0 else Reason.NONE)
+        for _ in range(10):
+            dq = dq + sample["tau_applied"][0] / inertia * 1e-4
+            q = q + dq * 1e-4
+    assert np.abs(dq).max() < 1e-3
+    travelled = q - HOME
+    ideal = 1.0 / (2.0 * parameters.braking_rad_s2)
+    assert np.all(travelled > 0.5 * ideal)
+    assert np.all(travelled < 2.5 * ideal)
