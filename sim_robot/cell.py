@@ -90,14 +90,15 @@ class SimulatedCell:
         parameters: PlantParameters,
         seed: int,
         clock: Clock | None = None,
+        box_kind: type[ControlBox] = ControlBox,
     ) -> None:
         self.plant, self.clock = plant, clock
-        self._sensors = Sensors(plant, parameters.sensors, scene.pad.face_offset_z, seed)
-        self.states = self._sensors.states  # both arms' present states, dtype ARM_STATE, (2,)
+        self.sensors = Sensors(plant, parameters.sensors, scene.pad.face_offset_z, seed)
+        self.states = self.sensors.states  # both arms' present states, dtype ARM_STATE, (2,)
         self._tolerances = parameters.reflexes
         self._masks = np.zeros(2, dtype=np.int64)
         timeout_ms = parameters.reflexes.communication_timeout_ms
-        self.boxes = tuple(ControlBox(plant, side, timeout_ms) for side in range(2))
+        self.boxes = tuple(box_kind(plant, side, timeout_ms) for side in range(2))
         self.tracker = SimulatedTracker(plant, parameters.tracker, seed)
         self.left, self.right = SimulatedArm(self, 0), SimulatedArm(self, 1)
         self._observe()
@@ -112,7 +113,7 @@ class SimulatedCell:
             self._observe()
 
     def _observe(self) -> None:
-        self._sensors.sense()
+        self.sensors.sense()
         self.tracker.update()
         reflexes.judge_states(self.states, self._tolerances, self._masks)
         for side, box in enumerate(self.boxes):

@@ -36,6 +36,11 @@ class ControlBox:
         """Share of the last 100 ms that had a command; 0 when not moving."""
         return self._arrived.bit_count() / RATE_WINDOW if self.mode == RobotMode.MOVE else 0.0
 
+    def start(self) -> None:
+        """Begin torque control before the first torque: from now on every ms without one is lost."""
+        if self.mode != RobotMode.REFLEX:
+            self.mode, self._arrived = RobotMode.MOVE, _ALL_ARRIVED
+
     def take(self, tau: Array) -> None:
         """Take a torque for the next ms, (7,), Nm. A bad one is a reflex and never reaches the plant."""
         errors = reflexes.judge_command(tau, self._tau)
@@ -52,12 +57,21 @@ class ControlBox:
                 self.mode, self._arrived = RobotMode.MOVE, _ALL_ARRIVED
             self._waiting, self._lost = False, 0
             self._arrived = (self._arrived << 1 | 1) & _ALL_ARRIVED
-            self._plant.command(self._side, self._tau)
+            self._apply()
         elif self.mode == RobotMode.MOVE:
             self._lost += 1
             self._arrived = self._arrived << 1 & _ALL_ARRIVED
             if self._lost >= self._timeout_ms:
                 self.trip(reflexes.COMMUNICATION)
+            else:
+                self._bridge()
+
+    def _apply(self) -> None:
+        """Hand the command that came on time to the plant."""
+        self._plant.command(self._side, self._tau)
+
+    def _bridge(self) -> None:
+        """Get over a ms without a command: the last torque stays."""
 
     def trip(self, errors: int) -> None:
         """Latch errors: brake, hold, take nothing more until the recovery."""

@@ -92,9 +92,9 @@ class Sensors:
         self._generator = np.random.default_rng(np.random.SeedSequence([seed, 1]))
         self._draws = np.zeros((BLOCK, 2, CHANNELS, JOINTS))
         self._next = BLOCK
-        self._kinematics = np.zeros(2, KINEMATICS_RECORD)
-        self._kinematics["T_parent_joint"] = fr3_description().T_parent_joint
-        self._kinematics["face_offset_z"] = face_offset_z
+        self.kinematics = np.zeros(2, KINEMATICS_RECORD)
+        self.kinematics["T_parent_joint"] = fr3_description().T_parent_joint
+        self.kinematics["face_offset_z"] = face_offset_z
         self._records = np.zeros(2, SENSOR_RECORD)
         record = self._records
         for name in ("q_quantum", "smallest_singular_value", "wrench_damping"):
@@ -113,5 +113,5 @@ class Sensors:
             self._next = 0
         draws = self._draws[self._next]
         self._next += 1
-        _sense(self._qpos, self._qvel, self._motors, self._records, self._kinematics, draws, self.states)
+        _sense(self._qpos, self._qvel, self._motors, self._records, self.kinematics, draws, self.states)
         self.states["t_ns"] = self._plant.ticks * 1_000_000

@@ -1,0 +1,52 @@
+"""`python -m sim_robot.fci`: serve the simulated cell."""
+
+import argparse
+import contextlib
+import os
+import signal
+import sys
+
+from hal.errors import HardwareError
+from sim_robot.cell import simulated_cell
+from sim_robot.fci.lockstep import Lockstep
+from sim_robot.fci.realtime import Realtime
+from sim_robot.fci.server import Server
+from sim_robot.plant_parameters import load_plant_parameters
+from sim_robot.scene import load_scene
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Serve until SIGINT or SIGTERM. Returns 0, or 2 for bad input."""
+    parser = argparse.ArgumentParser(prog="sim_robot.fci", description="The simulated cell behind the FCI.")
+    parser.add_argument("--left", default="127.0.0.11", help="address of the left arm")
+    parser.add_argument("--right", default="127.0.0.12", help="address of the right arm")
+    parser.add_argument("--object", default="rice_box")
+    parser.add_argument("--displacement-mm", type=float, default=0.0)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--lockstep", action="store_true", help="wait for every moving arm's answer")
+    parser.add_argument("--priority", type=int, default=80, help="SCHED_FIFO priority, 0 for none")
+    parser.add_argument("--cpu", type=int, default=-1, help="CPU to stay on, -1 for any")
+    options = parser.parse_args(arguments)
+    stop: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda received, frame: stop.append(received))
+    try:
+        cell = simulated_cell(options.object, 1e-3 * options.displacement_mm, options.seed)
+        server = Server(cell, load_scene(), load_plant_parameters(), (options.left, options.right))
+    except (HardwareError, OSError) as error:
+        print(f"cannot serve: {error}", file=sys.stderr)
+        return 2
+    if not options.lockstep and options.priority > 0:
+        with contextlib.suppress(PermissionError):
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(options.priority))
+    print(f"serving {options.left} and {options.right}", flush=True)
+    pace = Lockstep(server) if options.lockstep else Realtime(server)
+    pace.run(lambda: bool(stop))
+    if isinstance(pace, Realtime):
+        print(pace.report(), flush=True)
+    server.close()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

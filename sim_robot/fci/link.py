@@ -1,0 +1,219 @@
+"""One arm's sockets: who is connected, whole checked requests in, answers and states out. Never blocks.
+
+Nothing that arrives is trusted: a header with an unknown command or a size that is not that command's closes the
+connection. Only one client has the arm; others are turned away when they say Connect.
+"""
+
+import contextlib
+import socket
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from sim_robot.fci.poller import Poller
+from sim_robot.fci.protocol import (
+    HEADER,
+    LARGEST_REQUEST,
+    PAYLOADS,
+    PORT,
+    ROBOT_COMMAND,
+    VERSION,
+    Command,
+    ConnectStatus,
+    response,
+)
+
+MOST_SESSIONS = 8  # connections that have not said Connect yet, and the client
+HANDSHAKE_S = 2.0
+LARGEST_OUTBOX = 1 << 20  # a client that asks and never reads
+MOST_DATAGRAMS = 32  # read at a time, so that a flood cannot hold the loop
+
+
+class Session:
+    """One TCP connection and what it has not sent or read yet."""
+
+    def __init__(self, tcp: socket.socket, address: str) -> None:
+        self.tcp, self.address = tcp, address
+        self.inbox, self.outbox = bytearray(), bytearray()
+        self.born_s = time.monotonic()
+
+
+class Link:
+    """The network side of one arm. `on_request` gets whole requests, `on_command` the datagrams of the client."""
+
+    def __init__(
+        self,
+        poller: Poller,
+        address: str,
+        on_request: Callable[[Command, int, tuple], None],
+        on_command: Callable[[np.void], None],
+        on_gone: Callable[[], None],
+    ) -> None:
+        """Listen at `address`, port 1337. Raises OSError, for example when the port is taken."""
+        self._poller, self._on_request, self._on_command = poller, on_request, on_command
+        self._on_gone = on_gone
+        self.address = address
+        self.refused = 0  # connections and messages that were not trusted
+        self._sessions: list[Session] = []
+        self.client: Session | None = None
+        self._udp: socket.socket | None = None
+        self._command = np.zeros(1, ROBOT_COMMAND)
+        self._command_bytes = self._command.view(np.uint8).data
+        self._overlong = bytearray(ROBOT_COMMAND.itemsize + 1)  # one more byte shows a datagram that is too long
+        self._listener = socket.create_server((address, PORT), backlog=MOST_SESSIONS)
+        self._listener.setblocking(False)
+        poller.watch(self._listener, self._accept)
+
+    # connections
+
+    def _accept(self) -> None:
+        try:
+            tcp, (address, _) = self._listener.accept()
+        except OSError:
+            return
+        self.drop_silent_sessions()
+        if len(self._sessions) >= MOST_SESSIONS:
+            self.refused += 1
+            tcp.close()
+            return
+        tcp.setblocking(False)
+        tcp.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        session = Session(tcp, address)
+        self._sessions.append(session)
+        self._poller.watch(tcp, lambda: self._serve(session))
+
+    def drop_silent_sessions(self) -> None:
+        """Close connections that did not say Connect in time."""
+        now = time.monotonic()
+        for session in tuple(self._sessions):
+            if session is not self.client and now - session.born_s > HANDSHAKE_S:
+                self._distrust(session)
+
+    def _close(self, session: Session) -> None:
+        if session not in self._sessions:
+            return
+        self._sessions.remove(session)
+        self._poller.forget(session.tcp)
+        session.tcp.close()
+        if session is self.client:
+            self.client = None
+            if self._udp is not None:
+                self._poller.forget(self._udp)
+                self._udp.close()
+                self._udp = None
+            self._on_gone()
+
+    def _distrust(self, session: Session) -> None:
+        self.refused += 1
+        self._close(session)
+
+    # requests
+
+    def _serve(self, session: Session) -> None:
+        if session.outbox:
+            self._flush(session)
+        try:
+            chunk = session.tcp.recv(4096)
+        except BlockingIOError:
+            return
+        except OSError:
+            chunk = b""
+        if not chunk:
+            self._close(session)
+            return
+        session.inbox += chunk
+        while session in self._sessions and len(session.inbox) >= HEADER.size:
+            number, command_id, size = HEADER.unpack_from(session.inbox)
+            if size > LARGEST_REQUEST or number not in PAYLOADS or size != HEADER.size + PAYLOADS[Command(number)].size:
+                self._distrust(session)
+                return
+            if len(session.inbox) < size:
+                return
+            values = PAYLOADS[Command(number)].unpack_from(session.inbox, HEADER.size)
+            del session.inbox[:size]
+            self._dispatch(session, Command(number), command_id, values)
+
+    def _dispatch(self, session: Session, command: Command, command_id: int, values: tuple) -> None:
+        if command == Command.CONNECT:
+            self._connect(session, command_id, *values)
+        elif session is self.client:
+            self._on_request(command, command_id, values)
+        else:
+            self._distrust(session)
+
+    def _connect(self, session: Session, command_id: int, version: int, udp_port: int) -> None:
+        if self.client is not None or udp_port == 0:
+            self._distrust(session)
+            return
+        body = bytes((ConnectStatus.SUCCESS,)) + VERSION.to_bytes(2, "little")
+        if version != VERSION:
+            body = bytes((ConnectStatus.INCOMPATIBLE_VERSION,)) + VERSION.to_bytes(2, "little")
+            self._send(session, response(Command.CONNECT, command_id, body))
+            return
+        self._udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._udp.setblocking(False)
+        self._udp.bind((self.address, 0))
+        try:
+            self._udp.connect((session.address, udp_port))  # the kernel drops what others send
+        except OSError:
+            self._udp.close()
+            self._udp = None
+            self._distrust(session)
+            return
+        self._poller.watch(self._udp, self._receive_commands)
+        self.client = session
+        self._send(session, response(Command.CONNECT, command_id, body))
+
+    def reply(self, command: Command, command_id: int, body: bytes) -> None:
+        """Answer the client, if it is still there."""
+        if self.client is not None:
+            self._send(self.client, response(command, command_id, body))
+
+    def _send(self, session: Session, data: bytes) -> None:
+        session.outbox += data
+        if len(session.outbox) > LARGEST_OUTBOX:
+            self._distrust(session)
+            return
+        self._flush(session)
+
+    def _flush(self, session: Session) -> None:
+        try:
+            del session.outbox[: session.tcp.send(session.outbox)]
+        except BlockingIOError:
+            pass
+        except OSError:
+            self._close(session)
+            return
+        self._poller.want_write(session.tcp, bool(session.outbox))
+
+    # states and commands
+
+    def send_state(self, state: memoryview) -> None:
+        """Send one state to the client, if there is one. A datagram that does not fit is lost, as on a network."""
+        if self._udp is not None:
+            with contextlib.suppress(OSError):
+                self._udp.send(state)
+
+    def _receive_commands(self) -> None:
+        for _ in range(MOST_DATAGRAMS):
+            if self._udp is None:
+                return
+            try:
+                size = self._udp.recv_into(self._overlong)
+            except BlockingIOError:
+                return
+            except OSError:  # the client's port is closed: its TCP connection tells
+                continue
+            if size != ROBOT_COMMAND.itemsize:
+                self.refused += 1
+                continue
+            self._command_bytes[:] = self._overlong[:size]
+            self._on_command(self._command[0])
+
+    def close(self) -> None:
+        """Close every socket."""
+        for session in tuple(self._sessions):
+            self._close(session)
+        self._poller.forget(self._listener)
+        self._listener.close()

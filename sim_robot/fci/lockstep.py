@@ -1,0 +1,124 @@
+"""The pace of tests and batch work: the plant goes on when every moving arm has answered.
+
+Deterministic for a client program, whatever the machine does:
+- The plant stands still while nobody moves. States go on at 1 kHz of wall-clock time under rising message ids, so an
+  idle server sleeps most of the time, and without any client it only wakes up for new connections.
+- After Move, states go on (slower and slower) and the plant stands still until each moving arm has answered once.
+- Then a state is shown to all at once, idle arms first, and the plant waits for every moving arm's answer, idle ones
+  never. A moving arm whose client has gone is not waited for: it loses packets, as on the robot.
+- When the last motion ends, the plant first comes to rest by itself; a Move or a recovery waits for that.
+"""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from sim_robot.fci.server import Server
+
+IDLE_PERIOD_S = 1e-3
+# between two states before the first answer: the client's start takes one, its first read another one; a third one is
+# for a client that took both at its start, and late enough not to meet an answer on its way
+FIRST_REPEATS_S = (1e-3, 50e-3, 100e-3)
+# The message id jumps at Move, so that the second arm, idle and thus streaming meanwhile, can start with the same id.
+JUMP = 1000
+AT_REST = 2e-3  # rad/s and m/s
+LONGEST_REST_MS = 1000
+REST_CHUNK_MS = 20
+
+
+class Lockstep:
+    """Serves until `stopped` says so."""
+
+    def __init__(self, server: Server) -> None:
+        self._server = server
+        for station in server.stations:
+            station.patient = True
+        self._rest_ms = 0  # how long the plant has been left alone since the last motion
+        self._resting = False
+        self._idle_due_s = 0.0
+        self._were_moving = (False, False)
+
+    def run(self, stopped: Callable[[], bool]) -> None:
+        """Serve both arms."""
+        server = self._server
+        while not stopped():
+            self._note_changes()
+            if self._resting:
+                server.poller.serve(0.0)
+                self._rest()
+                continue
+            moving = [station for station in server.stations if station.moving]
+            if moving and not any(station.awaited for station in moving):
+                self._step()
+                continue
+            server.poller.serve(self._wait_s())
+            self._note_changes()
+            self._repeat(time.monotonic())
+
+    def _note_changes(self) -> None:
+        """See motions that began or ended: show it at once, and let the plant come to rest after the last one."""
+        moving = tuple(station.moving for station in self._server.stations)
+        if moving == self._were_moving:
+            return
+        for station, now, before in zip(self._server.stations, moving, self._were_moving, strict=True):
+            if now and not before:
+                others = [other for other in self._server.stations if other.moving and other is not station]
+                jump = 0 if others else JUMP
+                station.message_id = max(
+                    [station.message_id + jump, *(o.message_id + max(0, 2 - o.repeats) - 2 for o in others)]
+                )
+            elif before and not now:
+                station.show_new()
+        if not any(moving):
+            self._resting, self._rest_ms, self._server.deferring = True, 0, True
+        self._were_moving = moving
+
+    def _step(self) -> None:
+        self._server.advance()
+        stations = self._server.stations
+        self._note_changes()
+        for station in stations:
+            if not station.moving:
+                station.show_new()
+        moving = [station for station in stations if station.moving]
+        newest = max((station.message_id for station in moving), default=0)
+        for station in moving:
+            station.message_id = newest  # one clock: moving arms carry one time stamp
+            station.show_new()
+        self._idle_due_s = time.monotonic() + IDLE_PERIOD_S
+
+    def _rest(self) -> None:
+        server = self._server
+        for _ in range(REST_CHUNK_MS):
+            server.advance()
+            self._rest_ms += 1
+            still = np.abs(server.cell.plant.data.qvel).max() < AT_REST
+            if (still and self._rest_ms >= REST_CHUNK_MS) or self._rest_ms >= LONGEST_REST_MS:
+                self._resting = False
+                server.resume_requests()
+                break
+        for station in server.stations:
+            station.show_new()
+
+    def _wait_s(self) -> float:
+        stations, now = self._server.stations, time.monotonic()
+        due: list[float] = []
+        due += [station.repeat_due_s for station in stations if station.moving and not station.joined]
+        if any(station.link.client is not None and not station.moving for station in stations):
+            due.append(self._idle_due_s)
+        return max(0.0, min(due) - now) if due else 0.5
+
+    def _repeat(self, now: float) -> None:
+        """Show the same state of the plant again to who may be waiting for one before it answers."""
+        stations = self._server.stations
+        for station in stations:
+            if station.moving and not station.joined and now >= station.repeat_due_s:
+                station.show()
+                station.repeat_due_s = now + FIRST_REPEATS_S[min(station.repeats, len(FIRST_REPEATS_S) - 1)]
+                station.repeats += 1
+        if now >= self._idle_due_s:
+            for station in stations:
+                if not station.moving:
+                    station.show()
+            self._idle_due_s = now + IDLE_PERIOD_S

@@ -1,0 +1,54 @@
+"""Waiting for sockets with a resolution of microseconds, and never longer than asked."""
+
+import select
+import socket
+from collections.abc import Callable
+
+_READ = select.EPOLLIN | select.EPOLLHUP | select.EPOLLERR
+
+
+class Poller:
+    """Calls whom a socket belongs to when it is ready. Datagrams come before streams: they are the answers."""
+
+    def __init__(self) -> None:
+        self._epoll = select.epoll()
+        self._callbacks: dict[int, tuple[bool, Callable[[], None]]] = {}
+        self._wait_list = [self._epoll]
+
+    def watch(self, sock: socket.socket, callback: Callable[[], None]) -> None:
+        """Call `callback` whenever `sock` can be read, or written while `want_write` is set."""
+        self._callbacks[sock.fileno()] = (sock.type == socket.SOCK_DGRAM, callback)
+        self._epoll.register(sock.fileno(), _READ)
+
+    def want_write(self, sock: socket.socket, wanted: bool) -> None:
+        """Report also when `sock` can be written."""
+        self._epoll.modify(sock.fileno(), _READ | (select.EPOLLOUT if wanted else 0))
+
+    def forget(self, sock: socket.socket) -> None:
+        """Stop watching; call it before closing the socket."""
+        if self._callbacks.pop(sock.fileno(), None) is not None:
+            self._epoll.unregister(sock.fileno())
+
+    def serve(self, timeout_s: float) -> bool:
+        """Wait up to `timeout_s`, call who is ready once each, and return whether anybody was."""
+        # epoll alone rounds to milliseconds; select on the epoll's own descriptor does not
+        if timeout_s > 0.0 and not select.select(self._wait_list, (), (), timeout_s)[0]:
+            return False
+        ready = self._epoll.poll(0)
+        if not ready:
+            return False
+        if len(ready) > 1:
+            ready.sort(key=self._order)
+        for descriptor, _ in ready:
+            entry = self._callbacks.get(descriptor)  # an earlier callback may have closed it
+            if entry is not None:
+                entry[1]()
+        return True
+
+    def _order(self, event: tuple[int, int]) -> tuple[bool, int]:
+        entry = self._callbacks.get(event[0])
+        return (entry is None or not entry[0], event[0])
+
+    def close(self) -> None:
+        """Release the descriptor."""
+        self._epoll.close()

@@ -1,0 +1,237 @@
+"""RobotState: from what the sensors measured and the controllers want to what goes over the wire. Compiled."""
+
+from math import cos, sin
+
+import numba
+import numpy as np
+
+from sim_robot.arm_description import JOINTS
+from sim_robot.kinematics import forward_kinematics
+
+GRAVITY_ACCELERATION = -9.81  # O_ddP_O, along the base's z
+# elbow[1] is +1 above this position of joint 4, -1 below (robot_state.h)
+ELBOW_FLIP = -0.467002423653011
+
+# What the controllers want: the generators fill it. Transforms row-major. _d: desired now, _c: as the client commands.
+MOTION_RECORD = np.dtype(
+    [
+        ("following", "i8"),  # 1: nothing is desired but what is measured (torque control)
+        ("q_d", "f8", JOINTS),
+        ("dq_d", "f8", JOINTS),
+        ("ddq_d", "f8", JOINTS),
+        ("cartesian", "i8"),  # 1: the client commands poses or twists
+        ("O_T_EE_d", "f8", (4, 4)),
+        ("O_dP_EE_d", "f8", 6),
+        ("O_T_EE_c", "f8", (4, 4)),
+        ("O_dP_EE_c", "f8", 6),
+        ("O_ddP_EE_c", "f8", 6),
+        ("elbow_c", "f8", 2),
+        ("delbow_c", "f8", 2),
+        ("ddelbow_c", "f8", 2),
+        ("watching", "i8"),  # 1: moving, so that an upper threshold is a collision
+        ("joint_contact", "f8", JOINTS),
+        ("cartesian_contact", "f8", 6),
+        ("joint_collision", "f8", JOINTS),  # latched until the recovery
+        ("cartesian_collision", "f8", 6),
+        ("velocity_last", "f8", (6, 3)),  # of the joints' origins, for the accelerometers
+        ("acceleration", "f8", (6, 3)),
+        ("started", "i8"),
+    ]
+)
+# result of `fill_states`, as a mask
+JOINT_COLLISION, CARTESIAN_COLLISION = 1, 2
+
+
+@numba.njit(cache=True, error_model="numpy")
+def product(A, B, C):
+    """C = A B for transforms (4, 4); C is neither A nor B."""
+    for r in range(3):
+        for c in range(4):
+            total = A[r, 0] * B[0, c] + A[r, 1] * B[1, c] + A[r, 2] * B[2, c]
+            C[r, c] = total + (A[r, 3] if c == 3 else 0.0)
+    for c in range(3):
+        C[3, c] = 0.0
+    C[3, 3] = 1.0
+
+
+@numba.njit(cache=True, error_model="numpy")
+def elbow_sign(q4):
+    """Return elbow[1] for a position of joint 4, rad."""
+    return 1.0 if q4 > ELBOW_FLIP else (-1.0 if q4 < ELBOW_FLIP else 0.0)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _columns(T, wire):
+    for c in range(4):
+        for r in range(4):
+            wire[4 * c + r] = T[r, c]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _twist(kinematics, dq, lever, twist):
+    """twist (6,) of a point at `lever` (3,) from the Jacobian's point, along the base's axes."""
+    for r in range(6):
+        total = 0.0
+        for j in range(JOINTS):
+            total += kinematics.J[r, j] * dq[j]
+        twist[r] = total
+    twist[0] += twist[4] * lever[2] - twist[5] * lever[1]
+    twist[1] += twist[5] * lever[0] - twist[3] * lever[2]
+    twist[2] += twist[3] * lever[1] - twist[4] * lever[0]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _levels(value, lower, upper, watching, contact, collision):
+    """Set contact (n,) anew, raise collision (n,) for good; True when a collision is new or goes on."""
+    over = False
+    for i in range(len(value)):
+        contact[i] = 1.0 if abs(value[i]) > lower[i] else 0.0
+        if watching != 0 and abs(value[i]) > upper[i]:
+            collision[i] = 1.0
+            over = True
+    return over
+
+
+@numba.njit(cache=True, error_model="numpy")
+def fill_states(states, measured, desired, settings, motions, wires, collisions):
+    """Fill both wires from both states, all of them (2,), and tell in `collisions` (2,) who is above its thresholds.
+
+    measured: the sensors' KINEMATICS_RECORD at the measured q; desired: a second one, for q_d. Modes, errors and the
+    message id are not filled here.
+    """
+    T, lever, twist, wrench = np.empty((4, 4)), np.empty(3), np.empty(6), np.empty(6)
+    for arm in range(2):
+        state, body, setting, motion, wire = states[arm], measured[arm], settings[arm], motions[arm], wires[arm]
+        for j in range(JOINTS):
+            wire.q[j], wire.dq[j] = state.q[j], state.dq[j]
+            wire.theta[j], wire.dtheta[j] = state.theta[j], state.dtheta[j]
+            wire.tau_J[j], wire.dtau_J[j], wire.tau_J_d[j] = state.tau_J[j], state.dtau_J[j], state.tau_J_d[j]
+            wire.tau_ext_hat_filtered[j] = state.tau_ext_hat_filtered[j]
+        product(body.T, setting.face_T_EE, T)
+        _columns(T, wire.O_T_EE)
+        _columns(setting.F_T_EE, wire.F_T_EE)
+        _columns(setting.EE_T_K, wire.EE_T_K)
+        _columns(setting.F_T_NE, wire.F_T_NE)
+        _columns(setting.NE_T_EE, wire.NE_T_EE)
+        wire.m_ee, wire.m_load = setting.m_ee, setting.m_load
+        for i in range(9):
+            wire.I_ee[i], wire.I_load[i] = setting.I_ee[i], setting.I_load[i]
+        for i in range(3):
+            wire.F_x_Cee[i], wire.F_x_Cload[i] = setting.F_x_Cee[i], setting.F_x_Cload[i]
+            wire.O_ddP_O[i] = GRAVITY_ACCELERATION if i == 2 else 0.0
+        wire.elbow[0], wire.elbow[1] = state.q[2], elbow_sign(state.q[3])
+
+        # what is desired, and what the client commands
+        if motion.following != 0:
+            for j in range(JOINTS):
+                motion.q_d[j], motion.dq_d[j], motion.ddq_d[j] = state.q[j], state.dq[j], 0.0
+        goal = desired[arm]
+        forward_kinematics(goal, motion.q_d)
+        if motion.cartesian == 0:
+            product(goal.T, setting.face_T_EE, motion.O_T_EE_d)
+            for r in range(3):
+                lever[r] = motion.O_T_EE_d[r, 3] - goal.T[r, 3]
+            _twist(goal, motion.dq_d, lever, motion.O_dP_EE_d)
+            motion.O_T_EE_c[:] = motion.O_T_EE_d
+            _twist(goal, motion.ddq_d, lever, motion.O_ddP_EE_c)
+            motion.O_dP_EE_c[:] = motion.O_dP_EE_d
+            motion.elbow_c[0], motion.elbow_c[1] = motion.q_d[2], elbow_sign(motion.q_d[3])
+            motion.delbow_c[0], motion.ddelbow_c[0] = motion.dq_d[2], motion.ddq_d[2]
+        for j in range(JOINTS):
+            wire.q_d[j], wire.dq_d[j], wire.ddq_d[j] = motion.q_d[j], motion.dq_d[j], motion.ddq_d[j]
+        _columns(motion.O_T_EE_d, wire.O_T_EE_d)
+        _columns(motion.O_T_EE_c, wire.O_T_EE_c)
+        for i in range(6):
+            wire.O_dP_EE_d[i], wire.O_dP_EE_c[i] = motion.O_dP_EE_d[i], motion.O_dP_EE_c[i]
+            wire.O_ddP_EE_c[i] = motion.O_ddP_EE_c[i]
+        wire.elbow_d[0], wire.elbow_d[1] = motion.q_d[2], elbow_sign(motion.q_d[3])
+        for i in range(2):
+            wire.elbow_c[i], wire.delbow_c[i] = motion.elbow_c[i], motion.delbow_c[i]
+            wire.ddelbow_c[i] = motion.ddelbow_c[i]
+
+        # the wrench about K, along the base's axes and along K's
+        product(body.T, setting.face_T_K, T)
+        for r in range(3):
+            lever[r] = body.T[r, 3] - T[r, 3]
+            wrench[r] = body.wrench[r]
+        wrench[3] = body.wrench[3] + (lever[1] * wrench[2] - lever[2] * wrench[1])
+        wrench[4] = body.wrench[4] + (lever[2] * wrench[0] - lever[0] * wrench[2])
+        wrench[5] = body.wrench[5] + (lever[0] * wrench[1] - lever[1] * wrench[0])
+        for r in range(3):
+            wire.O_F_ext_hat_K[r], wire.O_F_ext_hat_K[r + 3] = wrench[r], wrench[r + 3]
+        for r in range(3):
+            twist[r] = T[0, r] * wrench[0] + T[1, r] * wrench[1] + T[2, r] * wrench[2]
+            twist[r + 3] = T[0, r] * wrench[3] + T[1, r] * wrench[4] + T[2, r] * wrench[5]
+        for i in range(6):
+            wire.K_F_ext_hat_K[i] = twist[i]
+
+        # contact and collision by the client's thresholds: other ones while accelerating
+        row = 2
+        for j in range(JOINTS):
+            if motion.ddq_d[j] != 0.0:
+                row = 0
+        lower, upper, mask, on = setting.torque_thresholds[row], setting.torque_thresholds[row + 1], 0, motion.watching
+        if _levels(state.tau_ext_hat_filtered, lower, upper, on, motion.joint_contact, motion.joint_collision):
+            mask |= JOINT_COLLISION
+        lower, upper = setting.force_thresholds[row], setting.force_thresholds[row + 1]
+        if _levels(twist, lower, upper, on, motion.cartesian_contact, motion.cartesian_collision):
+            mask |= CARTESIAN_COLLISION
+        collisions[arm] = mask
+        for j in range(JOINTS):
+            wire.joint_contact[j], wire.joint_collision[j] = motion.joint_contact[j], motion.joint_collision[j]
+        for i in range(6):
+            wire.cartesian_contact[i] = motion.cartesian_contact[i]
+            wire.cartesian_collision[i] = motion.cartesian_collision[i]
+        _accelerometers(body, state.q, state.dq, motion, wire)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _accelerometers(body, q, dq, motion, wire):
+    """What an accelerometer at each end of links 1 to 6 reads: acceleration minus gravity, along the link's axes.
+
+    bottom[i] sits at joint i + 1, top[i] at joint i + 2. Acceleration is the difference quotient of the velocity,
+    low-passed at about 30 Hz.
+    """
+    R = np.empty((3, 3))
+    v, w, a = np.empty(3), np.empty(3), np.empty(3)
+    for i in range(6):
+        # velocity of the origin of joint i + 2
+        for r in range(3):
+            v[r], w[r] = 0.0, 0.0
+        point = body.origins[i + 1]
+        for j in range(i + 1):
+            x, z = body.origins[j], body.axes[j]
+            lx, ly, lz = point[0] - x[0], point[1] - x[1], point[2] - x[2]
+            v[0] += (z[1] * lz - z[2] * ly) * dq[j]
+            v[1] += (z[2] * lx - z[0] * lz) * dq[j]
+            v[2] += (z[0] * ly - z[1] * lx) * dq[j]
+        for r in range(3):
+            if motion.started != 0:
+                quotient = (v[r] - motion.velocity_last[i, r]) * 1e3
+                motion.acceleration[i, r] += 0.17 * (quotient - motion.acceleration[i, r])
+            motion.velocity_last[i, r] = v[r]
+    motion.started = 1
+    for r in range(3):
+        for c in range(3):
+            R[r, c] = 1.0 if r == c else 0.0
+    for i in range(6):
+        P = body.T_parent_joint[i]
+        cq, sq = cos(q[i]), sin(q[i])
+        for r in range(3):
+            x = R[r, 0] * P[0, 0] + R[r, 1] * P[1, 0] + R[r, 2] * P[2, 0]
+            y = R[r, 0] * P[0, 1] + R[r, 1] * P[1, 1] + R[r, 2] * P[2, 1]
+            z = R[r, 0] * P[0, 2] + R[r, 1] * P[1, 2] + R[r, 2] * P[2, 2]
+            R[r, 0], R[r, 1], R[r, 2] = x * cq + y * sq, y * cq - x * sq, z
+        for end in range(2):
+            for r in range(3):
+                a[r] = -GRAVITY_ACCELERATION if r == 2 else 0.0
+                if end == 0 and i > 0:
+                    a[r] += motion.acceleration[i - 1, r]
+                if end == 1:
+                    a[r] += motion.acceleration[i, r]
+            for c in range(3):
+                value = R[0, c] * a[0] + R[1, c] * a[1] + R[2, c] * a[2]
+                if end == 0:
+                    wire.accelerometer_bottom[i, c] = value
+                else:
+                    wire.accelerometer_top[i, c] = value

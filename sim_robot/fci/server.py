@@ -1,0 +1,77 @@
+"""Both arms of one plant behind their links, ticked by a pace: in real time or in lockstep."""
+
+import functools
+
+import numpy as np
+
+from sim_robot.cell import SimulatedCell
+from sim_robot.fci.link import Link
+from sim_robot.fci.poller import Poller
+from sim_robot.fci.protocol import ROBOT_STATE, Command
+from sim_robot.fci.robot_state import MOTION_RECORD, fill_states
+from sim_robot.fci.settings import SETTINGS_RECORD, Settings
+from sim_robot.fci.station import Station
+from sim_robot.plant_parameters import PlantParameters
+from sim_robot.scene import Scene
+
+
+class Server:
+    """The stations of both arms, and the one way in which the plant goes on."""
+
+    def __init__(
+        self, cell: SimulatedCell, scene: Scene, parameters: PlantParameters, addresses: tuple[str, str]
+    ) -> None:
+        """Listen at both addresses (left, right). Raises OSError when one cannot be taken."""
+        self.cell, self.poller = cell, Poller()
+        self._wires = np.zeros(2, ROBOT_STATE)
+        self._settings = np.zeros(2, SETTINGS_RECORD)
+        self._motions = np.zeros(2, MOTION_RECORD)
+        self._goals = cell.sensors.kinematics.copy()
+        self._collisions = np.zeros(2, dtype=np.int64)
+        self._deferred: list[tuple[int, Command, int, tuple]] = []
+        self.deferring = False  # True: motions and recoveries wait until the plant is at rest
+        stations = []
+        for side, address in enumerate(addresses):
+            link = Link(
+                self.poller,
+                address,
+                on_request=functools.partial(self._request, side),
+                on_command=lambda command, side=side: self.stations[side].take(command),
+                on_gone=lambda: None,
+            )
+            settings = Settings(self._settings[side], scene.pad, parameters.holding.stiffness)
+            stations.append(Station(cell, side, link, settings, self._motions[side], self._wires[side : side + 1]))
+        self.stations: tuple[Station, Station] = (stations[0], stations[1])
+        self._fill()
+
+    def _request(self, side: int, command: Command, command_id: int, values: tuple) -> None:
+        if self.deferring and command in (Command.MOVE, Command.AUTOMATIC_ERROR_RECOVERY):
+            self._deferred.append((side, command, command_id, values))
+        else:
+            self.stations[side].handle(command, command_id, values)
+
+    def resume_requests(self) -> None:
+        """Handle what had to wait for the plant to come to rest."""
+        self.deferring = False
+        deferred, self._deferred = self._deferred, []
+        for side, command, command_id, values in deferred:
+            self.stations[side].handle(command, command_id, values)
+
+    def _fill(self) -> None:
+        fill_states(
+            self.cell.states, self.cell.sensors.kinematics, self._goals, self._settings, self._motions, self._wires,
+            self._collisions,
+        )  # fmt: skip
+
+    def advance(self) -> None:
+        """Advance the plant by 1 ms with the commands that have arrived, and judge what it shows."""
+        self.cell.next_state()
+        self._fill()
+        for side, station in enumerate(self.stations):
+            station.judge(int(self._collisions[side]))
+
+    def close(self) -> None:
+        """Close every socket."""
+        for station in self.stations:
+            station.link.close()
+        self.poller.close()

@@ -1,0 +1,201 @@
+"""One arm as its control box shows it to a client: requests, motions, modes, and what it answers."""
+
+import numpy as np
+
+from hal.description import fr3_urdf
+from hal.errors import RecoveryRefused
+from hal.robot_errors import ROBOT_ERRORS, error_bit
+from hal.state import RobotMode
+from sim_robot.cell import SimulatedCell
+from sim_robot.control_box import ControlBox
+from sim_robot.fci.link import Link
+from sim_robot.fci.protocol import (
+    GENERATOR_IDLE,
+    Command,
+    Controller,
+    Generator,
+    MoveStatus,
+    RecoveryStatus,
+    SetStatus,
+)
+from sim_robot.fci.robot_state import CARTESIAN_COLLISION, JOINT_COLLISION
+from sim_robot.fci.settings import InvalidSetting, Settings
+
+JOINT_REFLEX, CARTESIAN_REFLEX = error_bit("joint_reflex"), error_bit("cartesian_reflex")
+TORQUE_CONTROL = (Controller.EXTERNAL, Generator.NONE)
+
+
+def _flags(mask: int) -> np.ndarray:
+    return np.array([mask >> bit & 1 for bit in range(len(ROBOT_ERRORS))], dtype=np.uint8)
+
+
+class Station:
+    """One arm behind its link. `wire` is its RobotState, `motion` what it is to do, `settings` what was set."""
+
+    def __init__(
+        self, cell: SimulatedCell, side: int, link: Link, settings: Settings, motion: np.void, wire: np.ndarray
+    ) -> None:
+        self.link, self.settings, self.motion = link, settings, motion
+        self.box: ControlBox = cell.boxes[side]
+        self.message_id = 0
+        self.first_id = 0  # an answer to an older message is too late
+        # True: any answer to a message that was not answered yet will do. A client with two arms in one thread may be
+        # one message behind on one arm, and would wait for the other one for ever if its answer were lost.
+        self.patient = False
+        self.repeats, self.repeat_due_s = 0, 0.0  # states shown since Move without an answer, and when the next is due
+        self.answered = False  # the client has answered that state
+        self.joined = False  # the client has answered at least once since Move
+        self._cell, self._side = cell, side
+        self._wire, self._bytes = wire, wire.view(np.uint8).data
+        self._shown_errors = self._shown_reason = self._reason = 0
+        self._move_id: int | None = None
+        self._mode_shown = (int(Controller.OTHER), GENERATOR_IDLE)
+        self._finishing = False
+        self._rest()
+
+    # what the server asks
+
+    @property
+    def moving(self) -> bool:
+        """True from Move until the end of the motion."""
+        return self.box.mode == RobotMode.MOVE
+
+    @property
+    def awaited(self) -> bool:
+        """True while a client that is moving this arm has not answered the present state."""
+        return self.moving and not self.answered and self.link.client is not None
+
+    # commands
+
+    def take(self, command: np.void) -> None:
+        """Take a datagram of the client. One that answers an older state came too late and is lost."""
+        if not self.moving or self.answered or not self.first_id <= int(command["message_id"]) <= self.message_id:
+            return
+        if self.patient:
+            self.first_id = int(command["message_id"]) + 1
+        self.answered = self.joined = True
+        if command["torque_command_finished"] or command["motion_generation_finished"]:
+            self._finish(MoveStatus.SUCCESS)
+            return
+        self.box.take(np.array(command["tau_J_d"]))
+        self.settle_outcome()
+
+    def _finish(self, status: MoveStatus) -> None:
+        self.box.stop()
+        self._rest()
+        self._end_move(status)
+
+    def _end_move(self, status: MoveStatus) -> None:
+        self._mode_shown = (int(Controller.OTHER), GENERATOR_IDLE)
+        if self._move_id is not None:
+            self.link.reply(Command.MOVE, self._move_id, bytes((status,)))
+            self._move_id = None
+
+    def _rest(self) -> None:
+        """Nothing is desired but to hold this place."""
+        motion, state = self.motion, self._cell.states[self._side]
+        motion["following"] = motion["cartesian"] = motion["watching"] = 0
+        motion["q_d"], motion["dq_d"], motion["ddq_d"] = state["q"], 0.0, 0.0
+
+    # after each ms of the plant
+
+    def judge(self, collisions: int) -> None:
+        """Stop at a collision: a mask of robot_state."""
+        if collisions and self.moving:
+            errors = JOINT_REFLEX if collisions & JOINT_COLLISION else 0
+            self.box.trip(errors | (CARTESIAN_REFLEX if collisions & CARTESIAN_COLLISION else 0))
+        self.settle_outcome()
+
+    def settle_outcome(self) -> None:
+        """Answer the Move request of a motion that a reflex has ended."""
+        if self.box.mode == RobotMode.REFLEX and self.box.errors != self._reason:
+            if not self._reason:
+                self._rest()
+            self._reason = self.box.errors
+            self._end_move(MoveStatus.REFLEX_ABORTED)
+
+    def show(self) -> None:
+        """Send the present state, under the next message id."""
+        wire, box = self._wire[0], self.box
+        self.message_id += 1
+        wire["message_id"] = self.message_id
+        wire["controller_mode"], wire["motion_generator_mode"] = self._mode_shown
+        wire["robot_mode"] = box.mode
+        wire["control_command_success_rate"] = box.success_rate
+        if box.errors != self._shown_errors:
+            self._shown_errors = box.errors
+            wire["errors"] = _flags(box.errors)
+        if self._reason != self._shown_reason:
+            self._shown_reason = self._reason
+            wire["reflex_reason"] = _flags(self._reason)
+        self.link.send_state(self._bytes)
+
+    def show_new(self) -> None:
+        """Send a state that the plant has not shown before: only an answer to it counts from now on."""
+        self.answered = False
+        if not self.patient:
+            self.first_id = self.message_id + 1
+        self.show()
+
+    # requests
+
+    def handle(self, command: Command, command_id: int, values: tuple) -> None:
+        """Carry out a request and answer it. Every request gets an answer."""
+        if command == Command.MOVE:
+            self._move(command_id, values)
+        elif command == Command.STOP_MOVE:
+            if self.moving:
+                self._finish(MoveStatus.PREEMPTED)
+            self.link.reply(command, command_id, bytes(1))
+        elif command == Command.AUTOMATIC_ERROR_RECOVERY:
+            self.link.reply(command, command_id, bytes((self._recover(),)))
+        elif command == Command.GET_ROBOT_MODEL:
+            self.link.reply(command, command_id, bytes((SetStatus.SUCCESS,)) + fr3_urdf().encode())
+        else:
+            self.link.reply(command, command_id, bytes((self._set(command, values),)))
+
+    def _move(self, command_id: int, values: tuple) -> None:
+        controller, generator = values[:2]
+        status = MoveStatus.MOTION_STARTED
+        if self.box.mode != RobotMode.IDLE:
+            status = MoveStatus.NOT_POSSIBLE
+        elif (controller, generator) != TORQUE_CONTROL:
+            status = MoveStatus.INVALID_ARGUMENT
+        self.link.reply(Command.MOVE, command_id, bytes((status,)))
+        if status != MoveStatus.MOTION_STARTED:
+            return
+        self._move_id = command_id
+        self._mode_shown = (controller, generator + 1)
+        self._reason = 0
+        self.answered = self.joined = False
+        self.repeats, self.repeat_due_s = 0, 0.0
+        self.first_id = self.message_id + 1
+        self.motion["following"] = self.motion["watching"] = 1
+        self.box.start()
+
+    def _recover(self) -> RecoveryStatus:
+        try:
+            self._cell.recover(self._side)
+        except RecoveryRefused:
+            return RecoveryStatus.MANUAL_REQUIRED
+        self.motion["joint_collision"], self.motion["cartesian_collision"] = 0.0, 0.0
+        return RecoveryStatus.SUCCESS
+
+    def _set(self, command: Command, values: tuple) -> SetStatus:
+        if self.moving:
+            return SetStatus.NOT_POSSIBLE
+        settings = self.settings
+        setters = {
+            Command.SET_COLLISION_BEHAVIOR: settings.set_collision_behavior,
+            Command.SET_JOINT_IMPEDANCE: settings.set_joint_impedance,
+            Command.SET_CARTESIAN_IMPEDANCE: settings.set_cartesian_impedance,
+            Command.SET_EE_TO_K: settings.set_EE_T_K,
+            Command.SET_NE_TO_EE: settings.set_NE_T_EE,
+            Command.SET_LOAD: settings.set_load,
+            Command.SET_GUIDING_MODE: lambda guided: None,
+        }
+        try:
+            setters[command](values)
+        except InvalidSetting:
+            return SetStatus.INVALID_ARGUMENT
+        return SetStatus.SUCCESS
