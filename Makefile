@@ -25,7 +25,7 @@ test: setup  ## all tests, in a real Chromium too (Debian: apt-get install chrom
 	$(BIN)/python -m pytest
 
 check: setup  ## lint, types, import rules
-	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/pyright && $(BIN)/lint-imports
+	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/basedpyright && $(BIN)/lint-imports
 
 bench: setup  ## the tick, measured beside its plain numpy version
 	$(BIN)/rtstack bench tick

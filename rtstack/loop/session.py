@@ -52,7 +52,7 @@ class Plan:
     ante: NDArray
     post: NDArray
     mode: Mode
-    stiffness: NDArray[np.float64]
+    stiffness: NDArray[np.floating]
     period_s: float
 
     @property

@@ -1,0 +1,38 @@
+"""The habits of the code base, as tests: lint, format, types, and who may import whom."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+BIN = Path(sys.executable).parent
+
+
+@pytest.mark.parametrize(
+    "command",
+    [["ruff", "check", "."], ["ruff", "format", "--check", "."], ["basedpyright"], ["lint-imports"]],
+    ids=" ".join,
+)
+def test_tool_is_content(command):
+    done = subprocess.run([str(BIN / command[0]), *command[1:]], cwd=ROOT, capture_output=True, text=True, timeout=280)
+    assert done.returncode == 0, done.stdout[-5000:] + done.stderr[-2000:]
+
+
+def test_the_repository_holds_no_vendored_or_built_files():
+    listed = subprocess.run(
+        ["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout.splitlines()
+    foreign = [f for f in listed if f.endswith((".stl", ".dae", ".obj", ".so", ".whl", ".min.js", ".mcap", ".lock"))]
+    assert foreign == []
+
+
+def test_constraints_pin_and_name_no_address():
+    lines = (ROOT / "constraints.txt").read_text().splitlines()
+    assert lines
+    for line in lines:
+        name, _, version = line.partition("==")
+        assert name
+        assert version, line
+        assert "/" not in line, line
