@@ -84,5 +84,5 @@ def _trial_line(result: TrialResult) -> str:
     return (
         f"{outcome} | {result.controller}, {result.object}, {result.displacement_mm:+g} mm, seed {result.seed} | "
         f"impact {impact} (nominal {result.nominal_impact_time_s:.3f} s) | mean force norm {norm} | lift {lift} | "
-        f"compute p50 {result.compute_us_p50:.0f} us"
+        f"compute p50 {result.compute_us_p50:.0f} us | {result.real_time_factor:.1f} x real time"
     )

@@ -63,13 +63,17 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class SessionOutcome:
-    """end: how it ended; detail: which limit, error or QP status, empty where all went well."""
+    """end: how it ended; detail: which limit, error or QP status, empty where all went well.
+
+    real_time_factor: robot's seconds over the host's, from the first tick to the last.
+    """
 
     end: End
     detail: str
     start_t_ns: int
     missed_deadlines: int
     safety_interventions: int
+    real_time_factor: float
 
 
 class Session:
@@ -126,6 +130,7 @@ class Session:
             start_t_ns=self._start_ns,
             missed_deadlines=self._missed,
             safety_interventions=sum(judge.interventions for judge in self._judges),
+            real_time_factor=(self._t_ns - self._start_ns) / max(1, self._host_ns - self._host_start_ns),
         )
 
     def _tick(self) -> bool:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from hal.description import fr3_urdf
+from rtstack.log.errors import LogError
 from rtstack.log.ring import Rings
 from rtstack.log.writer import Attachment, CellFrames, LogProcess
 from rtstack.model.cell_description import CellDescription, base_frame
@@ -28,17 +29,25 @@ class TrialLog:
         self._lockstep = lockstep
 
     def wait_for_room(self) -> None:
-        """Between two ticks of a lockstep run: let the log catch up. In real time: return at once. Raises LogError."""
-        if self._lockstep and self.rings.room() < ROOM:
+        """Between two ticks of a lockstep run: let the log catch up. In real time, or without a log: return at once."""
+        if not self._lockstep or self.rings.room() >= ROOM:
+            return
+        try:
             self._process.wait_room(ROOM)
+        except LogError:
+            # the trial goes on without its log; `close` will say so
+            self._lockstep = False
 
-    def close(self, result: dict[str, Any]) -> None:
-        """Write the result and finish the file. Raises LogError where the log is not complete."""
+    def close(self, result: dict[str, Any]) -> str | None:
+        """Write the result and finish the file. Returns None, or in one line why the log is not complete."""
         try:
             values = {key: value if isinstance(value, str) else json.dumps(value) for key, value in result.items()}
             self._process.close(values)
+        except LogError as error:
+            return str(error)
         finally:
             self.rings.close()
+        return None
 
     def abandon(self) -> None:
         """Finish the file without a result, when something worse has happened. Never raises."""

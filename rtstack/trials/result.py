@@ -12,6 +12,7 @@ class TrialResult:
     average_force_norm is the mean of (33) over the 200 ms around the nominal impact time; _linear_n its force part
     alone. peak_torque_ratio and peak_velocity_ratio are the largest |tau_J| and |dq| over their limits. success: the
     object was held until release and no safety limit was hit. impact_verdict is None where no monitor judged.
+    real_time_factor: robot's seconds over the host's, from the first tick to the last, logging included.
     """
 
     success: bool
@@ -35,6 +36,7 @@ class TrialResult:
     compute_us_p50: float
     compute_us_p99: float
     safety_interventions: int
+    real_time_factor: float
     log: str | None
 
     def as_dict(self) -> dict[str, Any]:

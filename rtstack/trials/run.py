@@ -2,8 +2,9 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -85,7 +86,7 @@ def run_trial(
 ) -> TrialResult:
     """Run a prepared trial on an open cell. The caller closes the cell; the log is closed here, with the result in it.
 
-    live: rings of whoever watches. Raises LogError when the log could not be finished.
+    live: rings of whoever watches. A log that could not be finished fails the trial, and the reason says so.
     """
     specification, reference = prepared.specification, prepared.reference
     control = prepared.parameters.control
@@ -98,9 +99,8 @@ def run_trial(
             run.first_impact_s, SuccessCriterion(),
         )  # fmt: skip
         result = _trial_result(prepared, cell.name, outcome, values, log)
-        if log is not None:
-            log.close(result.as_dict())
-    return result
+        incomplete = log.close(result.as_dict()) if log is not None else None
+    return _with_log(result, incomplete)
 
 
 def run_demonstration(
@@ -132,9 +132,16 @@ def run_demonstration(
     with _log_of(log):
         outcome = run.follow(cell, Strategy.PROPOSED, 0.0)
         result = _demonstration_result(specification, cell.name, outcome, run, log)
-        if log is not None:
-            log.close(result.as_dict())
-    return result
+        incomplete = log.close(result.as_dict()) if log is not None else None
+    return _with_log(result, incomplete)
+
+
+Result = TypeVar("Result", TrialResult, DemonstrationResult)
+
+
+def _with_log(result: Result, incomplete: str | None) -> Result:
+    """A run whose evidence is incomplete has failed, whatever the arms did."""
+    return result if incomplete is None else replace(result, success=False, failure_reason=incomplete)
 
 
 @contextmanager
@@ -235,5 +242,6 @@ def _trial_result(
         compute_us_p50=values.compute_us_p50,
         compute_us_p99=values.compute_us_p99,
         safety_interventions=outcome.safety_interventions,
+        real_time_factor=round(outcome.real_time_factor, 3),
         log=str(log.path) if log is not None else None,
     )

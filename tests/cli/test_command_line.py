@@ -6,8 +6,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+import psutil
 import pytest
 
+from rtstack.log.reader import read_log
 from rtstack.trials.result import TrialResult
 
 COMMAND = Path(sys.executable).with_name("rtstack")
@@ -170,3 +173,34 @@ def test_help_answers(tmp_path):
     for command in ("teach", "trial", "review", "recover", "up", "bench"):
         assert command in done.stdout
     assert run(cwd=tmp_path).stdout == done.stdout
+
+
+def test_a_killed_log_process_fails_the_trial_and_the_rest_is_recovered(recording, tmp_path):
+    """kill -9 in the middle: everything up to half a second before is there, and the trial says what to do."""
+    path = tmp_path / "t.mcap"
+    process = subprocess.Popen(
+        [str(COMMAND), "trial", "--reference", str(recording), "--log", str(path), "--json"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    attached = 1.1 * recording.stat().st_size  # the recording comes first in the file, then the samples
+    while process.poll() is None and not (path.exists() and path.stat().st_size > attached):
+        pass
+    writers = [c for c in psutil.Process(process.pid).children() if "rtstack.log.process" in c.cmdline()]
+    assert len(writers) == 1
+    writers[0].kill()
+    out, err = process.communicate(timeout=60)
+    result = json.loads(out)
+    assert process.returncode == 1
+    assert result["success"] is False
+    assert "rtstack recover" in result["failure_reason"]
+    assert "Traceback" not in err
+    before = read_log(path, truncated=True).topic("/left/arm")
+    done = run("recover", path, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    again = read_log(tmp_path / "t.recovered.mcap")
+    samples = again.topic("/left/arm")
+    assert again.metadata["trial"]["kind"] == "trial"
+    assert len(samples) >= len(before) > 0
+    assert set((np.diff(samples["t_ns"])).tolist()) == {1_000_000}
+    # a chunk is at most a quarter of a second: what the file had grown to is what is given back
+    assert len(again.topic("/right/control")) >= len(samples) - 500
