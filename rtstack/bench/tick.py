@@ -77,6 +77,8 @@ class _Pair:
         )  # fmt: skip
         self.homes = [np.array(mounting.home) for mounting in mountings]
         self.stiffness = np.array(parameters.control.stiffness)
+        for arm in self.arms:
+            arm.pursue(self.stiffness, arm.parameters.posture_gain)
         self.points = [np.zeros(1, POINT) for _ in range(2)]
         self._rng = rng
         self._phase = rng.uniform(0.0, 2 * np.pi, (2, 7))
@@ -134,7 +136,7 @@ class _Pair:
     def choose(self) -> None:
         """Make the references of this tick the setpoints of both arms."""
         for arm, point in zip(self.arms, self.points, strict=True):
-            self.controller.choose(arm, point, point, 0, self.stiffness)
+            arm.choose(point, point, 0, self.controller.machine)
 
     def numpy(self, states: list[PlainState], setpoints: list[PlainSetpoint]) -> tuple[int, list[Array]]:
         """Run the plain tick; return its time in ns and its torques."""

@@ -25,7 +25,11 @@ from rtstack.model.arm_model import ArmModel
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, Mode, QpSolver, QpStatus
 
 ANTE, INTERIM, POST = 0, 1, 2
-_BLEND = {Mode.TELEOPERATION: ANTE, Mode.ANTE_IMPACT: ANTE, Mode.INTERIM: INTERIM, Mode.POST_IMPACT: POST}
+# by mode: which references count, -1 where none do
+_BLEND = tuple(
+    {Mode.TELEOPERATION: ANTE, Mode.ANTE_IMPACT: ANTE, Mode.INTERIM: INTERIM, Mode.POST_IMPACT: POST}.get(mode, -1)
+    for mode in Mode
+)
 
 # braking that a joint bound may ask for: the FR3's acceleration limit, or the deceleration of its velocity limits
 _BRAKING = np.maximum(FR3.ddq_max, FR3.deceleration)
@@ -66,9 +70,16 @@ class ArmController:
         history = ImpactDetector(detector, parameters.period_s)
         self._history, self._head, self._count = history.memory
         self._tau_step = FR3.tau_rate_max * parameters.period_s * (1.0 - 2e-4)  # a little inside the judge's line
+        # views of single fields: looking a field up costs more than writing it
         sample = self.sample[0]
         self._q, self._dq = sample["q"], sample["dq"]
+        self._tau_desired, self._tau_applied = sample["tau_desired"], sample["tau_applied"]
+        self._t_ns = self.sample["t_ns"]
+        self._control_t_ns, self._mode, self._gamma = (self.control[n] for n in ("t_ns", "mode", "gamma"))
+        self._qp_status, self._qp_iterations = self.control["qp_status"], self.control["qp_iterations"]
+        self._wrench_desired = self.control["wrench_desired"][0]
         work = self.workspace[0]
+        self._tau_previous = work["tau_previous"]
         self._qp = tuple(work[n] for n in ("H", "gradient", "lower", "upper", "M", "tau_lower", "tau_upper", "ddq"))
 
     def observe(self) -> None:
@@ -85,40 +96,50 @@ class ArmController:
 
     def command(self, mode: Mode) -> QpStatus:
         """Find tau_desired in `sample` for the setpoint. Where the QP has no answer the last torque stays."""
-        control = self.control
-        if mode not in _BLEND:
-            control["qp_status"][0] = QpStatus.NOT_USED
-            control["qp_iterations"][0] = 0
-            control["wrench_desired"][0] = 0.0
-            self.sample["tau_desired"][0] = self.workspace["tau_previous"][0]
+        if _BLEND[mode] < 0:
+            self._qp_status[0] = QpStatus.NOT_USED
+            self._qp_iterations[0] = 0
+            self._wrench_desired[:] = 0.0
+            self._tau_desired[:] = self._tau_previous
             return QpStatus.NOT_USED
         p = self.parameters
         iterations = 0
         status = QpStatus.UNCONSTRAINED
         free = pose_problem(
-            self.sample, self.workspace, self.setpoint, control, p.posture_joint, p.weight_impedance, p.weight_posture,
-            p.regularisation, self.limits_table, self.tau_max, p.period_s,
+            self.sample, self.workspace, self.setpoint, self.control, p.posture_joint, p.weight_impedance,
+            p.weight_posture, p.regularisation, self.limits_table, self.tau_max, p.period_s,
         )  # fmt: skip
         if not free:
             status, iterations = self.program.solve(*self._qp)
-        if status in (QpStatus.UNCONSTRAINED, QpStatus.SOLVED):
+        if status <= QpStatus.SOLVED:
             torque(self.workspace, self.sample, self._tau_step)
         else:
-            self.sample["tau_desired"][0] = self.workspace["tau_previous"][0]
-        control["qp_status"][0] = status
-        control["qp_iterations"][0] = iterations
+            self._tau_desired[:] = self._tau_previous
+        self._qp_status[0] = status
+        self._qp_iterations[0] = iterations
         return status
+
+    def pursue(self, stiffness: NDArray, posture_gain: float) -> None:
+        """Set how hard setpoints are pursued from now on: stiffness (6,) N/m and Nm/rad, posture gain 1/s^2."""
+        self.setpoint["stiffness"][0] = stiffness
+        self.setpoint["posture_gain"][0] = posture_gain
+
+    def choose(self, ante: NDArray, post: NDArray, index: int, machine: ModeMachine) -> None:
+        """Write the setpoint from the references ante and post, (n,) of POINT, at the tick `index`, held at the end."""
+        index = min(index, len(ante) - 1)
+        blend = max(ANTE, _BLEND[machine.mode])
+        choose(ante, post, index, blend, machine.gamma, machine.velocity_weight, self.setpoint, self.workspace)
+        self._mode[0] = machine.mode
+        self._gamma[0] = machine.gamma
+        self._control_t_ns[0] = self._t_ns[0]
 
     def applied(self) -> None:
         """Remember what the safety judge let through: the next torque starts from there."""
-        self.workspace["tau_previous"][0] = self.sample["tau_applied"][0]
+        self._tau_previous[:] = self._tau_applied
 
 
 class DualArmController:
-    """Two arms and the mode that they share.
-
-    References are arrays of POINT: ante and post (2, N), one point a tick, held at the end.
-    """
+    """Two arms and the mode that they share."""
 
     def __init__(self, left: ArmController, right: ArmController, machine: ModeMachine) -> None:
         self.left = left
@@ -137,18 +158,6 @@ class DualArmController:
                 "left" if self.left.impact else "right"
             )  # fmt: skip
         self.machine.update(t_s, impact)
-
-    def choose(self, arm: ArmController, ante: NDArray, post: NDArray, index: int, stiffness: NDArray) -> None:
-        """Write the arm's setpoint from its references, (N,) each, at the tick `index`."""
-        machine = self.machine
-        blend = _BLEND.get(machine.mode, ANTE)
-        last = len(ante) - 1
-        choose(ante, post, min(index, last), blend, machine.gamma, machine.velocity_weight, arm.setpoint, arm.workspace)
-        arm.setpoint["stiffness"][0] = stiffness
-        arm.setpoint["posture_gain"][0] = arm.parameters.posture_gain
-        arm.control["mode"][0] = machine.mode
-        arm.control["gamma"][0] = machine.gamma
-        arm.control["t_ns"][0] = arm.sample["t_ns"][0]
 
     def finish(self) -> None:
         """Write what concerns both arms."""

@@ -97,6 +97,8 @@ class Session:
         self._stop = stop
         self._between_ticks = between_ticks
         self._arms = (cell.left, cell.right)
+        for arm in controller.arms:
+            arm.pursue(plan.stiffness, arm.parameters.posture_gain)
         self._states = tuple(a.sample.view(np.uint8)[: ARM_STATE.itemsize] for a in controller.arms)
         self._records = tuple((a.sample, a.control) for a in controller.arms)
         self._end = End.COMPLETED
@@ -149,7 +151,7 @@ class Session:
         self._say_mode()
         status = QpStatus.NOT_USED
         for k, arm in enumerate(controller.arms):
-            controller.choose(arm, self._plan.ante[k], self._plan.post[k], index, self._plan.stiffness)
+            arm.choose(self._plan.ante[k], self._plan.post[k], index, machine)
             status = max(status, arm.command(machine.mode))
         controller.finish()
         self._judge(status)

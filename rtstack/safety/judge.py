@@ -183,6 +183,7 @@ class SafetyJudge:
         p = parameters or JudgeParameters()
         limits = p.limits
         self.memory = np.zeros(1, MEMORY)
+        self._stopping, self._reason = self.memory["stopping"], self.memory["reason"]
         self.interventions = 0
         self.limited = 0
         self._table = np.array(
@@ -205,12 +206,12 @@ class SafetyJudge:
     @property
     def stopping(self) -> bool:
         """Whether a stop has been latched."""
-        return bool(self.memory["stopping"][0])
+        return self._stopping[0] != 0
 
     @property
     def reason(self) -> Reason:
         """Why the latched stop was made."""
-        return Reason(int(self.memory["reason"][0]))
+        return Reason(int(self._reason[0]))
 
     @property
     def joint(self) -> int:
@@ -228,9 +229,12 @@ class SafetyJudge:
             sample, self.memory, self._table, self._gains, self._braking, self._tau_step, self._hold_share,
             CONTROL_PERIOD_S, int(demand),
         )  # fmt: skip
+        if verdict == 0:
+            return Verdict.PASS
         if verdict == Verdict.LIMITED:
             self.limited += 1
             self.interventions += 1
-        elif verdict == Verdict.STOPPING and not was_stopping and reason != Reason.COMMANDED:
+            return Verdict.LIMITED
+        if not was_stopping and reason != Reason.COMMANDED:
             self.interventions += 1
-        return Verdict(verdict)
+        return Verdict.STOPPING

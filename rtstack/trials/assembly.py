@@ -72,7 +72,8 @@ def _warm_up(controller: DualArmController, cell: CellDescription) -> None:
         point["position"][0] = arm.workspace["position"][0]
         point["rotation"][0] = arm.workspace["rotation"][0]
         controller.machine.mode = Mode.ANTE_IMPACT
-        controller.choose(arm, point, point, 0, arm.parameters.stiffness)
+        arm.pursue(arm.parameters.stiffness, arm.parameters.posture_gain)
+        arm.choose(point, point, 0, controller.machine)
         arm.command(Mode.ANTE_IMPACT)
         # the solver's first call allocates: have it done, with limits that cannot hold
         arm.tau_max[:] = 1e-3

@@ -200,12 +200,13 @@ def test_desired_wrench_at_the_switches(cell, strategy):
     # the wrench for a state that does not change: only the controller's own switching can move it. The state has the
     # ante-impact velocity, so that the interim mode's missing velocity feedback is no step
     ante["twist"] = left.workspace["twist"][0]
+    left.pursue(np.array(parameters.stiffness), 500.0)
     wrench = np.zeros((n, 6))
     modes = np.zeros(n, int)
     for k in range(n):
         left.impact = k == 450
         controller.decide(k * 1e-3)
-        controller.choose(left, ante, post, k, np.array(parameters.stiffness))
+        left.choose(ante, post, k, machine)
         left.command(machine.mode)
         wrench[k] = left.control["wrench_desired"][0]
         modes[k] = machine.mode
