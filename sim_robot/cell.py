@@ -156,6 +156,7 @@ def simulated_cell(
     scene: Path | None = None,
     parameters: PlantParameters | None = None,
     clock: Clock | None = None,
+    box_kind: type[ControlBox] = ControlBox,
 ) -> SimulatedCell:
     """Build the cell with this object, `displacement_m` along the world's y from its place.
 
@@ -165,7 +166,7 @@ def simulated_cell(
     layout = load_scene(scene)
     parameters = load_plant_parameters() if parameters is None else parameters
     plant = Plant(layout, parameters, object_name, displacement_m, seed)
-    return SimulatedCell(plant, layout, parameters, seed, clock)
+    return SimulatedCell(plant, layout, parameters, seed, clock, box_kind)
 
 
 def nominal_cell(

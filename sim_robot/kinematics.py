@@ -52,7 +52,7 @@ def forward_kinematics(kinematics, q):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _cholesky(A, shift, L):
+def cholesky(A, shift, L):
     """Factor A + shift I = L L^T, 6 x 6, into the lower part of L; False where not positive definite."""
     for i in range(6):
         for j in range(i + 1):
@@ -83,9 +83,9 @@ def estimate_wrench(kinematics, tau, smallest_singular_value, damping):
             for j in range(JOINTS):
                 total += J[i, j] * J[k, j]
             JJ[i, k] = total
-    if not _cholesky(JJ, -smallest_singular_value * smallest_singular_value, L):
+    if not cholesky(JJ, -smallest_singular_value * smallest_singular_value, L):
         return
-    if not _cholesky(JJ, damping * damping, L):
+    if not cholesky(JJ, damping * damping, L):
         return
     for i in range(6):
         total = 0.0

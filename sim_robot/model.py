@@ -22,6 +22,7 @@ SIDES = ("left", "right")
 SUBSTEPS = 4
 TIMESTEP_S = 0.25e-3  # the vendor's torque loop runs at 4 kHz
 GRAVITY = 9.81
+PROXIMITY_M = 5e-3  # links that come this near are seen before they touch
 
 # collision masks: an arm meets the other arm, the table and the object, never itself
 _LEFT, _RIGHT, _OBJECT, _TABLE = 1, 2, 4, 8
@@ -76,6 +77,9 @@ def _add_arm(world: Element, side: str, place: ArmPlacement, arm: ArmDescription
             geom = SubElement(body, "geom", name=f"{side}_{link.name}_{number}", type="capsule", pos=_text(T[:3, 3]))
             geom.set("quat", _text(_quaternion(T[:3, :3])))
             geom.set("size", _text((capsule.radius, capsule.half_length)))
+            # within the gap a contact is seen and exerts nothing
+            geom.set("margin", repr(PROXIMITY_M))
+            geom.set("gap", repr(PROXIMITY_M))
             _collides(geom, side)
     pad = scene.pad
     centre = (0.0, 0.0, pad.face_offset_z - pad.size[2] / 2.0)

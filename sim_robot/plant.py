@@ -87,6 +87,7 @@ class Plant:
         data.qpos[:JOINTS], data.qpos[JOINTS : 2 * JOINTS] = scene.left.home, scene.right.home
         mujoco.mj_forward(self.model, data)
         self.joints, self.motors = np.zeros(2, JOINT_RECORD), np.zeros(2, MOTOR_RECORD)
+        self._hold_inertia = np.zeros((2, JOINTS))
         for side, arm in enumerate(arms):
             self._fill(side, arm, parameters)
         self._arguments = (
@@ -106,10 +107,11 @@ class Plant:
         mujoco.mj_fullM(self.model, data, M)
         dofs = slice(JOINTS * side, JOINTS * (side + 1))
         joint["hold_stiffness"] = parameters.holding.stiffness
-        joint["hold_damping"] = 2.0 * np.sqrt(joint["hold_stiffness"] * (np.diag(M)[dofs] + arm.B_theta))
+        self._hold_inertia[side] = np.diag(M)[dofs] + arm.B_theta
+        joint["hold_damping"] = 2.0 * np.sqrt(joint["hold_stiffness"] * self._hold_inertia[side])
         joint["hold_tau_max"] = FR3.tau_max
         # the gears start wound up by gravity, so that nothing moves at the start
-        motor["tau_J"] = data.qfrc_bias[dofs]
+        motor["tau_J"] = motor["tau_gravity"] = data.qfrc_bias[dofs]
         motor["theta"] = data.qpos[dofs] + motor["tau_J"] / arm.K
         motor["theta_hold"], motor["holding"] = motor["theta"], 1
 
@@ -133,6 +135,20 @@ class Plant:
         """Let the arm brake and hold where it is now."""
         motor = self.motors[side]
         motor["tau_command"], motor["theta_hold"], motor["holding"] = 0.0, motor["theta"], 1
+        motor["dtheta_hold"] = 0.0
+
+    def track(self, side: int, q: Array, dq: Array) -> None:
+        """Let the arm's joint impedance go to q at dq, (7,) rad and rad/s, within the next ms and on from there."""
+        motor, joint = self.motors[side], self.joints[side]
+        # the gears give by what gravity winds them up
+        motor["theta_hold"] = q + motor["tau_gravity"] / joint["K"] - 1e-3 * dq
+        motor["dtheta_hold"], motor["tau_command"], motor["holding"] = dq, 0.0, 1
+
+    def set_hold(self, side: int, stiffness: Array) -> None:
+        """Set the joint impedance's stiffness, (7,) Nm/rad; the damping follows, critical."""
+        joint = self.joints[side]
+        joint["hold_stiffness"] = stiffness
+        joint["hold_damping"] = 2.0 * np.sqrt(stiffness * self._hold_inertia[side])
 
     def apply_pad_force(self, side: int, force: Array) -> None:
         """Push on the middle of a pad's face with a force, (3,) N along the world's axes, until changed."""

@@ -66,7 +66,7 @@ def _sense(qpos, qvel, motors, sensors, kinematics, draws, states):
             state.dtheta[j] = _wire(motor.dtheta[j] + noise[3, j] * draw[3, j])
             state.tau_J[j] = _wire(tau_J)
             state.dtau_J[j] = _wire(sensor.dtau_J[j])
-            state.tau_J_d[j] = _wire(motor.tau_command[j])
+            state.tau_J_d[j] = _wire(motor.tau_desired[j])
             state.tau_ext_hat_filtered[j] = _wire(tau_ext)
         sensor.started = 1
         body = kinematics[arm]

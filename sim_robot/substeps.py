@@ -51,7 +51,10 @@ MOTOR_RECORD = np.dtype(
         ),  # torque through the joint, K(theta - q) + D(dtheta - dq), at the end of the last ms
         ("tau_command", "f8", JOINTS),  # gravity excluded
         ("tau_gravity", "f8", JOINTS),  # what the robot adds itself
+        ("tau_load", "f8", JOINTS),  # what it adds for a load that it was told of
+        ("tau_desired", "f8", JOINTS),  # tau_command, or the torque that holds
         ("theta_hold", "f8", JOINTS),
+        ("dtheta_hold", "f8", JOINTS),  # theta_hold moves on at this velocity
         ("tau_applied", "f8", JOINTS),  # a force applied from outside, seen at the joints
         ("tau_ext", "f8", JOINTS),  # contacts and tau_applied over the last ms, positive where the arm pushes
         ("holding", "i8"),
@@ -79,7 +82,8 @@ def advance_millisecond(
             ry = subtree_com[body, 1] - xanchor[joint, 1]
             lever = xaxis[joint, 0] * ry - xaxis[joint, 1] * rx
             motor.tau_gravity[j] = joints[arm].gravity_factor[j] * GRAVITY * subtree_mass[body] * lever
-            motor.tau_ext[j] = 0.0
+            motor.tau_gravity[j] += motor.tau_load[j]
+            motor.tau_ext[j] = 0.0 - motor.tau_load[j]
     for _ in range(SUBSTEPS):
         for arm in range(2):
             joint, motor = joints[arm], motors[arm]
@@ -99,8 +103,10 @@ def advance_millisecond(
                 tau_d = motor.tau_command[j]
                 if motor.holding != 0:
                     tau_d = joint.hold_stiffness[j] * (motor.theta_hold[j] - motor.theta[j])
-                    tau_d -= joint.hold_damping[j] * dtheta
+                    tau_d += joint.hold_damping[j] * (motor.dtheta_hold[j] - dtheta)
                     tau_d = max(-joint.hold_tau_max[j], min(joint.hold_tau_max[j], tau_d))
+                    motor.theta_hold[j] += TIMESTEP_S * motor.dtheta_hold[j]
+                motor.tau_desired[j] = tau_d
                 tau_d += motor.tau_gravity[j]
                 sigmoid = joint.friction_p1[j] / (1.0 + exp(-joint.friction_p2[j] * (dtheta + joint.friction_p3[j])))
                 tau_fric = joint.friction_offset[j] - sigmoid

@@ -8,6 +8,7 @@ import sys
 
 from hal.errors import HardwareError
 from sim_robot.cell import simulated_cell
+from sim_robot.fci.drive import DrivenBox
 from sim_robot.fci.lockstep import Lockstep
 from sim_robot.fci.realtime import Realtime
 from sim_robot.fci.server import Server
@@ -31,7 +32,7 @@ def main(arguments: list[str] | None = None) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda received, frame: stop.append(received))
     try:
-        cell = simulated_cell(options.object, 1e-3 * options.displacement_mm, options.seed)
+        cell = simulated_cell(options.object, 1e-3 * options.displacement_mm, options.seed, box_kind=DrivenBox)
         server = Server(cell, load_scene(), load_plant_parameters(), (options.left, options.right))
     except (HardwareError, OSError) as error:
         print(f"cannot serve: {error}", file=sys.stderr)

@@ -107,7 +107,7 @@ class Lockstep:
         due += [station.repeat_due_s for station in stations if station.moving and not station.joined]
         if any(station.link.client is not None and not station.moving for station in stations):
             due.append(self._idle_due_s)
-        return max(0.0, min(due) - now) if due else 0.5
+        return max(0.0, min(due) - now) if due else 0.1
 
     def _repeat(self, now: float) -> None:
         """Show the same state of the plant again to who may be waiting for one before it answers."""
@@ -121,4 +121,5 @@ class Lockstep:
             for station in stations:
                 if not station.moving:
                     station.show()
+            self._server.show_grippers()
             self._idle_due_s = now + IDLE_PERIOD_S

@@ -38,6 +38,8 @@ class Realtime:
             server.advance()
             for station in server.stations:
                 station.show_new()
+            if self.ticks % 100 == 0:
+                server.show_grippers()
 
     def report(self) -> str:
         """One line on how well the pace was kept."""

@@ -15,6 +15,8 @@ ELBOW_FLIP = -0.467002423653011
 # What the controllers want: the generators fill it. Transforms row-major. _d: desired now, _c: as the client commands.
 MOTION_RECORD = np.dtype(
     [
+        ("first", "i8"),  # 1: no command of this motion yet
+        ("with_elbow", "i8"),  # 1: the last command carried an elbow
         ("following", "i8"),  # 1: nothing is desired but what is measured (torque control)
         ("q_d", "f8", JOINTS),
         ("dq_d", "f8", JOINTS),
@@ -93,7 +95,7 @@ def _levels(value, lower, upper, watching, contact, collision):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def fill_states(states, measured, desired, settings, motions, wires, collisions):
+def fill_states(states, measured, desired, settings, motions, motors, wires, collisions):
     """Fill both wires from both states, all of them (2,), and tell in `collisions` (2,) who is above its thresholds.
 
     measured: the sensors' KINEMATICS_RECORD at the measured q; desired: a second one, for q_d. Modes, errors and the
@@ -148,6 +150,17 @@ def fill_states(states, measured, desired, settings, motions, wires, collisions)
         for i in range(2):
             wire.elbow_c[i], wire.delbow_c[i] = motion.elbow_c[i], motion.delbow_c[i]
             wire.ddelbow_c[i] = motion.ddelbow_c[i]
+
+        # what the robot carries of a load that was set
+        mass, Q = setting.m_load, body.T
+        for r in range(3):
+            flange = Q[r, 3] - setting.F_T_NE[2, 3] * Q[r, 2]
+            centre = setting.F_x_Cload
+            lever[r] = flange + Q[r, 0] * centre[0] + Q[r, 1] * centre[1] + Q[r, 2] * centre[2]
+        for j in range(JOINTS):
+            axis, origin = body.axes[j], body.origins[j]
+            lift = axis[0] * (lever[1] - origin[1]) - axis[1] * (lever[0] - origin[0])
+            motors[arm].tau_load[j] = -GRAVITY_ACCELERATION * mass * lift
 
         # the wrench about K, along the base's axes and along K's
         product(body.T, setting.face_T_K, T)

@@ -5,6 +5,7 @@ import functools
 import numpy as np
 
 from sim_robot.cell import SimulatedCell
+from sim_robot.fci.gripper import Gripper
 from sim_robot.fci.link import Link
 from sim_robot.fci.poller import Poller
 from sim_robot.fci.protocol import ROBOT_STATE, Command
@@ -12,6 +13,7 @@ from sim_robot.fci.robot_state import MOTION_RECORD, fill_states
 from sim_robot.fci.settings import SETTINGS_RECORD, Settings
 from sim_robot.fci.station import Station
 from sim_robot.plant_parameters import PlantParameters
+from sim_robot.proximity import Proximity
 from sim_robot.scene import Scene
 
 
@@ -30,6 +32,7 @@ class Server:
         self._collisions = np.zeros(2, dtype=np.int64)
         self._deferred: list[tuple[int, Command, int, tuple]] = []
         self.deferring = False  # True: motions and recoveries wait until the plant is at rest
+        self._proximity = Proximity(cell.plant)
         stations = []
         for side, address in enumerate(addresses):
             link = Link(
@@ -40,8 +43,12 @@ class Server:
                 on_gone=lambda: None,
             )
             settings = Settings(self._settings[side], scene.pad, parameters.holding.stiffness)
-            stations.append(Station(cell, side, link, settings, self._motions[side], self._wires[side : side + 1]))
+            stations.append(
+                Station(cell, side, link, settings, self._motions[side], self._wires[side : side + 1], self._proximity)
+            )
         self.stations: tuple[Station, Station] = (stations[0], stations[1])
+        self.grippers = tuple(Gripper(self.poller, address) for address in addresses)
+        self._proximity.update()
         self._fill()
 
     def _request(self, side: int, command: Command, command_id: int, values: tuple) -> None:
@@ -58,20 +65,29 @@ class Server:
             self.stations[side].handle(command, command_id, values)
 
     def _fill(self) -> None:
+        cell = self.cell
         fill_states(
-            self.cell.states, self.cell.sensors.kinematics, self._goals, self._settings, self._motions, self._wires,
-            self._collisions,
+            cell.states, cell.sensors.kinematics, self._goals, self._settings, self._motions, cell.plant.motors,
+            self._wires, self._collisions,
         )  # fmt: skip
+
+    def show_grippers(self) -> None:
+        """Send the grippers' states where they are due."""
+        for gripper in self.grippers:
+            gripper.show()
 
     def advance(self) -> None:
         """Advance the plant by 1 ms with the commands that have arrived, and judge what it shows."""
         self.cell.next_state()
         self._fill()
+        self._proximity.update()
         for side, station in enumerate(self.stations):
-            station.judge(int(self._collisions[side]))
+            station.judge(int(self._collisions[side]), int(self._proximity.masks[side]))
 
     def close(self) -> None:
         """Close every socket."""
         for station in self.stations:
             station.link.close()
+        for gripper in self.grippers:
+            gripper.close()
         self.poller.close()

@@ -103,7 +103,7 @@ class Settings:
         mass, centre, inertia = values[0], np.array(values[1:4]), np.array(values[4:])
         _within(np.array(mass), 0.0, LARGEST_LOAD_KG)
         _within(centre, -2.0, 2.0)
-        _within(np.array(np.linalg.eigvalsh(_within(inertia, -10.0, 10.0).reshape(3, 3))), -1e-9, 10.0)
+        _within(np.linalg.eigvalsh(_within(inertia, -10.0, 10.0).reshape(3, 3)).astype(float), -1e-9, 10.0)
         self.record["m_load"], self.record["F_x_Cload"], self.record["I_load"] = mass, centre, inertia
 
     def set_collision_behavior(self, values: tuple[float, ...]) -> None:

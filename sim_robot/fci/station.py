@@ -7,7 +7,7 @@ from hal.errors import RecoveryRefused
 from hal.robot_errors import ROBOT_ERRORS, error_bit
 from hal.state import RobotMode
 from sim_robot.cell import SimulatedCell
-from sim_robot.control_box import ControlBox
+from sim_robot.fci.drive import CARTESIAN_GENERATORS, DrivenBox
 from sim_robot.fci.link import Link
 from sim_robot.fci.protocol import (
     GENERATOR_IDLE,
@@ -20,23 +20,38 @@ from sim_robot.fci.protocol import (
 )
 from sim_robot.fci.robot_state import CARTESIAN_COLLISION, JOINT_COLLISION
 from sim_robot.fci.settings import InvalidSetting, Settings
+from sim_robot.proximity import Proximity
 
 JOINT_REFLEX, CARTESIAN_REFLEX = error_bit("joint_reflex"), error_bit("cartesian_reflex")
-TORQUE_CONTROL = (Controller.EXTERNAL, Generator.NONE)
 
 
 def _flags(mask: int) -> np.ndarray:
     return np.array([mask >> bit & 1 for bit in range(len(ROBOT_ERRORS))], dtype=np.uint8)
 
 
+def _possible(controller: int, generator: int) -> bool:
+    if controller > Controller.EXTERNAL or generator > Generator.NONE:
+        return False
+    return generator != Generator.NONE or controller == Controller.EXTERNAL
+
+
 class Station:
     """One arm behind its link. `wire` is its RobotState, `motion` what it is to do, `settings` what was set."""
 
     def __init__(
-        self, cell: SimulatedCell, side: int, link: Link, settings: Settings, motion: np.void, wire: np.ndarray
+        self,
+        cell: SimulatedCell,
+        side: int,
+        link: Link,
+        settings: Settings,
+        motion: np.void,
+        wire: np.ndarray,
+        proximity: Proximity,
     ) -> None:
+        self.proximity = proximity
         self.link, self.settings, self.motion = link, settings, motion
-        self.box: ControlBox = cell.boxes[side]
+        self.box: DrivenBox = cell.boxes[side]
+        self.box.attach(cell.states[side], motion, settings.record, cell.sensors.kinematics[side])
         self.message_id = 0
         self.first_id = 0  # an answer to an older message is too late
         # True: any answer to a message that was not answered yet will do. A client with two arms in one thread may be
@@ -77,12 +92,15 @@ class Station:
         if command["torque_command_finished"] or command["motion_generation_finished"]:
             self._finish(MoveStatus.SUCCESS)
             return
-        self.box.take(np.array(command["tau_J_d"]))
+        self.box.take_command(command)
         self.settle_outcome()
 
     def _finish(self, status: MoveStatus) -> None:
-        self.box.stop()
-        self._rest()
+        self.box.finish() if status == MoveStatus.SUCCESS else self.box.stop()
+        if self.box.mode == RobotMode.REFLEX:
+            self.settle_outcome()
+            return
+        self._rest(keep_goal=status == MoveStatus.SUCCESS and self._mode_shown[0] == Controller.JOINT_IMPEDANCE)
         self._end_move(status)
 
     def _end_move(self, status: MoveStatus) -> None:
@@ -91,19 +109,25 @@ class Station:
             self.link.reply(Command.MOVE, self._move_id, bytes((status,)))
             self._move_id = None
 
-    def _rest(self) -> None:
-        """Nothing is desired but to hold this place."""
+    def _rest(self, keep_goal: bool = False) -> None:
+        """Nothing is desired but to hold this place, or the motion's last goal."""
         motion, state = self.motion, self._cell.states[self._side]
         motion["following"] = motion["cartesian"] = motion["watching"] = 0
-        motion["q_d"], motion["dq_d"], motion["ddq_d"] = state["q"], 0.0, 0.0
+        if not keep_goal:
+            motion["q_d"] = state["q"]
+        motion["dq_d"], motion["ddq_d"] = 0.0, 0.0
 
     # after each ms of the plant
 
-    def judge(self, collisions: int) -> None:
-        """Stop at a collision: a mask of robot_state."""
-        if collisions and self.moving:
-            errors = JOINT_REFLEX if collisions & JOINT_COLLISION else 0
-            self.box.trip(errors | (CARTESIAN_REFLEX if collisions & CARTESIAN_COLLISION else 0))
+    def judge(self, collisions: int, proximity: int) -> None:
+        """Stop at a collision, a mask of robot_state, or near the other arm or the table."""
+        errors = proximity
+        if collisions & JOINT_COLLISION:
+            errors |= JOINT_REFLEX
+        if collisions & CARTESIAN_COLLISION:
+            errors |= CARTESIAN_REFLEX
+        if errors and self.moving:
+            self.box.trip(errors)
         self.settle_outcome()
 
     def settle_outcome(self) -> None:
@@ -155,12 +179,14 @@ class Station:
             self.link.reply(command, command_id, bytes((self._set(command, values),)))
 
     def _move(self, command_id: int, values: tuple) -> None:
-        controller, generator = values[:2]
+        controller, generator, asynchronous = values[0], values[1], values[8]
         status = MoveStatus.MOTION_STARTED
         if self.box.mode != RobotMode.IDLE:
             status = MoveStatus.NOT_POSSIBLE
-        elif (controller, generator) != TORQUE_CONTROL:
+        elif not _possible(controller, generator) or asynchronous:
             status = MoveStatus.INVALID_ARGUMENT
+        elif generator in CARTESIAN_GENERATORS and self.box.singular():
+            status = MoveStatus.SINGULAR_START
         self.link.reply(Command.MOVE, command_id, bytes((status,)))
         if status != MoveStatus.MOTION_STARTED:
             return
@@ -170,10 +196,14 @@ class Station:
         self.answered = self.joined = False
         self.repeats, self.repeat_due_s = 0, 0.0
         self.first_id = self.message_id + 1
-        self.motion["following"] = self.motion["watching"] = 1
-        self.box.start()
+        self.motion["watching"] = 1
+        self.box.begin(Controller(controller), Generator(generator))
 
     def _recover(self) -> RecoveryStatus:
+        if self.moving:
+            return RecoveryStatus.NOT_POSSIBLE
+        if self.proximity.too_near(self._side):
+            return RecoveryStatus.MANUAL_REQUIRED
         try:
             self._cell.recover(self._side)
         except RecoveryRefused:

@@ -1,0 +1,108 @@
+"""A control box with the robot's own controllers: what each pair of controller and motion generator does."""
+
+import numpy as np
+
+from hal.state import RobotMode
+from sim_robot.control_box import ControlBox
+from sim_robot.fci import generators
+from sim_robot.fci.impedance import cartesian_impedance
+from sim_robot.fci.protocol import ROBOT_COMMAND, Controller, Generator
+from sim_robot.fci.robot_state import MOTION_RECORD
+from sim_robot.kinematics import KINEMATICS_RECORD
+from sim_robot.plant import Plant
+
+JOINT_GENERATORS = (Generator.JOINT_POSITION, Generator.JOINT_VELOCITY)
+CARTESIAN_GENERATORS = (Generator.CARTESIAN_POSITION, Generator.CARTESIAN_VELOCITY)
+# below this smallest singular value of the Jacobian (m, rad) a Cartesian motion cannot start
+SINGULAR = 0.02
+
+
+class DrivenBox(ControlBox):
+    """A ControlBox that also takes joint and Cartesian motions. `attach` it before the first command."""
+
+    def __init__(self, plant: Plant, side: int, timeout_ms: int) -> None:
+        super().__init__(plant, side, timeout_ms)
+        self._controller, self._generator = Controller.EXTERNAL, Generator.NONE
+
+    def attach(self, state: np.void, motion: np.void, setting: np.void, kinematics: np.void) -> None:
+        """Give it the arm's ARM_STATE, MOTION_RECORD, SETTINGS_RECORD and a KINEMATICS_RECORD to copy."""
+        self._state, self._motion, self._setting = state, motion, setting
+        self._scratch = np.zeros(2, KINEMATICS_RECORD)
+        self._scratch[:] = kinematics
+        self._default_stiffness = np.array(setting["K_theta"])
+        # compile, or load from the cache, before a clock runs
+        body = self._scratch[0]
+        generators.start_motion(motion, body, setting, np.array(state["q"]))
+        self._torques()
+        spare, command = np.zeros(1, MOTION_RECORD)[0], np.zeros(1, ROBOT_COMMAND)[0]
+        generators.follow_joints(spare, command, int(Generator.JOINT_POSITION))
+        generators.follow_cartesian(spare, command, int(Generator.CARTESIAN_VELOCITY), body, setting)
+        generators.extrapolate(spare, int(Generator.JOINT_POSITION), body, setting)
+        generators.ends_too_fast(spare)
+
+    def _torques(self) -> np.ndarray:
+        tau = np.zeros(7)
+        cartesian_impedance(self._state, self._motion, self._setting, self._scratch[0], self._scratch[1], tau)
+        return tau
+
+    def singular(self) -> bool:
+        """True where the robot cannot start a Cartesian motion."""
+        body = self._scratch[0]
+        generators.forward_kinematics(body, np.array(self._state["q"]))
+        return bool(np.linalg.svd(body["J"], compute_uv=False).min() < SINGULAR)
+
+    def begin(self, controller: Controller, generator: Generator) -> None:
+        """Begin a motion from where the arm is held."""
+        self._controller, self._generator = controller, generator
+        motion = self._motion
+        motion["following"] = generator == Generator.NONE
+        motion["cartesian"] = generator in CARTESIAN_GENERATORS
+        generators.start_motion(motion, self._scratch[0], self._setting, np.array(motion["q_d"]))
+        if controller == Controller.JOINT_IMPEDANCE:
+            self._plant.set_hold(self._side, np.array(self._setting["K_theta"]))
+            self._plant.track(self._side, np.array(motion["q_d"]), np.zeros(7))
+        self.start()
+
+    def take_command(self, command: np.void) -> None:
+        """Take a ROBOT_COMMAND for the next ms; a bad one is a reflex and never reaches the plant."""
+        errors = 0
+        if self._generator in JOINT_GENERATORS:
+            errors = generators.follow_joints(self._motion, command, int(self._generator))
+        elif self._generator in CARTESIAN_GENERATORS:
+            body = self._scratch[0]
+            errors = generators.follow_cartesian(self._motion, command, int(self._generator), body, self._setting)
+        if errors:
+            self.trip(errors)
+        elif self._controller == Controller.EXTERNAL:
+            self.take(np.array(command["tau_J_d"]))
+        else:
+            self._waiting = True
+
+    def finish(self) -> None:
+        """End the motion as asked for; one that ends while it moves is a discontinuity."""
+        joint_motion = self._generator in JOINT_GENERATORS
+        if self._generator != Generator.NONE and generators.ends_too_fast(self._motion):
+            self.trip(generators.JMG_VELOCITY_JUMP if joint_motion else generators.CMG_VELOCITY_JUMP)
+            return
+        self.stop()
+        if self._controller == Controller.JOINT_IMPEDANCE:
+            self._plant.track(self._side, np.array(self._motion["q_d"]), np.zeros(7))
+
+    def _apply(self) -> None:
+        if self._controller == Controller.EXTERNAL:
+            super()._apply()
+        elif self._controller == Controller.JOINT_IMPEDANCE:
+            self._plant.track(self._side, np.array(self._motion["q_d"]), np.array(self._motion["dq_d"]))
+        else:
+            self._plant.command(self._side, self._torques())
+
+    def _bridge(self) -> None:
+        if self._generator != Generator.NONE:
+            generators.extrapolate(self._motion, int(self._generator), self._scratch[0], self._setting)
+        if self._controller != Controller.EXTERNAL:
+            self._apply()
+
+    def _to(self, mode: RobotMode) -> None:
+        super()._to(mode)
+        if mode != RobotMode.MOVE:
+            self._plant.set_hold(self._side, self._default_stiffness)

@@ -1,0 +1,63 @@
+"""Self-collision: a link of an arm that comes near the other arm or the table. The pads may touch what they like."""
+
+import numba
+import numpy as np
+
+from hal.robot_errors import error_bit
+from sim_robot.model import PROXIMITY_M, SIDES
+from sim_robot.plant import Plant
+
+SELF_COLLISION = error_bit("self_collision_avoidance_violation")
+# nearer than this the cause persists; between this and PROXIMITY_M the arm may move away again
+TOO_NEAR_M = 0.4 * PROXIMITY_M
+_NOBODY, _LINK, _PAD, _TABLE = -1, 0, 2, 4  # a link or pad of the right arm is one more
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _nearest(pairs, distances, kinds, nearest):
+    for arm in range(2):
+        nearest[arm] = np.inf
+    for i in range(len(pairs)):
+        for one in range(2):
+            a, b = kinds[pairs[i, one]], kinds[pairs[i, 1 - one]]
+            if a == _NOBODY or b == _NOBODY or (a >= _PAD and b >= _PAD):
+                continue  # an object, or two pads, or a pad and the table
+            if a < _TABLE:
+                nearest[a % 2] = min(nearest[a % 2], distances[i])
+
+
+class Proximity:
+    """Watches one plant. `masks` (2,): SELF_COLLISION where an arm has just come near, or is too near."""
+
+    def __init__(self, plant: Plant) -> None:
+        self.masks = np.zeros(2, dtype=np.int64)
+        self._data = plant.data
+        self._nearest, self._near = np.full(2, np.inf), [False, False]
+        names = [plant.model.geom(i).name for i in range(plant.model.ngeom)]
+        self._kinds = np.array([self._kind(name) for name in names])
+
+    @staticmethod
+    def _kind(name: str) -> int:
+        if name == "table":
+            return _TABLE
+        for number, side in enumerate(SIDES):
+            # the base stands on the table's frame
+            if name.startswith(f"{side}_") and not name.startswith(f"{side}_link0"):
+                return (_PAD if name.endswith("pad") else _LINK) + number
+        return _NOBODY
+
+    def update(self) -> None:
+        """Look at the present contacts."""
+        if self._data.ncon == 0:
+            self._nearest[:] = np.inf
+        else:
+            contact = self._data.contact
+            _nearest(contact.geom, contact.dist, self._kinds, self._nearest)
+        for arm, distance in enumerate(self._nearest):
+            near = bool(distance < PROXIMITY_M)
+            self.masks[arm] = SELF_COLLISION if distance < TOO_NEAR_M or (near and not self._near[arm]) else 0
+            self._near[arm] = near
+
+    def too_near(self, arm: int) -> bool:
+        """True while the cause persists."""
+        return bool(self._nearest[arm] < TOO_NEAR_M)
