@@ -175,8 +175,6 @@ class LogProcess:
             return ""
         self._errors.seek(0)
         self._errors.seek(0)
-        print(self._errors.read().decode())
-        self._errors.seek(0)
         lines = self._errors.read().decode("utf-8", "replace").strip().splitlines()
         return lines[-1] if lines else ""
 

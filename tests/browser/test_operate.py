@@ -12,6 +12,7 @@ from rtstack.log.reader import read_log
 
 pytestmark = pytest.mark.browser
 FINISHED_MS = 120_000
+expect.set_options(timeout=30_000)  # software rendering beside it makes every answer late
 
 
 def test_signing_in_leaves_a_clean_address_and_the_token_works_once(console, browser, printed_address):
