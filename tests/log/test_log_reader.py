@@ -59,8 +59,6 @@ def test_a_generic_reader_decodes_every_field_of_every_topic(written: WrittenLog
 
 @pytest.mark.parametrize("arguments", [["check", "--full"], ["info"]])
 def test_another_projects_validator_accepts_the_log(written: WrittenLog, arguments: list[str], tmp_path: Path) -> None:
-    if not RERUN.exists():
-        pytest.skip("rerun-sdk is not installed")
     environment = {**os.environ, "HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path)}
     checked = subprocess.run(
         [RERUN, "mcap", *arguments, written.path], capture_output=True, text=True, env=environment, check=False
