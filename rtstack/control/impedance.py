@@ -5,7 +5,7 @@ import math
 from numba import njit
 
 from rtstack.control.dense import cholesky, solve_lower, symmetric_eigen
-from rtstack.control.rotation import log_so3, quaternion_from_rotation, transpose_multiply
+from rtstack.model.rotation import log_so3, quaternion_from_rotation, transpose_multiply
 
 
 @njit(cache=True)

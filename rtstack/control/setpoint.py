@@ -2,7 +2,7 @@
 
 from numba import njit
 
-from rtstack.control.rotation import exp_so3, log_so3, multiply, transpose_multiply
+from rtstack.model.rotation import exp_so3, log_so3, multiply, transpose_multiply
 
 
 @njit(cache=True)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from pydantic.dataclasses import dataclass as checked
 
 from rtstack.configuration import STRICT, ConfigurationError, load_toml
+from rtstack.model.rotation import rotation_from_quaternion
 
 
 @checked(frozen=True, slots=True, config=STRICT)
@@ -69,14 +70,7 @@ class Frame:
 
 def base_frame(mounting: ArmMounting) -> Frame:
     """Return T_world_base of an arm."""
-    w, x, y, z = np.array(mounting.base_orientation_wxyz) / np.linalg.norm(mounting.base_orientation_wxyz)
-    rotation = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    rotation = rotation_from_quaternion(np.array(mounting.base_orientation_wxyz))
     return Frame(rotation=rotation, translation=np.array(mounting.base_position))
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rtstack.control.rotation import exp_so3
+from rtstack.model.rotation import exp_so3
 from rtstack.references.recording import Recording, ReferenceError
 
 

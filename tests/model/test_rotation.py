@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rtstack.control.dense import cholesky, solve_lower, solve_lower_transposed, symmetric_eigen
-from rtstack.control.rotation import exp_so3, log_so3, quaternion_from_rotation, rotation_from_quaternion
+from rtstack.model.rotation import exp_so3, log_so3, quaternion_from_rotation, rotation_from_quaternion
 
 ANGLES = [0.0, 1e-12, 1e-8, 1e-7, 2e-7, 1e-4, 1e-3, 1.0, 3.0, np.pi - 1e-3]
 
