@@ -1,0 +1,47 @@
+"""Where compiled code is kept: a folder that is named after the sources that it was compiled from.
+
+numba keeps one cache a source file and does not see that a function which it inlined from another file has changed: after
+an edit, old machine code would go on running. A folder a state of the sources cannot be stale.
+"""
+
+import hashlib
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+_PREFIX = "rtstack-"
+_ROOT = Path(__file__).resolve().parents[1]
+# the packages in which something is compiled, and what they take constants from
+_COMPILED = ("hal", "rtstack/control", "rtstack/model", "rtstack/safety", "rtstack/log", "sim_robot")
+
+
+def keep_compiled_code_by_its_sources() -> None:
+    """Point numba's cache to the folder of the present sources. Call before anything is compiled; cheap, and repeatable."""
+    folder = str(_base() / f"{_PREFIX}{_digest()}")
+    os.environ["NUMBA_CACHE_DIR"] = folder  # read by numba when it is imported, here and in child processes
+    if "numba" in sys.modules:
+        sys.modules["numba"].config.CACHE_DIR = folder
+
+
+def _base() -> Path:
+    """The user's choice, else the user's cache folder, else one for temporary files."""
+    chosen = os.environ.get("NUMBA_CACHE_DIR")
+    if chosen:
+        path = Path(chosen)
+        return path.parent if path.name.startswith(_PREFIX) else path
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    try:
+        (cache / "rtstack").mkdir(parents=True, exist_ok=True)
+    except OSError:
+        cache = Path(tempfile.gettempdir()) / f"cache-{os.getuid()}"
+    return cache / "rtstack"
+
+
+def _digest() -> str:
+    digest = hashlib.sha256()
+    for package in _COMPILED:
+        for source in sorted((_ROOT / package).rglob("*.py")):
+            digest.update(source.name.encode())
+            digest.update(source.read_bytes())
+    return digest.hexdigest()[:16]
