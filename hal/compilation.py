@@ -1,7 +1,7 @@
 """Where compiled code is kept: a folder that is named after the sources that it was compiled from.
 
-numba keeps one cache a source file and does not see that a function which it inlined from another file has changed: after
-an edit, old machine code would go on running. A folder a state of the sources cannot be stale.
+numba keeps one cache a source file and does not see that a function which it inlined from another file has changed:
+after an edit, old machine code would go on running. A folder a state of the sources cannot be stale.
 """
 
 import hashlib
@@ -17,7 +17,7 @@ _COMPILED = ("hal", "rtstack/control", "rtstack/model", "rtstack/safety", "rtsta
 
 
 def keep_compiled_code_by_its_sources() -> None:
-    """Point numba's cache to the folder of the present sources. Call before anything is compiled; cheap, and repeatable."""
+    """Point numba's cache to the folder of the present sources. Call before anything is compiled."""
     folder = str(_base() / f"{_PREFIX}{_digest()}")
     os.environ["NUMBA_CACHE_DIR"] = folder  # read by numba when it is imported, here and in child processes
     if "numba" in sys.modules:
