@@ -1,21 +1,56 @@
 """A cell: two arms and what watches the object between them."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 from hal.arm import Arm
 from hal.tracker import ObjectTracker
 
+LEFT, RIGHT = 1, 2  # of the mask that `ArmLink.wait` returns
+
+
+class ArmLink(Protocol):
+    """What both arms of a cell need together, where each of them is a machine of its own."""
+
+    def start(self) -> None:
+        """Take torque control of both at once. Raises CommandRejected, ConnectionLost."""
+        ...
+
+    def wait(self) -> int:
+        """Block until a state has arrived; return the mask of LEFT and RIGHT whose `read` returns at once.
+
+        Raises ConnectionLost when an arm has sent nothing for too long.
+        """
+        ...
+
+    def close(self) -> None:
+        """Release what belongs to both. Never raises."""
+        ...
+
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """What a trial runs on. `name` is the kind as the command line spells it (direct, realtime, fci:LEFT,RIGHT)."""
+    """What a trial runs on. `name` is the kind as the command line spells it (direct, realtime, fci:LEFT,RIGHT).
+
+    link: None where arms start with their first torque. own_clocks: the arms' states do not arrive together, and
+    each has to be answered when its own arrives; otherwise `read` gives both arms' states of one time stamp.
+    """
 
     name: str
     left: Arm
     right: Arm
     tracker: ObjectTracker
+    link: ArmLink | None = None
+    own_clocks: bool = False
+
+    def start(self) -> None:
+        """Take torque control, where it has to be asked for. Raises CommandRejected, ConnectionLost."""
+        if self.link is not None:
+            self.link.start()
 
     def close(self) -> None:
         """Stop both arms and release them. Never raises."""
         self.left.close()
         self.right.close()
+        if self.link is not None:
+            self.link.close()

@@ -34,7 +34,7 @@ def teach(
     object_name: ObjectName = "rice_box",
     variation: Annotated[int, typer.Option(help="Number of the demonstration.", min=0)] = 0,
     seed: Seed = 0,
-    cell: Annotated[str, typer.Option(help="direct or realtime.")] = "direct",
+    cell: Annotated[str, typer.Option(help="direct, lockstep, realtime or fci:LEFT,RIGHT.")] = "direct",
     cell_file: CellFile = None,
     json: Json = False,
 ) -> None:
@@ -54,7 +54,7 @@ def trial(
     displacement_mm: Annotated[float, typer.Option(help="Shift of the object along y.")] = 0.0,
     seed: Seed = 0,
     log: Annotated[Path | None, typer.Option(metavar="OUT.mcap", help="The log to write.")] = None,
-    cell: Annotated[str, typer.Option(help="direct or realtime.")] = "direct",
+    cell: Annotated[str, typer.Option(help="direct, lockstep, realtime or fci:LEFT,RIGHT.")] = "direct",
     cell_file: CellFile = None,
     json: Json = False,
 ) -> None:

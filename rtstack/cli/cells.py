@@ -4,11 +4,14 @@ from importlib.resources import as_file, files
 from pathlib import Path
 
 from hal.cell import Cell
+from hal.fci import FciPair, Tool, open_pair
+from hal.tracker_link import NoTracker
+from rtstack.cli.simulator import Simulator
 from rtstack.live.source import CellSource
 from rtstack.model.cell_description import CellDescription, load_cell_description
 from rtstack.trials.errors import TrialError
 
-KINDS = "direct, realtime"
+KINDS = "direct, lockstep, realtime, fci:LEFT,RIGHT"
 
 
 def default_cell_file() -> Path:
@@ -23,18 +26,65 @@ def load_description(path: Path | None) -> tuple[CellDescription, Path]:
     return load_cell_description(source), source
 
 
-def open_cell(kind: str, object_name: str, displacement_m: float, seed: int) -> Cell:
+def open_cell(
+    kind: str, object_name: str, displacement_m: float, seed: int, description: CellDescription | None = None
+) -> Cell:
     """Open a cell with the object in its place. Raises TrialError for an unknown kind, HardwareError from the cell.
 
-    kind: direct (one process, lockstep, deterministic) or realtime (the same plant, 1 kHz, whatever the answer takes).
+    kind: direct (the plant in this process, deterministic); lockstep and realtime (a simulated robot in a process of
+    its own, over the wire: it waits for answers, or keeps 1 kHz); fci:LEFT,RIGHT (robots at these addresses).
     """
-    if kind not in ("direct", "realtime"):
-        raise TrialError(f"unknown cell {kind!r}: choose one of {KINDS}")
-    from sim_robot.cell import simulated_cell
-    from sim_robot.clock import RealtimeClock
+    if kind == "direct":
+        from sim_robot.cell import simulated_cell
 
-    clock = RealtimeClock() if kind == "realtime" else None
-    return simulated_cell(object_name, displacement_m, seed, clock=clock).as_cell(kind)
+        return simulated_cell(object_name, displacement_m, seed).as_cell(kind)
+    tool = _tool(description or load_description(None)[0])
+    if kind in ("lockstep", "realtime"):
+        return _simulator_cell(kind, object_name, displacement_m, seed, tool)
+    left, right = fci_addresses(kind)
+    pair = open_pair(left, right, tool)
+    return Cell(kind, pair.left, pair.right, NoTracker(), pair, own_clocks=True)
+
+
+def fci_addresses(kind: str) -> tuple[str, str]:
+    """Return LEFT and RIGHT of fci:LEFT,RIGHT. Raises TrialError."""
+    scheme, _, addresses = kind.partition(":")
+    left, _, right = addresses.partition(",")
+    if scheme != "fci" or not left or not right or "," in right:
+        raise TrialError(f"unknown cell {kind!r}: choose one of {KINDS}")
+    if left == right:
+        raise TrialError(f"cell {kind!r}: two arms have two addresses")
+    return left, right
+
+
+def _tool(description: CellDescription) -> Tool:
+    pad = description.pad
+    return Tool.pad(pad.size, pad.mass, pad.flange_to_face)
+
+
+class _SimulatorLink:
+    """Both arms of a simulator of our own: it ends with them."""
+
+    def __init__(self, pair: FciPair, simulator: Simulator) -> None:
+        self._pair = pair
+        self._simulator = simulator
+        self.start, self.wait = pair.start, pair.wait
+
+    def close(self) -> None:
+        """Disconnect, and end the simulator."""
+        self._pair.close()
+        self._simulator.close()
+
+
+def _simulator_cell(kind: str, object_name: str, displacement_m: float, seed: int, tool: Tool) -> Cell:
+    simulator = Simulator(object_name, displacement_m, seed, lockstep=kind == "lockstep")
+    try:
+        pair = open_pair(simulator.left, simulator.right, tool)
+    except BaseException:
+        simulator.close()
+        raise
+    link = _SimulatorLink(pair, simulator)
+    return Cell(kind, pair.left, pair.right, simulator.tracker, link, own_clocks=kind == "realtime")
 
 
 def live_source(description: Path) -> CellSource:

@@ -24,9 +24,9 @@ def teach(
     specification = DemonstrationSpecification(object_name, variation, seed)
     check_object(object_name, description)
     check_log_path(output)
-    cell = open_cell(cell_kind, object_name, 0.0, seed)
+    cell = open_cell(cell_kind, object_name, 0.0, seed, description)
     try:
-        with interruptible() as stop, progress_bar("demonstration", not json) as progress:
+        with interruptible() as stop, progress_bar("demonstration", not json and not cell.own_clocks) as progress:
             log = open_log(output, specification, description, cell_kind, source)
             result = run_demonstration(specification, description, cell, log=log, stop=stop, progress=progress)
     finally:
@@ -45,9 +45,12 @@ def trial(
         check_log_path(log_path)
     check_object(object_name, description)
     prepared = prepare_trial(specification, description)
-    cell = open_cell(cell_kind, object_name, displacement_mm * 1e-3, seed)
+    cell = open_cell(cell_kind, object_name, displacement_mm * 1e-3, seed, description)
     try:
-        with interruptible() as stop, progress_bar(f"trial, {controller}", not json) as progress:
+        with (
+            interruptible() as stop,
+            progress_bar(f"trial, {controller}", not json and not cell.own_clocks) as progress,
+        ):
             log = None
             if log_path is not None:
                 recording = Attachment("reference.mcap", "application/octet-stream", reference.read_bytes())

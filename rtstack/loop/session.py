@@ -12,16 +12,19 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.cell import Cell
+from hal.cell import LEFT, RIGHT, Cell
 from hal.errors import HardwareError
 from hal.state import ARM_STATE
 from rtstack.control.tick import DualArmController
 from rtstack.loop.publisher import Publisher
+from rtstack.loop.timeline import TICK_NS, Timeline
 from rtstack.safety.judge import Reason, SafetyJudge
 from rtstack.samples import SIDES, Level, Mode, QpStatus
 
 REST_DQ = 0.02  # rad/s: below it for REST_TICKS the arms are at rest
 REST_TICKS = 50
+SAME_TORQUE_NM = 1e-3  # the wire rounds to float32: 4e-6 Nm at 87 Nm
+_SIDES = ((), (0,), (1,), (0, 1))  # arms of a mask of LEFT and RIGHT
 STOP_TICKS = 1000  # a stop from the velocity limit takes 0.5 s at 10 rad/s^2; after twice that the session ends anyhow
 
 
@@ -100,14 +103,14 @@ class Session:
         for arm in controller.arms:
             arm.pursue(plan.stiffness, arm.parameters.posture_gain)
         self._states = tuple(a.sample.view(np.uint8)[: ARM_STATE.itemsize] for a in controller.arms)
+        self._stamps = tuple(a.sample["t_ns"] for a in controller.arms)
+        self._torques = tuple(a.sample["tau_applied"][0] for a in controller.arms)
         self._records = tuple((a.sample, a.control) for a in controller.arms)
         self._end = End.COMPLETED
         self._detail = ""
-        self._start_ns = -1
-        self._t_ns = 0
-        self._host_start_ns = 0
-        self._host_ns = 0
-        self._missed = 0
+        self._time = Timeline(publisher.timing, cell.own_clocks)
+        self._unpublished = 0
+        self._lost = 0
         self._rest = 0
         self._stopping_ticks = 0
         self._mode = Mode.IDLE
@@ -115,70 +118,88 @@ class Session:
     def run(self) -> SessionOutcome:
         """Follow the plan to its end, brake, and leave torque control. Never raises for what a robot does."""
         try:
+            self._cell.start()
             while self._tick():
                 if self._between_ticks is not None:
-                    self._between_ticks((self._t_ns - self._start_ns) // 1_000_000)
+                    self._between_ticks(self._time.now_ns // TICK_NS)
         except HardwareError as error:
             self._finish(End.HARDWARE, str(error))
-            self._publisher.event(self._t_ns, Level.ERROR, "robot", str(error))
+            self._publisher.event(self._time.t_ns, Level.ERROR, "robot", str(error))
         finally:
             for arm in self._arms:
                 arm.stop()
         self._controller.machine.rest()
         self._say_mode()
+        self._say_link()
         return SessionOutcome(
             end=self._end,
             detail=self._detail,
-            start_t_ns=self._start_ns,
-            missed_deadlines=self._missed,
+            start_t_ns=self._time.start_ns,
+            missed_deadlines=self._time.missed,
             safety_interventions=sum(judge.interventions for judge in self._judges),
-            real_time_factor=(self._t_ns - self._start_ns) / max(1, self._host_ns - self._host_start_ns),
+            real_time_factor=self._time.real_time_factor,
         )
 
     def _tick(self) -> bool:
-        """One tick of both arms on states of one time stamp. Returns whether to go on."""
+        """One tick of the arms whose states have arrived. Returns whether to go on."""
         controller = self._controller
         machine = controller.machine
-        for arm, target in zip(self._arms, self._states, strict=True):
-            target[:] = arm.read().record.view(np.uint8)
+        sides = self._receive()
         began_ns = time.perf_counter_ns()
-        self._take_time(began_ns)
-        index = (self._t_ns - self._start_ns) // 1_000_000
-        for arm in controller.arms:
-            arm.observe()
-        controller.decide((self._t_ns - self._start_ns) * 1e-9)
-        self._look_for_an_end(index)
+        self._take_time(sides, began_ns)
+        for k in sides:
+            controller.arms[k].observe()
+        now_ns = self._time.now_ns
+        controller.decide(now_ns * 1e-9)
+        self._look_for_an_end(now_ns // TICK_NS)
         self._say_mode()
         status = QpStatus.NOT_USED
-        for k, arm in enumerate(controller.arms):
-            arm.choose(self._plan.ante[k], self._plan.post[k], index, machine)
+        for k in sides:
+            arm = controller.arms[k]
+            arm.choose(self._plan.ante[k], self._plan.post[k], self._time.elapsed_ns[k] // TICK_NS, machine)
             status = max(status, arm.command(machine.mode))
         controller.finish()
-        self._judge(status)
-        for arm, control in zip(self._arms, controller.arms, strict=True):
-            arm.write(control.sample["tau_applied"][0])
-        timing = self._publisher.timing
-        timing["compute_us"][0] = (time.perf_counter_ns() - began_ns) * 1e-3
-        self._publisher.tick(self._records[0], self._records[1], self._cell.tracker)
-        return not (machine.mode is Mode.STOPPING and self._at_rest())
+        self._judge(sides, status)
+        for k in sides:
+            self._arms[k].write(self._torques[k])
+        self._publish(sides, (time.perf_counter_ns() - began_ns) * 1e-3)
+        return not (machine.mode is Mode.STOPPING and 0 in sides and self._at_rest())
 
-    def _take_time(self, host_ns: int) -> None:
-        """Note the robot's time, and how the host keeps up with it."""
-        t_ns = int(self._controller.left.sample["t_ns"][0])
-        timing = self._publisher.timing
-        timing["t_ns"][0] = t_ns
-        if self._start_ns < 0:
-            self._start_ns = t_ns
-            self._host_start_ns = host_ns
+    def _receive(self) -> tuple[int, ...]:
+        """Read the arms whose states have arrived, both where they share a clock; return which."""
+        cell = self._cell
+        sides = _SIDES[cell.link.wait()] if cell.own_clocks and cell.link is not None else (0, 1)
+        for k in sides:
+            self._states[k][:] = self._arms[k].read().record.view(np.uint8)
+        return sides
+
+    def _take_time(self, sides: tuple[int, ...], host_ns: int) -> None:
+        if self._time.start_ns < 0:
             self._controller.machine.begin(self._plan.mode)
+        for k in sides:
+            self._time.take(k, self._stamps[k], host_ns)
+            if self._cell.own_clocks:
+                self._agree_on_the_past(k)
+
+    def _agree_on_the_past(self, k: int) -> None:
+        """Start from the torque that the robot has: an answer that came too late was dropped."""
+        applied = self._judges[k].memory["tau_applied"][0]
+        tau_J_d = self._controller.arms[k].sample["tau_J_d"][0]
+        if np.abs(tau_J_d - applied).max() > SAME_TORQUE_NM:
+            self._lost += 1
+            applied[:] = tau_J_d
+            self._controller.arms[k].workspace["tau_previous"][0] = tau_J_d
+
+    def _publish(self, sides: tuple[int, ...], compute_us: float) -> None:
+        """Publish once both arms were served; where one was served twice, with the other one's last tick."""
+        compute = self._publisher.timing["compute_us"]
+        served = sum(1 << k for k in sides)
+        compute[0] = compute_us + (compute[0] if self._unpublished else 0.0)
+        if served & self._unpublished or served | self._unpublished == LEFT | RIGHT:
+            self._unpublished = 0
+            self._publisher.tick(self._records[0], self._records[1], self._cell.tracker)
         else:
-            self._missed += max(0, round((t_ns - self._t_ns) * 1e-6) - 1)
-            timing["period_us"][0] = (host_ns - self._host_ns) * 1e-3
-            late_ns = (host_ns - self._host_start_ns) - (t_ns - self._start_ns)
-            timing["lateness_us"][0] = max(0.0, late_ns * 1e-3)
-        timing["missed_deadlines"][0] = self._missed
-        self._t_ns = t_ns
-        self._host_ns = host_ns
+            self._unpublished |= served
 
     def _look_for_an_end(self, index: int) -> None:
         machine = self._controller.machine
@@ -197,14 +218,15 @@ class Session:
             self._detail = detail
             self._controller.machine.stop()
 
-    def _judge(self, status: QpStatus) -> None:
-        """Let the judges see both arms; where one of them stops, the other one's next tick stops too."""
+    def _judge(self, sides: tuple[int, ...], status: QpStatus) -> None:
+        """Let the judges see their arms; where one of them stops, the other one's next tick stops too."""
         stopping = self._controller.machine.mode is Mode.STOPPING
         demand = Reason.COMMANDED if stopping else Reason.NONE
         if status > QpStatus.SOLVED and not stopping:
             demand = Reason.CONTROLLER
-        for judge, arm in zip(self._judges, self._controller.arms, strict=True):
-            judge.judge(arm.sample, demand)
+        for k in sides:
+            arm = self._controller.arms[k]
+            self._judges[k].judge(arm.sample, demand)
             arm.applied()
         if not stopping and any(judge.stopping for judge in self._judges):
             self._explain_stop(status)
@@ -215,7 +237,7 @@ class Session:
             self._finish(End.QP, status.name.lower())
         else:
             self._finish(End.SAFETY, f"{side} joint {judge.joint}: {judge.reason.name.lower()}")
-        self._publisher.event(self._t_ns, Level.ERROR, "safety", f"{self._end}: {self._detail}")
+        self._publisher.event(self._time.t_ns, Level.ERROR, "safety", f"{self._end}: {self._detail}")
 
     def _at_rest(self) -> bool:
         self._stopping_ticks += 1
@@ -233,9 +255,19 @@ class Session:
             and self._mode is Mode.ANTE_IMPACT
         ):
             self._publisher.event(
-                self._t_ns, Level.INFO, "impact", f"detected at {machine.impact_s:.3f} s, {self._controller.impact_arm}"
+                self._time.t_ns,
+                Level.INFO,
+                "impact",
+                f"detected at {machine.impact_s:.3f} s, {self._controller.impact_arm}",
             )
         self._publisher.event(
-            self._t_ns, Level.INFO, "mode", f"{self._mode.name.lower()} -> {machine.mode.name.lower()}"
+            self._time.t_ns, Level.INFO, "mode", f"{self._mode.name.lower()} -> {machine.mode.name.lower()}"
         )
         self._mode = machine.mode
+
+    def _say_link(self) -> None:
+        """Where two clocks were served: what the link lost, and how far the clocks drifted apart."""
+        if self._cell.own_clocks:
+            text = f"{self._lost} answers came too late, {self._time.missed} states missed, "
+            text += f"the clocks drifted apart by {self._time.skew_ns * 1e-6:g} ms at most"
+            self._publisher.event(self._time.t_ns, Level.INFO, "link", text)

@@ -11,11 +11,13 @@ from hal.description import fr3_urdf
 from rtstack.log.errors import LogError
 from rtstack.log.ring import Rings
 from rtstack.log.writer import Attachment, CellFrames, LogProcess
+from rtstack.loop.realtime import obtainable
 from rtstack.model.cell_description import CellDescription, base_frame
 from rtstack.references.spreading import ExtendedReference
 from rtstack.trials.provenance import git_commit, host_report, package_versions
 from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 
+LOCKSTEP_KINDS = ("direct", "lockstep")  # cells whose robot waits for its answer
 ROOM = 64  # records: below it a run that is faster than the log waits between two ticks
 
 
@@ -67,7 +69,7 @@ def open_log(
     overwrite: bool = False,
 ) -> TrialLog:
     """Start the log of a trial, with its reference's times if it has one. Raises LogError."""
-    lockstep = cell_kind in ("direct", "lockstep")
+    lockstep = cell_kind in LOCKSTEP_KINDS
     rings = Rings.create()
     try:
         process = LogProcess.start(
@@ -95,6 +97,7 @@ def trial_metadata(
 ) -> dict[str, str]:
     """Return the metadata record `trial`: nested values are JSON."""
     kind = "trial" if isinstance(specification, TrialSpecification) else "demonstration"
+    realtime = {} if cell_kind in LOCKSTEP_KINDS else {f"loop_{k}": v for k, v in obtainable().as_dict().items()}
     times = {}
     if reference is not None:
         times = {"nominal_impact_s": repr(reference.nominal_impact_s), "release_s": repr(reference.release_s)}
@@ -106,7 +109,7 @@ def trial_metadata(
         "cell": cell_kind,
         "versions": json.dumps(package_versions()),
         "git_commit": git_commit(),
-        "host": json.dumps(host_report()),
+        "host": json.dumps(host_report() | realtime),
         **times,
     }
 

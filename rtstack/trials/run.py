@@ -1,7 +1,7 @@
 """Runs a trial or a demonstration on a cell and writes its log. One process, one MCAP file."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
@@ -13,6 +13,7 @@ from rtstack.control.modes import Strategy
 from rtstack.log.ring import Rings
 from rtstack.loop.history import History
 from rtstack.loop.publisher import Publisher
+from rtstack.loop.realtime import realtime_thread
 from rtstack.loop.session import Plan, Session, SessionOutcome, StopSignal
 from rtstack.model.cell_description import CellDescription
 from rtstack.references.demonstration import grab, scripted_targets
@@ -179,7 +180,8 @@ class _Run:
         publisher = Publisher(rings, self.history)
         judges = (SafetyJudge(), SafetyJudge())
         session = Session(cell, controller, judges, publisher, self._plan, self._stop, self._between_ticks)
-        outcome = session.run()
+        with realtime_thread() if cell.own_clocks else nullcontext():
+            outcome = session.run()
         if controller.first_impact_s >= 0.0:
             self.first_impact_s = controller.first_impact_s
         return outcome

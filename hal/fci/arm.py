@@ -1,0 +1,155 @@
+"""One arm over pylibfranka: a hal.arm.Arm. It sends what it is given: no filter, no clip, no repair."""
+
+import contextlib
+import os
+from collections.abc import Iterator
+
+import numpy as np
+import pylibfranka as franka
+from numpy.typing import NDArray
+
+from hal.errors import CommandRejected, ConnectionLost, HardwareError, RecoveryRefused
+from hal.fci.faults import VENDOR, as_hardware_error, names_in, vendor_errors
+from hal.fci.setup import CollisionBehaviour, Tool, configure
+from hal.fci.sockets import open_datagram_sockets
+from hal.robot_errors import error_bit
+from hal.state import ArmState
+
+# fields that the record takes as they come; the transform is transposed, the rest converted
+_PLAIN = ("q", "dq", "tau_J", "tau_J_d", "dtau_J", "theta", "dtheta", "tau_ext_hat_filtered", "O_F_ext_hat_K")
+
+
+class FciArm:
+    """The arm at `address`. Torque control begins with `start`, or with the first `write`."""
+
+    def __init__(
+        self,
+        address: str,
+        tool: Tool | None = None,
+        collisions: CollisionBehaviour | None = None,
+        *,
+        enforce_realtime: bool = False,
+    ) -> None:
+        """Connect and set up. Raises ConnectionLost, CommandRejected, HardwareError.
+
+        tool: None leaves what is set in Desk. enforce_realtime: refuse to control on a kernel that is not real-time.
+        """
+        self.address = address
+        self._state = ArmState.empty()
+        record = self._state.record
+        self._targets = tuple((name, record[name][0]) for name in _PLAIN)
+        self._O_T_EE = record["O_T_EE"][0].T  # column-major on the wire
+        self._t_ns, self._mode, self._errors = record["t_ns"], record["robot_mode"], record["current_errors"]
+        self._success_rate = record["control_command_success_rate"]
+        self._torques = franka.Torques([0.0] * 7)
+        self._control: franka.ActiveControlBase | None = None
+        self._lost = False
+        config = franka.RealtimeConfig.kEnforce if enforce_realtime else franka.RealtimeConfig.kIgnore
+        before = open_datagram_sockets()
+        with vendor_errors(address), _own_schedule():
+            self._robot: franka.Robot | None = franka.Robot(address, config)
+        new = open_datagram_sockets() - before
+        if len(new) != 1:
+            raise HardwareError(f"the arm at {address}: {len(new)} sockets for its state instead of one")
+        (self.socket, _) = new.pop()  # descriptor that becomes readable when a state has arrived; never read it
+        with vendor_errors(address), _own_schedule():
+            configure(self._robot, tool, collisions or CollisionBehaviour())
+
+    def start(self) -> None:
+        """Take torque control: from now on the robot wants an answer each millisecond. Raises CommandRejected.
+
+        Takes about 2 ms, in which no other arm is answered. Does nothing where control was taken before.
+        """
+        if self._control is None:
+            robot = self._open_robot()
+            with vendor_errors(self.address), _own_schedule():
+                self._control = robot.start_torque_control()
+
+    def read(self) -> ArmState:
+        """Block until the next state. See hal.arm.Arm.
+
+        Raises ConnectionLost after one second without a state, CommandRejected in a reflex.
+        """
+        robot = self._open_robot()
+        control = self._control
+        try:
+            state = robot.read_once() if control is None else control.readOnce()[0]
+        except VENDOR as error:
+            raise self._fault(error) from None
+        self._take(state)
+        if state.robot_mode == franka.RobotMode.Reflex:
+            names = names_in(str(state.current_errors)) or names_in(str(state.last_motion_errors))
+            raise CommandRejected(
+                f"the arm at {self.address} is in reflex: {', '.join(names)}; recover it first", names
+            )
+        return self._state
+
+    def _take(self, state: franka.RobotState) -> None:
+        for name, target in self._targets:
+            target[:] = getattr(state, name)
+        self._O_T_EE.flat = state.O_T_EE
+        self._t_ns[0] = round(1e3 * state.time.to_sec()) * 1_000_000
+        self._mode[0] = int(state.robot_mode)
+        self._success_rate[0] = state.control_command_success_rate
+        errors = state.current_errors
+        self._errors[0] = sum(map(error_bit, names_in(str(errors)))) if errors else 0
+
+    def write(self, tau: NDArray[np.float64]) -> None:
+        """Answer the last state with a torque, (7,), Nm, gravity excluded. See hal.arm.Arm."""
+        if self._control is None:
+            self.start()
+        assert self._control is not None
+        try:
+            self._torques.tau_J = tau  # pyright: ignore[reportAttributeAccessIssue]
+            self._control.writeOnce(self._torques)
+        except VENDOR as error:
+            raise self._fault(error) from None
+
+    def stop(self) -> None:
+        """End torque control: the robot brakes and holds. A reflex stays latched."""
+        if self._robot is None or self._control is None:
+            return
+        if not self._lost:
+            with contextlib.suppress(*VENDOR):
+                self._robot.stop()
+        self._control = None
+
+    def recover(self) -> None:
+        """Clear a reflex. Raises RecoveryRefused while its cause persists, ConnectionLost."""
+        robot = self._open_robot()
+        self.stop()
+        try:
+            robot.automatic_error_recovery()
+        except franka.CommandException as error:
+            raise RecoveryRefused(f"{as_hardware_error(error, self.address)}; move the arm out of its cause") from None
+        except VENDOR as error:
+            raise self._fault(error) from None
+
+    def close(self) -> None:
+        """Stop and disconnect."""
+        self.stop()
+        self._robot = None
+
+    def _open_robot(self) -> franka.Robot:
+        if self._robot is None:
+            raise ConnectionLost(f"the arm at {self.address} was closed; open it again")
+        if self._lost:
+            raise ConnectionLost(f"the arm at {self.address} was lost; open it again")
+        return self._robot
+
+    def _fault(self, error: Exception) -> HardwareError:
+        """Leave torque control, as the robot has, and return what to raise."""
+        self._lost = isinstance(error, franka.NetworkException)
+        self._control = None
+        return as_hardware_error(error, self.address)
+
+
+@contextlib.contextmanager
+def _own_schedule() -> Iterator[None]:
+    """Undo that libfranka raises its caller to FIFO 99: how a process is scheduled is the process's own business."""
+    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        yield
+    finally:
+        with contextlib.suppress(PermissionError):
+            os.sched_setscheduler(0, policy, parameters)

@@ -1,0 +1,41 @@
+"""pylibfranka's exceptions as hal's errors: one line, with the arm's address and the vendor's names of the errors."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pylibfranka as franka
+
+from hal.errors import CommandRejected, ConnectionLost, HardwareError
+from hal.robot_errors import ROBOT_ERRORS
+
+# pylibfranka's exceptions have no base class of their own but RuntimeError; ValueError is what it says of NaN and Inf
+VENDOR = (franka.FrankaException, RuntimeError, ValueError)
+
+
+def names_in(text: str) -> tuple[str, ...]:
+    """Return the vendor's error names in a message, in the order of the wire."""
+    words = set("".join(c if c.isalnum() or c == "_" else " " for c in text).split())
+    return tuple(name for name in ROBOT_ERRORS if name in words)
+
+
+def as_hardware_error(error: Exception, address: str) -> HardwareError:
+    """Return hal's error for one of pylibfranka's."""
+    text = " ".join(str(error).removeprefix("libfranka: ").removeprefix("libfranka robot: ").split())
+    if isinstance(error, franka.NetworkException):
+        return ConnectionLost(f"the arm at {address} does not answer: {text}; check power, cable and FCI mode in Desk")
+    names = names_in(text)
+    if isinstance(error, franka.ControlException):
+        remedy = "recover it first" if names else "start again"
+        return CommandRejected(f"the arm at {address} left torque control: {text}; {remedy}", names)
+    if isinstance(error, franka.CommandException | franka.InvalidOperationException | ValueError):
+        return CommandRejected(f"the arm at {address} refused: {text}", names)
+    return HardwareError(f"the arm at {address}: {text}")
+
+
+@contextmanager
+def vendor_errors(address: str) -> Iterator[None]:
+    """Raise hal's errors instead of pylibfranka's. For calls outside the loop: it costs too much there."""
+    try:
+        yield
+    except VENDOR as error:
+        raise as_hardware_error(error, address) from None

@@ -1,0 +1,87 @@
+"""What an arm is told before it moves: what it carries, where its end effector is, how hard it may touch."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pylibfranka as franka
+from numpy.typing import NDArray
+
+from hal.errors import HardwareError
+
+Array = NDArray[np.float64]
+
+_EXACT = 1e-6  # m: closer than this a frame of the robot (float32 on the wire) is the one that was asked for
+_MASS_TOLERANCE_KG = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Tool:
+    """What is fixed to the flange, along the flange's axes.
+
+    Mass kg, centre of mass (3,) m, inertia (3, 3) kg m^2 about it; F_T_EE (4, 4) row-major: the end effector, which is
+    also the stiffness frame K.
+    """
+
+    mass: float
+    centre: Array
+    inertia: Array
+    F_T_EE: Array
+
+    @classmethod
+    def pad(cls, size: tuple[float, float, float], mass: float, flange_to_face: float) -> "Tool":
+        """Return a box of this size, m, and mass, kg, in front of the flange; its outer face is the end effector."""
+        F_T_EE = np.eye(4)
+        F_T_EE[2, 3] = flange_to_face
+        squares = np.array(size) ** 2
+        return cls(
+            mass=mass,
+            centre=np.array([0.0, 0.0, flange_to_face - size[2] / 2.0]),
+            inertia=np.diag(mass / 12.0 * (squares.sum() - squares)),
+            F_T_EE=F_T_EE,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class CollisionBehaviour:
+    """Thresholds of contact (flags only) and collision (reflex): joints (7,) Nm, pad (6,) N and Nm.
+
+    A grab by impact must not be a collision. The vendor's examples stop at 20 N, which every wanted impact exceeds; a
+    collision begins where neither impact nor squeeze gets, and is the last line behind our own judge.
+    """
+
+    contact_torques: tuple[float, ...] = (20.0, 20.0, 18.0, 18.0, 16.0, 14.0, 12.0)
+    collision_torques: tuple[float, ...] = (100.0, 100.0, 100.0, 100.0, 60.0, 60.0, 60.0)
+    contact_forces: tuple[float, ...] = (20.0, 20.0, 20.0, 25.0, 25.0, 25.0)
+    collision_forces: tuple[float, ...] = (250.0, 250.0, 250.0, 80.0, 80.0, 80.0)
+
+
+def configure(robot: franka.Robot, tool: Tool | None, collisions: CollisionBehaviour) -> None:
+    """Tell an idle robot its thresholds and, unless it is None, its tool. Raises HardwareError, and pylibfranka's.
+
+    The robot may know the tool already (as the end effector set in Desk), or nothing of it: then it is a load.
+    """
+    robot.set_collision_behavior(
+        collisions.contact_torques, collisions.collision_torques, collisions.contact_forces, collisions.collision_forces
+    )
+    if tool is None:
+        return
+    state = robot.read_once()
+    NE_T_EE = np.linalg.inv(np.reshape(state.F_T_NE, (4, 4)).T) @ tool.F_T_EE
+    if np.abs(NE_T_EE - np.eye(4)).max() < _EXACT:
+        NE_T_EE = np.eye(4)
+    robot.set_EE(_wire(NE_T_EE))
+    robot.set_K(_wire(np.eye(4)))
+    if abs(state.m_ee - tool.mass) < _MASS_TOLERANCE_KG:
+        robot.set_load(0.0, [0.0] * 3, [0.0] * 9)
+    elif state.m_ee < _MASS_TOLERANCE_KG:
+        robot.set_load(tool.mass, tool.centre.tolist(), tool.inertia.T.ravel().tolist())
+    else:
+        raise HardwareError(
+            f"Desk has an end effector of {state.m_ee:.3f} kg, the tool weighs {tool.mass:.3f} kg: "
+            "set the tool in Desk, or no end effector"
+        )
+
+
+def _wire(T: Array) -> list[float]:
+    """16 numbers, column-major."""
+    return T.T.ravel().tolist()

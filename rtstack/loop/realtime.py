@@ -1,0 +1,91 @@
+"""What a loop that must keep real time asks of the host, and what it obtained. Nothing here is needed in lockstep."""
+
+import ctypes
+import gc
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+
+# below the simulated robot (80), which has to keep its own clock, and above everything ordinary
+PRIORITY = 70
+_PR_SET_TIMERSLACK, _PR_GET_TIMERSLACK = 29, 30  # linux/prctl.h
+_MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4  # bits/mman-linux.h
+_libc = ctypes.CDLL(None, use_errno=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Obtained:
+    """What the calling thread got. scheduler: fifo or other; cpu: where it stays, -1 anywhere; gc: on or off."""
+
+    scheduler: str
+    priority: int
+    cpu: int
+    memory_locked: bool
+    timer_slack_ns: int
+    gc: str
+
+    def as_dict(self) -> dict[str, str]:
+        """Return the fields as text, for the log's metadata."""
+        return {name: str(value) for name, value in asdict(self).items()}
+
+
+@contextmanager
+def realtime_thread(priority: int = PRIORITY, cpu: int | None = None) -> Iterator[Obtained]:
+    """Make the calling thread a real-time one as far as the host allows; take everything back at the end.
+
+    FIFO, one CPU (the last one, unless `cpu` says which), memory locked as it is touched, timer slack 1 ns, no garbage
+    collection. What the host refuses is left as it is, and told.
+    """
+    policy, parameters, cpus = os.sched_getscheduler(0), os.sched_getparam(0), os.sched_getaffinity(0)
+    slack_ns = _libc.prctl(_PR_GET_TIMERSLACK)
+    collecting = gc.isenabled()
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    locked = _libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT) == 0
+    _libc.prctl(_PR_SET_TIMERSLACK, 1)
+    fifo = _try_schedule(os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+    chosen = max(cpus) if cpu is None else cpu
+    # staying on one CPU helps only who cannot be pushed off it
+    pinned = fifo and _try_affinity({chosen})
+    try:
+        yield Obtained(
+            scheduler="fifo" if fifo else "other",
+            priority=os.sched_getparam(0).sched_priority,
+            cpu=chosen if pinned else -1,
+            memory_locked=locked,
+            timer_slack_ns=_libc.prctl(_PR_GET_TIMERSLACK),
+            gc="off",
+        )
+    finally:
+        _try_schedule(policy, parameters)
+        _try_affinity(cpus)
+        _libc.prctl(_PR_SET_TIMERSLACK, slack_ns)
+        if locked:
+            _libc.munlockall()
+        gc.unfreeze()
+        if collecting:
+            gc.enable()
+
+
+def obtainable() -> Obtained:
+    """Return what `realtime_thread` would obtain now."""
+    with realtime_thread() as obtained:
+        return obtained
+
+
+def _try_schedule(policy: int, parameters: os.sched_param) -> bool:
+    try:
+        os.sched_setscheduler(0, policy, parameters)
+    except PermissionError:
+        return False
+    return True
+
+
+def _try_affinity(cpus: set[int]) -> bool:
+    try:
+        os.sched_setaffinity(0, cpus)
+    except OSError:
+        return False
+    return True

@@ -1,0 +1,80 @@
+"""The time of a session: each arm's own clock since its first state, and how the host keeps up with it."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+TICK_NS = 1_000_000
+
+
+class Timeline:
+    """Times of one session. Arms are 0 left, 1 right; all times are ns of int.
+
+    own_clocks: two control boxes that count from anywhere. The right one's stamps are moved onto the left one's
+    time line by the difference of their first states, and drift apart from there; `skew_ns` is the largest drift seen.
+    """
+
+    def __init__(self, timing: NDArray[np.void], own_clocks: bool) -> None:
+        """timing: the TIMING_SAMPLE (1,) to keep."""
+        self.start_ns = -1  # robot's time of the first state
+        self.t_ns = 0  # robot's time of the newest state
+        self.elapsed_ns = [-1, -1]
+        self.skew_ns = 0
+        self._timing = timing
+        self._own_clocks = own_clocks
+        self._starts = [0, 0]
+        self._offsets = [0, 0]
+        self._missed = [0, 0]
+        self._host_start_ns = self._host_ns = 0
+
+    @property
+    def now_ns(self) -> int:
+        """Time since the start of the reference."""
+        return max(self.elapsed_ns)
+
+    @property
+    def missed(self) -> int:
+        """States that one of the arms showed and nobody answered."""
+        return max(self._missed)
+
+    @property
+    def real_time_factor(self) -> float:
+        """Robot's seconds over the host's, from the first tick to the last."""
+        return max(0, self.t_ns - self.start_ns) / max(1, self._host_ns - self._host_start_ns)
+
+    def take(self, side: int, stamps: NDArray[np.int64], host_ns: int) -> None:
+        """Take the stamp (1,) of a new state of an arm; it is moved onto the common time line in place."""
+        t_ns = int(stamps[0])
+        last_ns = self.elapsed_ns[side]
+        if last_ns < 0:
+            self._begin(side, t_ns, host_ns)
+        elif last_ns == 0 and not self._own_clocks:
+            # a robot that waits for us may have shown its first state several times before our first answer
+            self._starts[side] = t_ns - TICK_NS
+            self.start_ns = self._starts[0]
+        elapsed_ns = self.elapsed_ns[side] = t_ns - self._starts[side]
+        if last_ns >= 0:
+            self._missed[side] += max(0, round((elapsed_ns - last_ns) / TICK_NS) - 1)
+        stamps[0] = t_ns + self._offsets[side]
+        if side == 0:
+            self._keep_up(t_ns, last_ns >= 0, host_ns)
+        elif self._own_clocks:
+            self.skew_ns = max(self.skew_ns, abs(elapsed_ns - self.elapsed_ns[0]))
+
+    def _begin(self, side: int, t_ns: int, host_ns: int) -> None:
+        self._starts[side] = t_ns
+        if self.start_ns < 0:
+            self.start_ns = t_ns
+            self._host_start_ns = self._host_ns = host_ns
+        if self._own_clocks:
+            self._offsets[side] = self.start_ns - t_ns
+
+    def _keep_up(self, t_ns: int, going: bool, host_ns: int) -> None:
+        timing = self._timing
+        self.t_ns = t_ns + self._offsets[0]
+        timing["t_ns"][0] = self.t_ns
+        if going:
+            timing["period_us"][0] = (host_ns - self._host_ns) * 1e-3
+            late_ns = (host_ns - self._host_start_ns) - (self.t_ns - self.start_ns)
+            timing["lateness_us"][0] = max(0.0, late_ns * 1e-3)
+        timing["missed_deadlines"][0] = self.missed
+        self._host_ns = host_ns
