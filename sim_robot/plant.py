@@ -15,6 +15,7 @@ from sim_robot.scene import ArmPlacement, ObjectPlacement, Scene
 from sim_robot.substeps import JOINT_RECORD, MOTOR_RECORD, advance_millisecond
 
 Array = NDArray[np.float64]
+EDGE_RAD = 2e-3
 
 
 class SimulationDiverged(HardwareError):
@@ -136,6 +137,11 @@ class Plant:
         motor = self.motors[side]
         motor["tau_command"], motor["theta_hold"], motor["holding"] = 0.0, motor["theta"], 1
         motor["dtheta_hold"] = 0.0
+        # an arm that stopped at the edge of its range holds just inside it, so that it can be recovered
+        q, hold = motor["theta"] - motor["tau_J"] / self.joints[side]["K"], motor["theta_hold"]
+        below, above = FR3.q_lower + EDGE_RAD - q, q - FR3.q_upper + EDGE_RAD
+        hold += np.where((below > 0.0) & (below < 4.0 * EDGE_RAD), below, 0.0)
+        hold -= np.where((above > 0.0) & (above < 4.0 * EDGE_RAD), above, 0.0)
 
     def track(self, side: int, q: Array, dq: Array) -> None:
         """Let the arm's joint impedance go to q at dq, (7,) rad and rad/s, within the next ms and on from there."""

@@ -9,7 +9,9 @@ from sim_robot.plant import Plant
 
 SELF_COLLISION = error_bit("self_collision_avoidance_violation")
 # nearer than this the cause persists; between this and PROXIMITY_M the arm may move away again
-TOO_NEAR_M = 0.4 * PROXIMITY_M
+TOO_NEAR_M = 0.2 * PROXIMITY_M
+# an arm that has been away for so long comes near anew
+AWAY_MS = 200
 _NOBODY, _LINK, _PAD, _TABLE = -1, 0, 2, 4  # a link or pad of the right arm is one more
 
 
@@ -32,7 +34,7 @@ class Proximity:
     def __init__(self, plant: Plant) -> None:
         self.masks = np.zeros(2, dtype=np.int64)
         self._data = plant.data
-        self._nearest, self._near = np.full(2, np.inf), [False, False]
+        self._nearest, self._away_ms = np.full(2, np.inf), [0, 0]
         names = [plant.model.geom(i).name for i in range(plant.model.ngeom)]
         self._kinds = np.array([self._kind(name) for name in names])
 
@@ -55,8 +57,9 @@ class Proximity:
             _nearest(contact.geom, contact.dist, self._kinds, self._nearest)
         for arm, distance in enumerate(self._nearest):
             near = bool(distance < PROXIMITY_M)
-            self.masks[arm] = SELF_COLLISION if distance < TOO_NEAR_M or (near and not self._near[arm]) else 0
-            self._near[arm] = near
+            self.masks[arm] = SELF_COLLISION if distance < TOO_NEAR_M or (near and self._away_ms[arm] == 0) else 0
+            # counts down, so that an arm that holds at the edge does not come near again and again
+            self._away_ms[arm] = AWAY_MS if near else max(0, self._away_ms[arm] - 1)
 
     def too_near(self, arm: int) -> bool:
         """True while the cause persists."""

@@ -144,7 +144,9 @@ class Link:
 
     def _connect(self, session: Session, command_id: int, version: int, udp_port: int) -> None:
         if self.client is not None or udp_port == 0:
-            self._distrust(session)
+            # libfranka waits for ever for an answer, even on a closed connection; this one it reports as an error
+            self.refused += 1
+            self._send(session, response(Command.CONNECT, command_id, bytes((ConnectStatus.TAKEN,)) + bytes(2)))
             return
         body = bytes((ConnectStatus.SUCCESS,)) + VERSION.to_bytes(2, "little")
         if version != VERSION:

@@ -6,7 +6,8 @@ Deterministic for a client program, whatever the machine does:
 - After Move, states go on (slower and slower) and the plant stands still until each moving arm has answered once.
 - Then a state is shown to all at once, idle arms first, and the plant waits for every moving arm's answer, idle ones
   never. A moving arm whose client has gone is not waited for: it loses packets, as on the robot.
-- When the last motion ends, the plant first comes to rest by itself; a Move or a recovery waits for that.
+- When the last motion ends, the plant first comes to rest by itself; the answer that ends the motion, a Move and a
+  recovery wait for that, so that what a client reads next does not depend on when it reads.
 """
 
 import time
@@ -61,6 +62,10 @@ class Lockstep:
         moving = tuple(station.moving for station in self._server.stations)
         if moving == self._were_moving:
             return
+        if not any(moving):
+            self._resting, self._rest_ms, self._server.deferring = True, 0, True
+        for station in self._server.stations:
+            station.hold_replies = self._resting
         for station, now, before in zip(self._server.stations, moving, self._were_moving, strict=True):
             if now and not before:
                 others = [other for other in self._server.stations if other.moving and other is not station]
@@ -70,8 +75,6 @@ class Lockstep:
                 )
             elif before and not now:
                 station.show_new()
-        if not any(moving):
-            self._resting, self._rest_ms, self._server.deferring = True, 0, True
         self._were_moving = moving
 
     def _step(self) -> None:
@@ -96,10 +99,12 @@ class Lockstep:
             still = np.abs(server.cell.plant.data.qvel).max() < AT_REST
             if (still and self._rest_ms >= REST_CHUNK_MS) or self._rest_ms >= LONGEST_REST_MS:
                 self._resting = False
-                server.resume_requests()
                 break
         for station in server.stations:
+            station.hold_replies = self._resting
             station.show_new()
+        if not self._resting:
+            server.resume_requests()
 
     def _wait_s(self) -> float:
         stations, now = self._server.stations, time.monotonic()

@@ -60,6 +60,7 @@ class ConnectStatus(IntEnum):
 
     SUCCESS = 0
     INCOMPATIBLE_VERSION = 1
+    TAKEN = 2  # not the vendor's: another client has the arm. A libfranka client raises a protocol error
 
 
 class MoveStatus(IntEnum):

@@ -40,11 +40,20 @@ class Server:
                 address,
                 on_request=functools.partial(self._request, side),
                 on_command=lambda command, side=side: self.stations[side].take(command),
-                on_gone=lambda: None,
+                on_gone=functools.partial(self._gone, side),
             )
             settings = Settings(self._settings[side], scene.pad, parameters.holding.stiffness)
             stations.append(
-                Station(cell, side, link, settings, self._motions[side], self._wires[side : side + 1], self._proximity)
+                Station(
+                    cell,
+                    side,
+                    link,
+                    settings,
+                    self._motions[side],
+                    self._wires[side : side + 1],
+                    self._proximity,
+                    self._fill,
+                )
             )
         self.stations: tuple[Station, Station] = (stations[0], stations[1])
         self.grippers = tuple(Gripper(self.poller, address) for address in addresses)
@@ -56,6 +65,10 @@ class Server:
             self._deferred.append((side, command, command_id, values))
         else:
             self.stations[side].handle(command, command_id, values)
+
+    def _gone(self, side: int) -> None:
+        self._deferred = [request for request in self._deferred if request[0] != side]
+        self.stations[side].abandon()
 
     def resume_requests(self) -> None:
         """Handle what had to wait for the plant to come to rest."""

@@ -1,5 +1,7 @@
 """One arm as its control box shows it to a client: requests, motions, modes, and what it answers."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from hal.description import fr3_urdf
@@ -47,7 +49,11 @@ class Station:
         motion: np.void,
         wire: np.ndarray,
         proximity: Proximity,
+        refresh: Callable[[], None],
     ) -> None:
+        self._refresh = refresh
+        self._replies: list[tuple[Command, int, int]] = []
+        self.hold_replies = False  # in lockstep: until the plant is at rest
         self.proximity = proximity
         self.link, self.settings, self.motion = link, settings, motion
         self.box: DrivenBox = cell.boxes[side]
@@ -106,8 +112,18 @@ class Station:
     def _end_move(self, status: MoveStatus) -> None:
         self._mode_shown = (int(Controller.OTHER), GENERATOR_IDLE)
         if self._move_id is not None:
-            self.link.reply(Command.MOVE, self._move_id, bytes((status,)))
+            self._reply_later(Command.MOVE, self._move_id, status)
             self._move_id = None
+
+    def _reply_later(self, command: Command, command_id: int, status: int) -> None:
+        """Answer after the next state, so that a client that reads then sees what it asked for."""
+        self._refresh()
+        self._replies.append((command, command_id, status))
+
+    def abandon(self) -> None:
+        """Forget the client: its successor must not get its answers."""
+        self._replies.clear()
+        self._move_id = None
 
     def _rest(self, keep_goal: bool = False) -> None:
         """Nothing is desired but to hold this place, or the motion's last goal."""
@@ -153,6 +169,10 @@ class Station:
             self._shown_reason = self._reason
             wire["reflex_reason"] = _flags(self._reason)
         self.link.send_state(self._bytes)
+        if self._replies and not self.hold_replies:
+            replies, self._replies = self._replies, []
+            for command, command_id, status in replies:
+                self.link.reply(command, command_id, bytes((status,)))
 
     def show_new(self) -> None:
         """Send a state that the plant has not shown before: only an answer to it counts from now on."""
@@ -170,13 +190,16 @@ class Station:
         elif command == Command.STOP_MOVE:
             if self.moving:
                 self._finish(MoveStatus.PREEMPTED)
-            self.link.reply(command, command_id, bytes(1))
-        elif command == Command.AUTOMATIC_ERROR_RECOVERY:
-            self.link.reply(command, command_id, bytes((self._recover(),)))
+            self._reply_later(command, command_id, 0)
+        elif command != Command.GET_ROBOT_MODEL and self.moving:
+            # in lockstep no state follows until the client has answered the last one: this cannot wait for it
+            self.link.reply(command, command_id, bytes((SetStatus.NOT_POSSIBLE,)))
         elif command == Command.GET_ROBOT_MODEL:
             self.link.reply(command, command_id, bytes((SetStatus.SUCCESS,)) + fr3_urdf().encode())
+        elif command == Command.AUTOMATIC_ERROR_RECOVERY:
+            self._reply_later(command, command_id, self._recover())
         else:
-            self.link.reply(command, command_id, bytes((self._set(command, values),)))
+            self._reply_later(command, command_id, self._set(command, values))
 
     def _move(self, command_id: int, values: tuple) -> None:
         controller, generator, asynchronous = values[0], values[1], values[8]
@@ -198,10 +221,9 @@ class Station:
         self.first_id = self.message_id + 1
         self.motion["watching"] = 1
         self.box.begin(Controller(controller), Generator(generator))
+        self._refresh()
 
     def _recover(self) -> RecoveryStatus:
-        if self.moving:
-            return RecoveryStatus.NOT_POSSIBLE
         if self.proximity.too_near(self._side):
             return RecoveryStatus.MANUAL_REQUIRED
         try:
@@ -212,8 +234,6 @@ class Station:
         return RecoveryStatus.SUCCESS
 
     def _set(self, command: Command, values: tuple) -> SetStatus:
-        if self.moving:
-            return SetStatus.NOT_POSSIBLE
         settings = self.settings
         setters = {
             Command.SET_COLLISION_BEHAVIOR: settings.set_collision_behavior,

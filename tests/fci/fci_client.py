@@ -5,6 +5,9 @@ from collections.abc import Callable
 import numpy as np
 import pylibfranka as franka
 
+from sim_robot.scene import load_scene
+
+STIFFNESS, DAMPING = np.array([200.0] * 4 + [50.0] * 3), np.array([20.0] * 4 + [3.0] * 3)
 MEASURED = ("q", "dq", "tau_J", "tau_J_d", "dtau_J", "theta", "dtheta", "tau_ext_hat_filtered", "O_T_EE")
 
 
@@ -20,7 +23,7 @@ def measured(state: franka.RobotState) -> np.ndarray:
 
 def hold(state: franka.RobotState, q_hold: np.ndarray) -> np.ndarray:
     """A joint impedance, (7,), Nm."""
-    return 200.0 * (q_hold - state.q) - 20.0 * np.array(state.dq)
+    return STIFFNESS * (q_hold - state.q) - DAMPING * np.array(state.dq)
 
 
 def torque_control(
@@ -35,3 +38,18 @@ def torque_control(
         command.motion_finished = tick == ticks - 1
         control.writeOnce(command)
     return states
+
+
+def go_home(robot: franka.Robot, offset: np.ndarray | float = 0.0, side: str = "left") -> None:
+    """Move to the scene's start pose plus an offset, (7,) rad, with the joint-position generator."""
+    goal = np.array(getattr(load_scene(), side).home) + offset
+    control = robot.start_joint_position_control(franka.ControllerMode.JointImpedance)
+    start = None
+    ticks = 3000
+    for tick in range(ticks + 1):
+        state, _ = control.readOnce()
+        start = np.array(state.q_d) if start is None else start
+        s = tick / ticks
+        command = franka.JointPositions(list(start + (10 * s**3 - 15 * s**4 + 6 * s**5) * (goal - start)))
+        command.motion_finished = tick == ticks
+        control.writeOnce(command)

@@ -1,0 +1,89 @@
+"""A client that speaks the bytes itself, to send what no library would send."""
+
+import socket
+import struct
+
+import numpy as np
+
+from sim_robot.fci.protocol import HEADER, PORT, ROBOT_COMMAND, ROBOT_STATE, VERSION, Command
+
+
+class RawClient:
+    """One TCP connection and one UDP socket. Every receive ends after five seconds."""
+
+    def __init__(self, address: str) -> None:
+        self.tcp = socket.create_connection((address, PORT), timeout=5.0)
+        self.udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.udp.settimeout(5.0)
+        self.udp.bind(("", 0))
+        self._source: tuple[str, int] = ("", 0)
+        self._next_id = 0
+
+    def send(self, command: int, payload: bytes = b"", size: int | None = None) -> int:
+        """Send a request, with a size that may lie; return its id."""
+        self._next_id += 1
+        length = HEADER.size + len(payload) if size is None else size
+        self.tcp.sendall(HEADER.pack(command, self._next_id, length) + payload)
+        return self._next_id
+
+    def _receive(self, size: int) -> bytes:
+        data = b""
+        while len(data) < size:
+            chunk = self.tcp.recv(size - len(data))
+            if not chunk:
+                raise ConnectionResetError("the server closed the connection")
+            data += chunk
+        return data
+
+    def answer(self) -> tuple[int, int, bytes]:
+        """Return the next answer: command, id, body. Raises ConnectionResetError when the server hung up."""
+        command, command_id, size = HEADER.unpack(self._receive(HEADER.size))
+        return command, command_id, self._receive(size - HEADER.size)
+
+    def connect(self, version: int = VERSION) -> bytes:
+        """Say Connect and return the body of the answer."""
+        self.send(Command.CONNECT, struct.pack("<HH", version, self.udp.getsockname()[1]))
+        return self.answer()[2]
+
+    def move(self, controller: int = 2, generator: int = 4) -> int:
+        """Ask for a motion and return the status of the first answer."""
+        deviation = (10.0, 3.12, 6.28)
+        payload = struct.pack("<II3d3dB7d", controller, generator, *deviation, *deviation, 0, *(0.0,) * 7)
+        self.send(Command.MOVE, payload)
+        return self.answer()[2][0]
+
+    def state(self) -> np.void:
+        """Return the newest state, or wait for the next one."""
+        data, self._source = self.udp.recvfrom(4096)
+        self.udp.setblocking(False)
+        try:
+            while True:
+                data, self._source = self.udp.recvfrom(4096)
+        except BlockingIOError:
+            pass
+        finally:
+            self.udp.settimeout(5.0)
+        return np.frombuffer(data, ROBOT_STATE)[0]
+
+    def command(self, state: np.void, **fields: object) -> None:
+        """Answer `state` with the given fields of ROBOT_COMMAND."""
+        record = np.zeros(1, ROBOT_COMMAND)
+        record["message_id"] = state["message_id"]
+        for name, value in fields.items():
+            record[name] = value
+        self.udp.sendto(record.tobytes(), self._source)
+
+    def throw(self, data: bytes) -> None:
+        """Send any datagram to where the states come from."""
+        self.udp.sendto(data, self._source)
+
+    def close(self) -> None:
+        """Hang up."""
+        self.tcp.close()
+        self.udp.close()
+
+    def __enter__(self) -> "RawClient":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
