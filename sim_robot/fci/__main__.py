@@ -2,6 +2,7 @@
 
 import argparse
 import contextlib
+import gc
 import os
 import signal
 import sys
@@ -14,6 +15,25 @@ from sim_robot.fci.realtime import Realtime
 from sim_robot.fci.server import Server
 from sim_robot.plant_parameters import load_plant_parameters
 from sim_robot.scene import load_scene
+
+
+def _schedule(priority: int, cpu: int) -> str:
+    """Take real-time scheduling and a CPU as far as the host allows; return what was obtained."""
+    obtained = "1 kHz, ordinary scheduling"
+    if priority > 0:
+        with contextlib.suppress(OSError):
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+            obtained = f"1 kHz, SCHED_FIFO {priority}"
+    if cpu >= 0:
+        try:
+            os.sched_setaffinity(0, {cpu})
+            obtained += f", CPU {cpu}"
+        except OSError:
+            obtained += f", not on CPU {cpu}"
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    return obtained
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -37,10 +57,8 @@ def main(arguments: list[str] | None = None) -> int:
     except (HardwareError, OSError) as error:
         print(f"cannot serve: {error}", file=sys.stderr)
         return 2
-    if not options.lockstep and options.priority > 0:
-        with contextlib.suppress(PermissionError):
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(options.priority))
-    print(f"serving {options.left} and {options.right}", flush=True)
+    how = "lockstep" if options.lockstep else _schedule(options.priority, options.cpu)
+    print(f"serving {options.left} and {options.right}, {how}", flush=True)
     pace = Lockstep(server) if options.lockstep else Realtime(server)
     pace.run(lambda: bool(stop))
     if isinstance(pace, Realtime):
