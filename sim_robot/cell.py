@@ -101,6 +101,10 @@ class SimulatedCell:
         self.boxes = tuple(box_kind(plant, side, timeout_ms) for side in range(2))
         self.tracker = SimulatedTracker(plant, parameters.tracker, seed)
         self.left, self.right = SimulatedArm(self, 0), SimulatedArm(self, 1)
+        # views of single fields: looking a field up costs more than writing it
+        self._modes, self._errors, self._rates = (
+            self.states[name] for name in ("robot_mode", "current_errors", "control_command_success_rate")
+        )
         self._observe()
 
     def next_state(self) -> None:
@@ -119,9 +123,8 @@ class SimulatedCell:
         for side, box in enumerate(self.boxes):
             if self._masks[side] and box.mode == RobotMode.MOVE:
                 box.trip(int(self._masks[side]))
-            state = self.states[side]
-            state["robot_mode"], state["current_errors"] = box.mode, box.errors
-            state["control_command_success_rate"] = box.success_rate
+            self._modes[side], self._errors[side] = box.mode, box.errors
+            self._rates[side] = box.success_rate
 
     def recover(self, side: int) -> None:
         """Clear the reflex of arm 0 (left) or 1 (right). Raises RecoveryRefused while its cause persists."""

@@ -17,6 +17,7 @@ class SimulatedTracker:
         self._half_angle_noise = np.deg2rad(parameters.orientation_noise_deg) / 2.0
         self._generator = np.random.default_rng(np.random.SeedSequence([seed, 2]))
         self._seen, self._given = ObjectPose.empty(), ObjectPose.empty()
+        self._is_new = False
 
     def update(self) -> None:
         """Look at the object when a frame is due. The cell calls it once a millisecond."""
@@ -39,8 +40,11 @@ class SimulatedTracker:
         record["position"][0] = position + self._position_noise * draws[:3]
         record["orientation_wxyz"][0] = turned / np.linalg.norm(turned)
         record["seen"] = 1
+        self._is_new = True
 
     def latest(self) -> ObjectPose:
         """Return the newest frame. It belongs to the tracker and is overwritten by the next call."""
-        self._given.record[:] = self._seen.record
+        if self._is_new:
+            self._given.record[:] = self._seen.record
+            self._is_new = False
         return self._given

@@ -30,6 +30,7 @@ class History:
         # bytes of a record a row: copying bytes costs a tenth of copying fields
         self._arm_bytes = self._arm.view(np.uint8).reshape(2, capacity, -1)
         self._control_bytes = self._control.view(np.uint8).reshape(2, capacity, -1)
+        self._sources: tuple[NDArray, ...] | None = None
         self._ticks = 0
         self._poses = 0
 
@@ -38,10 +39,14 @@ class History:
         k = self._ticks
         if k == len(self._timing):
             return
-        self._arm_bytes[0, k] = left[0].view(np.uint8)
-        self._control_bytes[0, k] = left[1].view(np.uint8)
-        self._arm_bytes[1, k] = right[0].view(np.uint8)
-        self._control_bytes[1, k] = right[1].view(np.uint8)
+        if self._sources is None or self._sources[0] is not left[0]:
+            # the loop publishes the same arrays every tick: their bytes are looked up once
+            self._sources = (left[0], *(record.view(np.uint8) for record in (*left, *right)))
+        _, left_arm, left_control, right_arm, right_control = self._sources
+        self._arm_bytes[0, k] = left_arm
+        self._control_bytes[0, k] = left_control
+        self._arm_bytes[1, k] = right_arm
+        self._control_bytes[1, k] = right_control
         self._timing[k] = timing[0]
         self._ticks = k + 1
 
