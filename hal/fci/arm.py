@@ -71,9 +71,9 @@ class FciArm:
         Raises ConnectionLost after one second without a state, CommandRejected in a reflex.
         """
         robot = self._open_robot()
-        control = self._control
         try:
-            state = robot.read_once() if control is None else control.readOnce()[0]
+            # no local name for the control: the traceback of an error would keep it, and the robot busy, alive
+            state = robot.read_once() if self._control is None else self._control.readOnce()[0]
         except VENDOR as error:
             raise self._fault(error) from None
         self._take(state)

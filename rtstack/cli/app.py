@@ -95,6 +95,34 @@ def up(
     run(port, logs, cell_file)
 
 
+@app.command()
+def sim(
+    scene: Annotated[str, typer.Option(help="The scene to simulate: grab.")] = "grab",
+    left: Annotated[str, typer.Option(help="Address of the left arm.")] = "127.0.0.11",
+    right: Annotated[str, typer.Option(help="Address of the right arm.")] = "127.0.0.12",
+    lockstep: Annotated[bool, typer.Option("--lockstep", help="Wait for every moving arm's answer.")] = False,
+    seed: Seed = 0,
+    object_name: ObjectName = "rice_box",
+    displacement_mm: Annotated[float, typer.Option(help="Shift of the object along y.")] = 0.0,
+) -> None:
+    """Serve the simulated arms at their addresses, as robots would be, until Ctrl-C."""
+    from rtstack.cli.simulator import serve as run
+
+    run(scene, left, right, lockstep, seed, object_name, displacement_mm)
+
+
+@app.command()
+def check(
+    left: Annotated[str | None, typer.Option(help="Address of the left arm.")] = None,
+    right: Annotated[str | None, typer.Option(help="Address of the right arm.")] = None,
+    json: Json = False,
+) -> None:
+    """Say what this host allows; with both addresses also hold the arms for ten seconds and judge the link."""
+    from rtstack.cli.check import check as run
+
+    run(left, right, json)
+
+
 @bench_app.command("tick")
 def bench_tick(
     ticks: Annotated[int, typer.Option(help="Ticks of each kind.", min=100)] = 3000,
@@ -105,6 +133,18 @@ def bench_tick(
     from rtstack.cli.bench import tick as run
 
     run(ticks, solver, json)
+
+
+@bench_app.command("link")
+def bench_link(
+    cell: Annotated[str, typer.Option(help="lockstep, realtime or fci:LEFT,RIGHT.")] = "lockstep",
+    ticks: Annotated[int, typer.Option(help="Milliseconds of the robot.", min=200)] = 3000,
+    json: Json = False,
+) -> None:
+    """The way from a state to its answer to the next state, over the wire, with both arms."""
+    from rtstack.cli.bench import link as run
+
+    run(cell, ticks, json)
 
 
 def main() -> None:

@@ -19,6 +19,22 @@ def tick(ticks: int, solver: QpSolver | None, json: bool) -> None:
         parameters = replace(parameters, solver=solver)
     description, _ = load_description(None)
     values = bench_tick(description, parameters, ticks).as_dict()
+    _print(values, json)
+
+
+def link(cell_kind: str, ticks: int, json: bool) -> None:
+    """Measure the link of a cell and print the figures."""
+    from rtstack.bench.link import bench_link
+    from rtstack.cli.cells import open_cell
+
+    cell = open_cell(cell_kind, "rice_box", 0.0, 0)
+    try:
+        _print(bench_link(cell, ticks).as_dict(), json)
+    finally:
+        cell.close()
+
+
+def _print(values: dict[str, object], json: bool) -> None:
     if json:
         typer.echo(json_module.dumps(values))
         return

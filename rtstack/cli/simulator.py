@@ -10,8 +10,11 @@ import subprocess
 import sys
 from collections.abc import Iterator
 
+import typer
+
 from hal.errors import HardwareError
 from hal.tracker_link import TrackerLink
+from rtstack.trials.errors import TrialError
 
 _FCI_PORT = 1337
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
@@ -27,12 +30,13 @@ class Simulator:
         """Start it, and wait until it serves. Raises HardwareError with what it says."""
         self.tracker = TrackerLink()
         self.report = ""
+        said: str | None = None
         host, port = self.tracker.address
         for self.left, self.right in _free_pairs():
             command = [
                 sys.executable, "-m", "sim_robot.fci.tracker_feed", "--tracker", f"{host}:{port}",
                 "--left", self.left, "--right", self.right, "--object", object_name,
-                "--displacement-mm", repr(displacement_m * 1e3), "--seed", str(seed),
+                f"--displacement-mm={displacement_m * 1e3!r}", "--seed", str(seed),
             ]  # fmt: skip
             # a group of its own: Ctrl-C is for the loop, which brakes first. If we are killed, the kernel ends it.
             self._process = subprocess.Popen(
@@ -43,8 +47,8 @@ class Simulator:
             said = self._wait_until_it_serves()
             if said is None:
                 if not lockstep:
-                    # on the loop's CPU neither waits for the other to wake up: measured, no tick missed in 30,000
-                    os.sched_setaffinity(self._process.pid, {max(os.sched_getaffinity(0))})
+                    # away from the loop, which takes the last CPU: server and loop together fill most of a period
+                    os.sched_setaffinity(self._process.pid, {min(os.sched_getaffinity(0))})
                 return
             self._end()
             if "in use" not in said:
@@ -61,6 +65,11 @@ class Simulator:
                 return None
             said = line.strip() or said
         return said or f"exit status {self._process.wait()}"
+
+    @property
+    def pid(self) -> int:
+        """Its process id."""
+        return self._process.pid
 
     def close(self) -> None:
         """End the process and wait for it; never raises. May be called twice."""
@@ -103,3 +112,20 @@ def _free(address: str) -> bool:
         probe.bind((address, _FCI_PORT))
         return True
     return False
+
+
+def serve(
+    scene: str, left: str, right: str, lockstep: bool, seed: int, object_name: str, displacement_mm: float
+) -> None:
+    """Serve in this process until Ctrl-C. Raises TrialError for a scene that is not there."""
+    from sim_robot.fci.__main__ import main
+
+    if scene != "grab":
+        raise TrialError(f"unknown scene {scene!r}: there is grab")
+    status = main(
+        ["--left", left, "--right", right, "--seed", str(seed), "--object", object_name]
+        + [f"--displacement-mm={displacement_mm!r}"]
+        + ["--lockstep"] * lockstep
+    )
+    if status:
+        raise typer.Exit(status)

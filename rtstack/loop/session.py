@@ -195,7 +195,8 @@ class Session:
         compute = self._publisher.timing["compute_us"]
         served = sum(1 << k for k in sides)
         compute[0] = compute_us + (compute[0] if self._unpublished else 0.0)
-        if served & self._unpublished or served | self._unpublished == LEFT | RIGHT:
+        both = served | self._unpublished == LEFT | RIGHT
+        if both or (served & self._unpublished and self._time.both_begun):
             self._unpublished = 0
             self._publisher.tick(self._records[0], self._records[1], self._cell.tracker)
         else:
@@ -269,5 +270,5 @@ class Session:
         """Where two clocks were served: what the link lost, and how far the clocks drifted apart."""
         if self._cell.own_clocks:
             text = f"{self._lost} answers came too late, {self._time.missed} states missed, "
-            text += f"the clocks drifted apart by {self._time.skew_ns * 1e-6:g} ms at most"
+            text += f"the arms' states were {self._time.skew_ns * 1e-6:g} ms apart at most"
             self._publisher.event(self._time.t_ns, Level.INFO, "link", text)

@@ -10,7 +10,7 @@ class Timeline:
     """Times of one session. Arms are 0 left, 1 right; all times are ns of int.
 
     own_clocks: two control boxes that count from anywhere. The right one's stamps are moved onto the left one's
-    time line by the difference of their first states, and drift apart from there; `skew_ns` is the largest drift seen.
+    time line by the difference of their first states. `skew_ns`: the largest distance of the arms' newest states since.
     """
 
     def __init__(self, timing: NDArray[np.void], own_clocks: bool) -> None:
@@ -30,6 +30,11 @@ class Timeline:
     def now_ns(self) -> int:
         """Time since the start of the reference."""
         return max(self.elapsed_ns)
+
+    @property
+    def both_begun(self) -> bool:
+        """Whether each arm has shown a state."""
+        return min(self.elapsed_ns) >= 0
 
     @property
     def missed(self) -> int:

@@ -1,0 +1,101 @@
+"""The link to the arms: how long a state takes to its answer and an answer to its state, and how many come in time.
+
+The arms are held with no torque of ours: the robot carries its own weight, as in libfranka's communication_test.
+"""
+
+import time
+from contextlib import nullcontext
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from hal.cell import Cell
+from rtstack.loop.realtime import realtime_thread
+
+# libfranka, examples/communication_test.cpp: below the first many packets are lost, below the second it is not enough
+GOOD_SUCCESS, ENOUGH_SUCCESS = 0.95, 0.90
+_SIDES = ((), (0,), (1,), (0, 1))
+_SETTLE = 100  # ticks: control_command_success_rate covers the last 100
+
+
+@dataclass(frozen=True, slots=True)
+class LinkBenchmark:
+    """Per arm (left, right). answer_us: from reading a state to its answer being sent. round_trip_us: from an answer to
+    the arrival of the next state, in lockstep the wire, the robot and back; in real time what is left of a period."""
+
+    cell: str
+    ticks: int
+    scheduler: str
+    success_rate_mean: tuple[float, float]
+    success_rate_min: tuple[float, float]
+    missed_states: tuple[int, int]
+    answer_us_p50: tuple[float, float]
+    answer_us_p99: tuple[float, float]
+    round_trip_us_p50: tuple[float, float]
+    round_trip_us_p99: tuple[float, float]
+    period_us_p50: float
+    period_us_p99: float
+    period_us_max: float
+
+    @property
+    def verdict(self) -> str:
+        """Return pass, warn or fail, by the worse arm's mean success rate."""
+        worst = min(self.success_rate_mean)
+        return "pass" if worst >= GOOD_SUCCESS else "warn" if worst >= ENOUGH_SUCCESS else "fail"
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the figures for JSON."""
+        return {**asdict(self), "verdict": self.verdict}
+
+
+def bench_link(cell: Cell, ticks: int) -> LinkBenchmark:
+    """Hold both arms for `ticks` ms, and stop them. Raises HardwareError when the link breaks."""
+    with realtime_thread() if cell.own_clocks else nullcontext() as obtained:
+        try:
+            return _run(cell, ticks, obtained.scheduler if obtained else "other")
+        finally:
+            cell.left.stop()
+            cell.right.stop()
+
+
+def _run(cell: Cell, ticks: int, scheduler: str) -> LinkBenchmark:
+    arms, clock = (cell.left, cell.right), time.perf_counter_ns
+    still = np.zeros(7)
+    count = [0, 0]
+    stamps, arrived, answered, rates = (np.zeros((2, ticks)) for _ in range(4))
+    cell.start()
+    while min(count) < ticks:
+        for k in _SIDES[cell.link.wait()] if cell.own_clocks and cell.link is not None else (0, 1):
+            state = arms[k].read()
+            now_ns = clock()
+            arms[k].write(still)
+            n = count[k]
+            if n < ticks:
+                arrived[k, n], answered[k, n] = now_ns, clock()
+                stamps[k, n], rates[k, n] = state.t_ns, state.record["control_command_success_rate"][0]
+                count[k] = n + 1
+    answer_us = (answered - arrived) * 1e-3
+    round_trip_us = (arrived[:, 1:] - answered[:, :-1]) * 1e-3
+    period_us = np.diff(arrived[0]) * 1e-3
+    rates = rates[:, min(_SETTLE, ticks // 2) :]
+    missed = (np.diff(stamps, axis=1)[:, 1:] > 1.5e6).sum(axis=1)
+    return LinkBenchmark(
+        cell=cell.name,
+        ticks=ticks,
+        scheduler=scheduler,
+        success_rate_mean=_pair(rates.mean(axis=1)),
+        success_rate_min=_pair(rates.min(axis=1)),
+        missed_states=(int(missed[0]), int(missed[1])),
+        answer_us_p50=_pair(np.percentile(answer_us, 50, axis=1)),
+        answer_us_p99=_pair(np.percentile(answer_us, 99, axis=1)),
+        round_trip_us_p50=_pair(np.percentile(round_trip_us, 50, axis=1)),
+        round_trip_us_p99=_pair(np.percentile(round_trip_us, 99, axis=1)),
+        period_us_p50=round(float(np.percentile(period_us, 50)), 1),
+        period_us_p99=round(float(np.percentile(period_us, 99)), 1),
+        period_us_max=round(float(period_us.max()), 1),
+    )
+
+
+def _pair(values: np.ndarray) -> tuple[float, float]:
+    left, right = values.tolist()
+    return round(left, 4), round(right, 4)

@@ -1,0 +1,188 @@
+"""The adapter against the real server, through the real client library."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hal.errors import CommandRejected, ConnectionLost, HardwareError
+from hal.fci import FciArm, FciPair, Tool
+from hal.state import ARM_STATE, RobotMode
+from rtstack.cli.simulator import Simulator
+from sim_robot.cell import simulated_cell
+
+PAD = Tool.pad((0.1, 0.1, 0.03), 0.35, 0.03)
+STEP = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5])
+
+
+def answer_both(pair: FciPair, tau: np.ndarray) -> None:
+    """One lockstep tick of both arms."""
+    for arm in (pair.left, pair.right):
+        arm.read()
+    for arm in (pair.left, pair.right):
+        arm.write(tau)
+
+
+def answer_a_few(pair: FciPair, tau: np.ndarray) -> None:
+    """What is wrong shows with the next state at the latest."""
+    for _ in range(3):
+        answer_both(pair, tau)
+
+
+def test_the_first_state_is_the_one_of_the_plant_in_this_process(pair: FciPair):
+    direct = simulated_cell("rice_box", 0.0, 3)
+    for arm, twin in ((pair.left, direct.left), (pair.right, direct.right)):
+        state, expected = arm.read(), twin.read()
+        assert state.robot_mode == RobotMode.IDLE
+        assert state.t_ns > 0
+        assert state.t_ns % 1_000_000 == 0
+        for name in ARM_STATE.names or ():
+            if name != "t_ns":
+                assert np.array_equal(state.record[name], expected.record[name]), name
+        assert np.array_equal(state.O_T_EE[3], [0.0, 0.0, 0.0, 1.0])
+        assert state.O_T_EE[2, 3] == pytest.approx(0.26, abs=1e-3)  # the pad's face, as the cell describes its home
+
+
+def test_a_torque_step_is_echoed_and_moves_the_joint(pair: FciPair):
+    pair.start()
+    q_before = pair.left.read().q.copy()
+    pair.right.read()
+    for _ in range(2):
+        pair.left.write(STEP)
+        pair.right.write(STEP)
+        states = pair.left.read(), pair.right.read()
+    assert np.array_equal(states[0].record["tau_J_d"][0], STEP)
+    assert states[0].t_ns == states[1].t_ns
+    t_ns = states[0].t_ns
+    for _ in range(30):
+        pair.left.write(STEP)
+        pair.right.write(STEP)
+        states = pair.left.read(), pair.right.read()
+    assert states[0].t_ns - t_ns == states[1].t_ns - t_ns == 30_000_000
+    assert states[0].robot_mode == RobotMode.MOVE
+    assert states[0].record["control_command_success_rate"][0] == 1.0
+    moved = states[0].q - q_before
+    assert moved[6] > 1e-3
+    assert np.argmax(np.abs(moved)) == 6
+
+
+def test_a_torque_jump_is_a_reflex_with_the_vendors_name_until_the_recovery(pair: FciPair):
+    pair.start()
+    answer_both(pair, np.zeros(7))
+    with pytest.raises(CommandRejected, match="controller_torque_discontinuity") as caught:
+        answer_a_few(pair, np.full(7, 40.0))
+    assert caught.value.errors == ("controller_torque_discontinuity",)
+    assert "\n" not in str(caught.value)
+    pair.left.stop()
+    pair.right.stop()
+    with pytest.raises(CommandRejected, match="in reflex: controller_torque_discontinuity"):
+        pair.left.read()
+    with pytest.raises(CommandRejected, match="Reflex"):
+        pair.left.write(np.zeros(7))
+    pair.left.recover()
+    pair.right.recover()
+    assert pair.left.read().robot_mode == RobotMode.IDLE
+    pair.start()
+    answer_both(pair, STEP)
+    answer_both(pair, STEP)
+    assert pair.left.read().robot_mode == RobotMode.MOVE
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_torque_that_is_no_number_is_refused(pair: FciPair, bad: float):
+    pair.start()
+    pair.left.read()
+    with pytest.raises(CommandRejected, match="NaN"):
+        pair.left.write(np.full(7, bad))
+
+
+def test_stop_and_close_may_be_called_twice(pair: FciPair):
+    pair.start()
+    answer_both(pair, STEP)
+    for arm in (pair.left, pair.right):
+        arm.stop()
+        arm.stop()
+        assert arm.read().robot_mode == RobotMode.IDLE
+        arm.close()
+        arm.close()
+        with pytest.raises(ConnectionLost, match="was closed"):
+            arm.read()
+
+
+def test_a_server_that_dies_is_a_lost_connection(pair: FciPair, simulator: Simulator):
+    pair.start()
+    answer_both(pair, STEP)
+    simulator.close()
+    with pytest.raises(ConnectionLost, match=simulator.left):
+        answer_a_few(pair, STEP)
+    with pytest.raises(ConnectionLost, match="was lost"):
+        pair.left.write(STEP)
+    pair.left.stop()
+
+
+def test_an_arm_that_sends_nothing_any_more_is_stale(pair: FciPair):
+    pair.start()
+    answer_both(pair, STEP)
+    pair.left.read()
+    pair.right.read()
+    pair.left.write(STEP)  # the server waits for the right arm's answer now, and shows nothing
+    with pytest.raises(ConnectionLost, match="no state for"):
+        pair.wait()
+
+
+def test_waiting_tells_which_arm_can_be_read(pair: FciPair):
+    pair.start()
+    seen = 0
+    while seen != 3:
+        seen |= pair.wait()
+    answer_both(pair, STEP)
+    seen = 0
+    while seen != 3:
+        seen |= pair.wait()
+    left, right = pair.left.read(), pair.right.read()
+    assert left.t_ns == right.t_ns
+
+
+def test_nobody_at_the_address():
+    with pytest.raises(ConnectionLost, match=r"127\.0\.99\.99 does not answer") as caught:
+        FciArm("127.0.99.99")
+    assert "\n" not in str(caught.value)
+
+
+def test_the_pad_is_told_once_and_another_tool_is_refused(simulator: Simulator):
+    known = FciArm(simulator.left, PAD)
+    assert known.read().O_T_EE[2, 3] == pytest.approx(0.26, abs=1e-3)
+    known.close()
+    with pytest.raises(HardwareError, match=r"Desk has an end effector of 0\.350 kg, the tool weighs 0\.700 kg"):
+        FciArm(simulator.right, Tool.pad((0.1, 0.1, 0.03), 0.70, 0.03))
+
+
+def test_an_end_effector_elsewhere_moves_the_pose(simulator: Simulator):
+    pose = FciArm(simulator.left, PAD)
+    face = pose.read().O_T_EE.copy()
+    pose.close()
+    further = FciArm(simulator.left, Tool.pad((0.1, 0.1, 0.03), 0.35, 0.05))
+    assert np.linalg.inv(face) @ further.read().O_T_EE == pytest.approx(
+        np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.02], [0, 0, 0, 1]]), abs=1e-6
+    )
+    further.close()
+
+
+def test_a_simulator_does_not_outlive_who_started_it():
+    program = (
+        "from rtstack.cli.simulator import Simulator; import os, signal\n"
+        "s = Simulator('rice_box', 0.0, 0, lockstep=True); print(s.pid, flush=True)\n"
+        "os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    ended = subprocess.run([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True)
+    assert ended.returncode == -9
+    process = Path("/proc") / ended.stdout.strip()
+    while process.exists() and "\nState:\tZ" not in (process / "status").read_text():
+        pass
+
+
+def test_a_simulator_that_cannot_start_says_why():
+    with pytest.raises(HardwareError, match=r"the simulated robot did not start: .*anvil"):
+        Simulator("anvil", 0.0, 0, lockstep=True)

@@ -1,0 +1,64 @@
+"""Object poses over UDP."""
+
+import socket
+
+import numpy as np
+
+from hal.tracker import OBJECT_POSE, ObjectPose
+from hal.tracker_link import DATAGRAM, NoTracker, TrackerLink
+from sim_robot.fci.tracker_feed import TrackerFeed
+
+
+class Seen:
+    """A tracker that has seen what it is told."""
+
+    def __init__(self) -> None:
+        self.pose = ObjectPose.empty()
+
+    def latest(self) -> ObjectPose:
+        return self.pose
+
+    def see(self, t_ns: int, x: float) -> None:
+        record = self.pose.record
+        record["t_ns"], record["seen"] = t_ns, 1
+        record["position"][0] = (x, 0.5, 0.25)
+
+
+def test_the_newest_pose_arrives_with_the_robots_time():
+    link, tracker = TrackerLink(), Seen()
+    feed = TrackerFeed(tracker, link.address)
+    assert link.latest().record["seen"][0] == 0
+    for k in range(3):
+        tracker.see(4_000_000 * k, 0.1 * k)
+        feed.publish(7_000_000_000 + 4_000_000 * k)
+    pose = link.latest()
+    assert pose.t_ns == 7_008_000_000
+    assert np.array_equal(pose.position, [0.2, 0.5, 0.25])
+    feed.publish(8_000_000_000)  # nothing new was seen
+    assert link.latest().t_ns == 7_008_000_000
+    feed.close()
+    link.close()
+
+
+def test_datagrams_of_another_size_are_ignored():
+    link = TrackerLink()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for size in (0, 1, DATAGRAM.itemsize - 1, DATAGRAM.itemsize + 1, 9000):
+            sender.sendto(b"\x01" * size, link.address)
+    assert link.latest().record["seen"][0] == 0
+    link.close()
+
+
+def test_a_feed_without_a_listener_goes_on():
+    link, tracker = TrackerLink(), Seen()
+    feed = TrackerFeed(tracker, link.address)
+    link.close()
+    for k in range(3):
+        tracker.see(k + 1, 0.0)
+        feed.publish(k)
+    feed.close()
+
+
+def test_nobody_watches():
+    assert NoTracker().latest().record["seen"][0] == 0
+    assert DATAGRAM.itemsize == OBJECT_POSE.itemsize == 72
