@@ -44,6 +44,7 @@ class FciArm:
         self._torques = franka.Torques([0.0] * 7)
         self._control: franka.ActiveControlBase | None = None
         self._lost = False
+        self.unread = False  # True: the next read returns the last state once more, without waiting
         config = franka.RealtimeConfig.kEnforce if enforce_realtime else franka.RealtimeConfig.kIgnore
         before = open_datagram_sockets()
         with vendor_errors(address), _own_schedule():
@@ -71,6 +72,9 @@ class FciArm:
         Raises ConnectionLost after one second without a state, CommandRejected in a reflex.
         """
         robot = self._open_robot()
+        if self.unread:
+            self.unread = False
+            return self._state
         try:
             # no local name for the control: the traceback of an error would keep it, and the robot busy, alive
             state = robot.read_once() if self._control is None else self._control.readOnce()[0]
@@ -107,6 +111,7 @@ class FciArm:
 
     def stop(self) -> None:
         """End torque control: the robot brakes and holds. A reflex stays latched."""
+        self.unread = False
         if self._robot is None or self._control is None:
             return
         if not self._lost:

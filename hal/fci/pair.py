@@ -10,6 +10,7 @@ from hal.fci.setup import CollisionBehaviour, Tool
 
 # A robot without commands stops itself after 20 ms; five times that without a state is no hiccup of a network any more.
 STALE_S = 0.1
+MOST_REPEATS = 10  # of a state, until both arms show the same one
 # a wait that one arm has ended counts at most this much for the other one's silence: the rest was ours
 LONGEST_WAIT_S = 5e-3
 
@@ -17,8 +18,9 @@ LONGEST_WAIT_S = 5e-3
 class FciPair:
     """Two connected arms: a hal.cell.ArmLink."""
 
-    def __init__(self, left: FciArm, right: FciArm) -> None:
+    def __init__(self, left: FciArm, right: FciArm, *, shared_clock: bool = False) -> None:
         self.left, self.right = left, right
+        self._shared_clock = shared_clock
         self._epoll = select.epoll()
         self._epoll.register(left.socket, select.EPOLLIN)
         self._epoll.register(right.socket, select.EPOLLIN)
@@ -34,15 +36,29 @@ class FciPair:
         try:
             self.left.start()
             self.right.start()
+            if self._shared_clock:
+                self._meet()
         except BaseException:
             self.left.stop()
             raise
         self._silent_s = {LEFT: 0.0, RIGHT: 0.0}
 
+    def _meet(self) -> None:
+        """Leave both arms with the same state to be read: a robot that waits repeats it until it is answered."""
+        t_ns = [arm.read().t_ns for arm in (self.left, self.right)]
+        for _ in range(MOST_REPEATS):
+            if t_ns[0] == t_ns[1]:
+                break
+            behind = int(t_ns[1] < t_ns[0])
+            t_ns[behind] = (self.left, self.right)[behind].read().t_ns
+        self.left.unread = self.right.unread = True
+
     def wait(self) -> int:
         """Block until a state has arrived that was not read; return the mask of LEFT and RIGHT whose `read` returns at
         once. Raises ConnectionLost when an arm has sent nothing for STALE_S.
         """
+        if self.left.unread or self.right.unread:
+            return LEFT * self.left.unread | RIGHT * self.right.unread
         began_s = time.monotonic()
         # a second look: where this process itself was held up, the states are there by now
         events = self._epoll.poll(STALE_S) or self._epoll.poll(LONGEST_WAIT_S)
@@ -70,13 +86,17 @@ def open_pair(
     tool: Tool | None = None,
     collisions: CollisionBehaviour | None = None,
     *,
+    shared_clock: bool = False,
     enforce_realtime: bool = False,
 ) -> FciPair:
-    """Connect to both arms, which carry the same tool. Raises what FciArm raises, and leaves nothing open then."""
+    """Connect to both arms, which carry the same tool. Raises what FciArm raises, and leaves nothing open then.
+
+    shared_clock: both are of one robot that waits for answers (lockstep): their first states are to be the same one.
+    """
     left = FciArm(left_address, tool, collisions, enforce_realtime=enforce_realtime)
     try:
         right = FciArm(right_address, tool, collisions, enforce_realtime=enforce_realtime)
     except BaseException:
         left.close()
         raise
-    return FciPair(left, right)
+    return FciPair(left, right, shared_clock=shared_clock)

@@ -79,7 +79,7 @@ class _SimulatorLink:
 def _simulator_cell(kind: str, object_name: str, displacement_m: float, seed: int, tool: Tool) -> Cell:
     simulator = Simulator(object_name, displacement_m, seed, lockstep=kind == "lockstep")
     try:
-        pair = open_pair(simulator.left, simulator.right, tool)
+        pair = open_pair(simulator.left, simulator.right, tool, shared_clock=kind == "lockstep")
     except BaseException:
         simulator.close()
         raise

@@ -32,23 +32,22 @@ class Simulator:
         self.report = ""
         said: str | None = None
         host, port = self.tracker.address
+        # away from the loop, which takes the last CPU: server and loop together fill most of a period
+        pace = ["--lockstep"] if lockstep else ["--cpu", str(min(os.sched_getaffinity(0)))]
         for self.left, self.right in _free_pairs():
             command = [
-                sys.executable, "-m", "sim_robot.fci.tracker_feed", "--tracker", f"{host}:{port}",
+                sys.executable, "-m", "sim_robot.fci", "--tracker", f"{host}:{port}",
                 "--left", self.left, "--right", self.right, "--object", object_name,
                 f"--displacement-mm={displacement_m * 1e3!r}", "--seed", str(seed),
             ]  # fmt: skip
             # a group of its own: Ctrl-C is for the loop, which brakes first. If we are killed, the kernel ends it.
             self._process = subprocess.Popen(
-                command + ["--lockstep"] * lockstep,
+                command + pace,
                 stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
                 start_new_session=True, preexec_fn=_end_with_parent,
             )  # fmt: skip
             said = self._wait_until_it_serves()
             if said is None:
-                if not lockstep:
-                    # away from the loop, which takes the last CPU: server and loop together fill most of a period
-                    os.sched_setaffinity(self._process.pid, {min(os.sched_getaffinity(0))})
                 return
             self._end()
             if "in use" not in said:

@@ -13,6 +13,7 @@ from sim_robot.fci.drive import DrivenBox
 from sim_robot.fci.lockstep import Lockstep
 from sim_robot.fci.realtime import Realtime
 from sim_robot.fci.server import Server
+from sim_robot.fci.tracker_feed import TrackerFeed
 from sim_robot.plant_parameters import load_plant_parameters
 from sim_robot.scene import load_scene
 
@@ -36,6 +37,11 @@ def _schedule(priority: int, cpu: int) -> str:
     return obtained
 
 
+def _listener(text: str) -> tuple[str, int]:
+    host, _, port = text.rpartition(":")
+    return host, int(port)
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Serve until SIGINT or SIGTERM. Returns 0, or 2 for bad input."""
     parser = argparse.ArgumentParser(prog="sim_robot.fci", description="The simulated cell behind the FCI.")
@@ -47,6 +53,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--lockstep", action="store_true", help="wait for every moving arm's answer")
     parser.add_argument("--priority", type=int, default=80, help="SCHED_FIFO priority, 0 for none")
     parser.add_argument("--cpu", type=int, default=-1, help="CPU to stay on, -1 for any")
+    parser.add_argument("--tracker", type=_listener, help="HOST:PORT that listens for the object's poses (UDP)")
     options = parser.parse_args(arguments)
     stop: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -54,6 +61,8 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         cell = simulated_cell(options.object, 1e-3 * options.displacement_mm, options.seed, box_kind=DrivenBox)
         server = Server(cell, load_scene(), load_plant_parameters(), (options.left, options.right))
+        if options.tracker is not None:
+            server.feed_tracker(TrackerFeed(cell.tracker, options.tracker))
     except (HardwareError, OSError) as error:
         print(f"cannot serve: {error}", file=sys.stderr)
         return 2

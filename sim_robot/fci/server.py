@@ -12,6 +12,7 @@ from sim_robot.fci.protocol import ROBOT_STATE, Command
 from sim_robot.fci.robot_state import MOTION_RECORD, fill_states
 from sim_robot.fci.settings import SETTINGS_RECORD, Settings
 from sim_robot.fci.station import Station
+from sim_robot.fci.tracker_feed import TrackerFeed
 from sim_robot.plant_parameters import PlantParameters
 from sim_robot.proximity import Proximity
 from sim_robot.scene import Scene
@@ -33,6 +34,7 @@ class Server:
         self._deferred: list[tuple[int, Command, int, tuple]] = []
         self.deferring = False  # True: motions and recoveries wait until the plant is at rest
         self._proximity = Proximity(cell.plant)
+        self._feed: TrackerFeed | None = None
         stations = []
         for side, address in enumerate(addresses):
             link = Link(
@@ -96,6 +98,18 @@ class Server:
         self._proximity.update()
         for side, station in enumerate(self.stations):
             station.judge(int(self._collisions[side]), int(self._proximity.masks[side]))
+        self._publish_pose()
+
+    def feed_tracker(self, feed: TrackerFeed) -> None:
+        """Publish what the motion capture sees, from now on."""
+        self._feed = feed
+        self._publish_pose()
+
+    def _publish_pose(self) -> None:
+        """Send a new pose before the states of the same ms go out, stamped as they will be."""
+        if self._feed is not None:
+            shown = [station for station in self.stations if station.moving] or self.stations
+            self._feed.publish((max(station.message_id for station in shown) + 1) * 1_000_000)
 
     def close(self) -> None:
         """Close every socket."""
@@ -103,4 +117,6 @@ class Server:
             station.link.close()
         for gripper in self.grippers:
             gripper.close()
+        if self._feed is not None:
+            self._feed.close()
         self.poller.close()

@@ -1,18 +1,12 @@
 """The simulated motion capture's way out: object poses as datagrams (hal.tracker_link) to one listener."""
 
-import argparse
 import contextlib
-import functools
 import socket
-import sys
-from typing import Any
 
 import numpy as np
 
 from hal.tracker import ObjectTracker
 from hal.tracker_link import DATAGRAM
-from sim_robot.fci import __main__ as entry
-from sim_robot.fci.server import Server
 
 
 class TrackerFeed:
@@ -44,37 +38,3 @@ class TrackerFeed:
     def close(self) -> None:
         """Release the socket."""
         self._socket.close()
-
-
-class TrackedServer(Server):
-    """A server that publishes what the motion capture sees, before the states of the same millisecond."""
-
-    def __init__(self, *arguments: Any, listener: tuple[str, int]) -> None:
-        super().__init__(*arguments)
-        self._feed = TrackerFeed(self.cell.tracker, listener)
-        self._feed.publish(0)
-
-    def advance(self) -> None:
-        """Advance, then publish."""
-        super().advance()
-        moving = [station for station in self.stations if station.moving]
-        self._feed.publish((max(s.message_id for s in moving or self.stations) + 1) * 1_000_000)
-
-    def close(self) -> None:
-        """Close every socket."""
-        super().close()
-        self._feed.close()
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """Serve as `python -m sim_robot.fci` does, with --tracker HOST:PORT."""
-    parser = argparse.ArgumentParser(add_help=False)
-    parser.add_argument("--tracker", required=True, help="HOST:PORT that listens for object poses")
-    options, rest = parser.parse_known_args(arguments)
-    host, _, port = options.tracker.rpartition(":")
-    entry.Server = functools.partial(TrackedServer, listener=(host, int(port)))
-    return entry.main(rest)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
