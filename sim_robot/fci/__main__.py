@@ -11,7 +11,7 @@ from hal.errors import HardwareError
 from sim_robot.cell import simulated_cell
 from sim_robot.fci.drive import DrivenBox
 from sim_robot.fci.lockstep import Lockstep
-from sim_robot.fci.realtime import Realtime
+from sim_robot.fci.realtime import Realtime, RightClock
 from sim_robot.fci.server import Server
 from sim_robot.fci.tracker_feed import TrackerFeed
 from sim_robot.plant_parameters import load_plant_parameters
@@ -51,10 +51,18 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--displacement-mm", type=float, default=0.0)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--lockstep", action="store_true", help="wait for every moving arm's answer")
+    parser.add_argument("--phase-us", type=float, default=0.0, help="how much later the right arm's clock ticks")
+    parser.add_argument("--drift-ppm", type=float, default=0.0, help="how much faster the right arm's clock is")
     parser.add_argument("--priority", type=int, default=80, help="SCHED_FIFO priority, 0 for none")
     parser.add_argument("--cpu", type=int, default=-1, help="CPU to stay on, -1 for any")
     parser.add_argument("--tracker", type=_listener, help="HOST:PORT that listens for the object's poses (UDP)")
     options = parser.parse_args(arguments)
+    try:
+        right_clock = RightClock(options.phase_us, options.drift_ppm)
+    except ValueError as error:
+        parser.error(str(error))
+    if options.lockstep and right_clock != RightClock():
+        parser.error("in lockstep there is no clock that could differ: leave --lockstep, or --phase-us and --drift-ppm")
     stop: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda received, frame: stop.append(received))
@@ -68,7 +76,7 @@ def main(arguments: list[str] | None = None) -> int:
         return 2
     how = "lockstep" if options.lockstep else _schedule(options.priority, options.cpu)
     print(f"serving {options.left} and {options.right}, {how}", flush=True)
-    pace = Lockstep(server) if options.lockstep else Realtime(server)
+    pace = Lockstep(server) if options.lockstep else Realtime(server, right_clock)
     pace.run(lambda: bool(stop))
     if isinstance(pace, Realtime):
         print(pace.report(), flush=True)

@@ -23,6 +23,7 @@ class DrivenBox(ControlBox):
     def __init__(self, plant: Plant, side: int, timeout_ms: int) -> None:
         super().__init__(plant, side, timeout_ms)
         self._controller, self._generator = Controller.EXTERNAL, Generator.NONE
+        self.own_clock = False  # True: the plant's ms are not this box's, whose own come with `sample`
 
     def attach(self, state: np.void, motion: np.void, setting: np.void, kinematics: np.void) -> None:
         """Give it the arm's ARM_STATE, MOTION_RECORD, SETTINGS_RECORD and a KINEMATICS_RECORD to copy."""
@@ -39,6 +40,15 @@ class DrivenBox(ControlBox):
         generators.follow_cartesian(spare, command, int(Generator.CARTESIAN_VELOCITY), body, setting)
         generators.extrapolate(spare, int(Generator.JOINT_POSITION), body, setting)
         generators.ends_too_fast(spare)
+
+    def begin_millisecond(self, on_time: bool) -> None:
+        """Begin a ms of the plant, which is one of this box's too unless it has its own clock."""
+        if not self.own_clock:
+            super().begin_millisecond(on_time)
+
+    def sample(self) -> None:
+        """Begin a ms of this box's own clock: what it applies, the plant feels from its next ms on."""
+        super().begin_millisecond(on_time=True)
 
     def _torques(self) -> np.ndarray:
         tau = np.zeros(7)

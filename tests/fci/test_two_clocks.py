@@ -1,0 +1,30 @@
+"""Two control boxes with two clocks on one plant, through the real client."""
+
+import numpy as np
+import pytest
+from two_clocks import hold_both
+
+from sim_robot.fci.__main__ import main
+from sim_robot.fci.realtime import RightClock
+
+
+def test_each_arm_counts_by_its_own_clock_and_loses_nothing_to_the_other_ones_phase(fresh_server) -> None:
+    """A link that lost 20 packets would raise. Whatever the host's pace, the right arm counts 1000 ppm more."""
+    with fresh_server("--phase-us", "500", "--drift-ppm", "1000") as served:
+        record = hold_both(served, 4000)
+    for ids, rates in zip(record.message_ids, record.success_rates, strict=True):
+        assert np.diff(ids).min() >= 1
+        assert np.median(rates) >= 0.95
+    (left, right), (left_ns, right_ns) = record.message_ids, record.came_ns
+    common = (left_ns > right_ns[0]) & (left_ns < right_ns[-1])
+    ahead = np.interp(left_ns[common], right_ns, right) - left[common]
+    drift = np.polyfit(left[common], ahead, 1)[0]
+    assert drift == pytest.approx(1e-3, abs=4e-4)
+
+
+def test_a_clock_that_could_not_be(capsys: pytest.CaptureFixture) -> None:
+    assert RightClock(0.0, 1000.0).period_ns == pytest.approx(999_000.999)
+    for arguments in (["--phase-us", "1000"], ["--drift-ppm", "5000"], ["--lockstep", "--phase-us", "500"]):
+        with pytest.raises(SystemExit):
+            main(arguments)
+    assert "lockstep" in capsys.readouterr().err
