@@ -1,5 +1,6 @@
 """Opens a cell by its address. The only module of rtstack that names the simulated robot."""
 
+import sys
 from importlib.resources import as_file, files
 from pathlib import Path
 
@@ -71,9 +72,11 @@ class _SimulatorLink:
         self.start, self.wait = pair.start, pair.wait
 
     def close(self) -> None:
-        """Disconnect, and end the simulator."""
+        """Disconnect, end the simulator, and pass on what it says about its pace."""
         self._pair.close()
         self._simulator.close()
+        if self._simulator.report:
+            print(f"simulated robot: {self._simulator.report}", file=sys.stderr)
 
 
 def _simulator_cell(kind: str, object_name: str, displacement_m: float, seed: int, tool: Tool) -> Cell:
