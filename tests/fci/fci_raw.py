@@ -2,6 +2,7 @@
 
 import socket
 import struct
+from pathlib import Path
 
 import numpy as np
 
@@ -76,6 +77,13 @@ class RawClient:
     def throw(self, data: bytes) -> None:
         """Send any datagram to where the states come from."""
         self.udp.sendto(data, self._source)
+
+    def lost_on_the_way(self) -> int:
+        """How many datagrams the kernel has dropped at the server's socket, which was full."""
+        host, port = self._source
+        local = f"{int.from_bytes(socket.inet_aton(host), 'little'):08X}:{port:04X}"
+        lines = Path("/proc/net/udp").read_text().splitlines()
+        return sum(int(line.split()[-1]) for line in lines if line.split()[1] == local)
 
     def close(self) -> None:
         """Hang up."""

@@ -46,6 +46,8 @@ class Outcome:
     connections: int = 0
     closed_by_server: int = 0
     answers: int = 0
+    motions: int = 0
+    lost_datagrams: int = 0  # which the kernel had no room for
     seconds: float = 0.0
     rss_kib: tuple[int, int] = (0, 0)
     descriptors: tuple[int, int] = (0, 0)
@@ -178,28 +180,44 @@ class Fuzzer:
                 else:
                     raw.tcp.sendall(data)
                 self._drain(raw.tcp)
+                if kind != "tcp nonsense values":
+                    break
+            self._hang_up(raw.tcp)
+
+    def _hang_up(self, tcp: socket.socket) -> None:
+        """Say that nothing follows and wait until the server has read it all: closing at once would throw it away."""
+        tcp.shutdown(socket.SHUT_WR)
+        tcp.settimeout(5.0)
+        while tcp.recv(1 << 16):
+            self.outcome.answers += 1
 
     def _commands(self, address: str) -> None:
         """A client that moves the arm, if it can, and sends datagrams; sometimes it hangs up in the middle."""
         rng = self._rng
         with self._client(address) as raw:
             raw.connect()
-            raw.send(Command.STOP_MOVE)
-            raw.send(Command.AUTOMATIC_ERROR_RECOVERY)
-            raw.answer()
-            raw.answer()
             controller = rng.randrange(3)
-            started = raw.move(controller, 4 if controller == 2 else rng.randrange(4)) == MoveStatus.MOTION_STARTED
-            for _ in range(rng.randrange(1, 60)):
-                state = raw.state()
-                for _ in range(BURST):
-                    kind, data = _datagram(rng, int(state["message_id"]))
-                    self.outcome.messages[kind] += 1
-                    raw.throw(data)
-            if started and rng.random() < 0.5:
-                raw.send(Command.STOP_MOVE)
+            generator = 4 if controller == 2 else rng.randrange(4)
+            for _ in range(rng.randrange(1, 20)):
+                raw.send(Command.AUTOMATIC_ERROR_RECOVERY)
                 raw.answer()
-                self.outcome.answers += 1
+                started = raw.move(controller, generator) == MoveStatus.MOTION_STARTED
+                self.outcome.motions += started
+                for _ in range(rng.randrange(1, 4)):
+                    self._burst(raw)
+                if started:
+                    raw.send(Command.STOP_MOVE)  # two answers: of the motion, by whatever it ended, and of the stop
+                    raw.answer()
+                    raw.answer()
+            self._burst(raw)
+            self.outcome.lost_datagrams += raw.lost_on_the_way()
+
+    def _burst(self, raw: RawClient) -> None:
+        state = raw.state()
+        for _ in range(BURST):
+            kind, data = _datagram(self._rng, int(state["message_id"]))
+            self.outcome.messages[kind] += 1
+            raw.throw(data)
 
     def _before_connect(self, address: str) -> None:
         """Anything but Connect as the first message."""
@@ -308,6 +326,8 @@ def main() -> int:
     print(f"{'messages':32} {outcome.total:9d}  in {outcome.seconds:.0f} s, seed {options.seed}")
     print(f"{'connections':32} {outcome.connections:9d}  {outcome.closed_by_server} closed by the server")
     print(f"{'reads with answers':32} {outcome.answers:9d}")
+    print(f"{'motions begun':32} {outcome.motions:9d}")
+    print(f"{'datagrams the kernel dropped':32} {outcome.lost_datagrams:9d}")
     print(f"{'ms of each arm per s':32} {' '.join(f'{ids / outcome.seconds:9.1f}' for ids in outcome.ids)}")
     print(f"{'memory, KiB, before and after':32} {outcome.rss_kib[0]:9d} {outcome.rss_kib[1]:9d}")
     print(f"{'descriptors, before and after':32} {outcome.descriptors[0]:9d} {outcome.descriptors[1]:9d}")
