@@ -35,6 +35,9 @@ class SimulatedArm:
         self._state = ArmState.empty()
         self._seen_tick = -1
         self._closed = False
+        # copied as bytes: a record copies field by field
+        self._bytes = self._state.record.view(np.uint8)
+        self._source = cell.states[side : side + 1].view(np.uint8)
 
     def read(self) -> ArmState:
         """Return the next state.
@@ -45,7 +48,7 @@ class SimulatedArm:
         if self._seen_tick == self._cell.plant.ticks:
             self._cell.next_state()
         self._seen_tick = self._cell.plant.ticks
-        self._state.record[0] = self._cell.states[self._side]
+        self._bytes[:] = self._source
         self._check_no_reflex()
         return self._state
 

@@ -88,6 +88,7 @@ class Plant:
         data.qpos[:JOINTS], data.qpos[JOINTS : 2 * JOINTS] = scene.left.home, scene.right.home
         mujoco.mj_forward(self.model, data)
         self.joints, self.motors = np.zeros(2, JOINT_RECORD), np.zeros(2, MOTOR_RECORD)
+        self._tau_command, self._holding = self.motors["tau_command"], self.motors["holding"]
         self._hold_inertia = np.zeros((2, JOINTS))
         for side, arm in enumerate(arms):
             self._fill(side, arm, parameters)
@@ -129,8 +130,8 @@ class Plant:
 
     def command(self, side: int, tau: Array) -> None:
         """Take a torque, (7,), Nm, gravity excluded, for arm 0 (left) or 1 (right) until the next one."""
-        motor = self.motors[side]
-        motor["tau_command"], motor["holding"] = tau, 0
+        self._tau_command[side] = tau
+        self._holding[side] = 0
 
     def hold(self, side: int) -> None:
         """Let the arm brake and hold where it is now."""

@@ -84,9 +84,17 @@ def _from_rpy(rpy: Array) -> Array:
 
 
 def _product(a: Array, b: Array) -> Array:
-    """Hamilton product of two quaternions wxyz."""
-    w, v = a[0], a[1:]
-    return np.array([w * b[0] - v @ b[1:], *(w * b[1:] + b[0] * v + np.cross(v, b[1:]))])
+    """Hamilton product of two quaternions wxyz. In plain floats: numpy takes ten times as long for four numbers."""
+    aw, ax, ay, az = a.tolist()
+    bw, bx, by, bz = b.tolist()
+    return np.array(
+        [
+            aw * bw - ax * bx - ay * by - az * bz,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+        ]
+    )
 
 
 def quaternion_of(R: Array) -> Array:

@@ -22,7 +22,7 @@ from rtstack.log.schema import TOPIC_MESSAGES
 from rtstack.log.sink import McapSink
 from rtstack.samples import SIDES, TOPICS
 
-POLL_S = 0.01  # ten records a topic at 1 kHz: enough for a batch, little for a ring
+POLL_S = 0.04  # forty records a topic at 1 kHz: enough for a batch, little for a ring, a tenth of what may be lost
 _FAR_FUTURE_NS = np.iinfo(np.int64).max
 
 

@@ -3,6 +3,7 @@
 The robot is the clock: `read` blocks until the next state. Nothing here sleeps, and nothing after the reads waits.
 """
 
+import gc
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -109,6 +110,7 @@ class Session:
         self._end = End.COMPLETED
         self._detail = ""
         self._time = Timeline(publisher.timing, cell.own_clocks)
+        self._compute_us = publisher.timing["compute_us"]
         self._unpublished = 0
         self._lost = 0
         self._rest = 0
@@ -117,6 +119,8 @@ class Session:
 
     def run(self) -> SessionOutcome:
         """Follow the plan to its end, brake, and leave torque control. Never raises for what a robot does."""
+        collecting = gc.isenabled()
+        gc.disable()  # a collection in the middle of a tick is a tick that waits
         try:
             self._cell.start()
             while self._tick():
@@ -128,6 +132,8 @@ class Session:
         finally:
             for arm in self._arms:
                 arm.stop()
+            if collecting:
+                gc.enable()
         self._controller.machine.rest()
         self._say_mode()
         self._say_link()
@@ -192,7 +198,7 @@ class Session:
 
     def _publish(self, sides: tuple[int, ...], compute_us: float) -> None:
         """Publish once both arms were served; where one was served twice, with the other one's last tick."""
-        compute = self._publisher.timing["compute_us"]
+        compute = self._compute_us
         served = sum(1 << k for k in sides)
         compute[0] = compute_us + (compute[0] if self._unpublished else 0.0)
         both = served | self._unpublished == LEFT | RIGHT

@@ -19,7 +19,10 @@ class Timeline:
         self.t_ns = 0  # robot's time of the newest state
         self.elapsed_ns = [-1, -1]
         self.skew_ns = 0
-        self._timing = timing
+        # views of single fields: looking a field up costs more than writing it
+        self._stamp, self._period_us, self._lateness_us, self._missed_deadlines = (
+            timing[name] for name in ("t_ns", "period_us", "lateness_us", "missed_deadlines")
+        )
         self._own_clocks = own_clocks
         self._starts = [0, 0]
         self._offsets = [0, 0]
@@ -74,12 +77,11 @@ class Timeline:
             self._offsets[side] = self.start_ns - t_ns
 
     def _keep_up(self, t_ns: int, going: bool, host_ns: int) -> None:
-        timing = self._timing
         self.t_ns = t_ns + self._offsets[0]
-        timing["t_ns"][0] = self.t_ns
+        self._stamp[0] = self.t_ns
         if going:
-            timing["period_us"][0] = (host_ns - self._host_ns) * 1e-3
+            self._period_us[0] = (host_ns - self._host_ns) * 1e-3
             late_ns = (host_ns - self._host_start_ns) - (self.t_ns - self.start_ns)
-            timing["lateness_us"][0] = max(0.0, late_ns * 1e-3)
-        timing["missed_deadlines"][0] = self.missed
+            self._lateness_us[0] = max(0.0, late_ns * 1e-3)
+        self._missed_deadlines[0] = self.missed
         self._host_ns = host_ns

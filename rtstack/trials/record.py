@@ -30,6 +30,10 @@ class TrialLog:
         self._process = process
         self._lockstep = lockstep
 
+    def wait_ready(self) -> None:
+        """Wait until the log is being written: no arm moves before that. Raises LogError."""
+        self._process.wait_ready()
+
     def wait_for_room(self) -> None:
         """Between two ticks of a lockstep run: let the log catch up. In real time, or without a log: return at once."""
         if not self._lockstep or self.rings.room() >= ROOM:

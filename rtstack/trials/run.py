@@ -36,6 +36,7 @@ from rtstack.trials.specification import DemonstrationSpecification, TrialSpecif
 
 Progress = Callable[[float], None]
 PROGRESS_TICKS = 50  # how often progress is told
+ROOM_TICKS = 16  # how often a run that may wait looks whether the log keeps up; the rings have room for many more
 SPARE_TICKS = 1500  # of history, for the stop after the reference
 
 
@@ -180,6 +181,8 @@ class _Run:
         publisher = Publisher(rings, self.history)
         judges = (SafetyJudge(), SafetyJudge())
         session = Session(cell, controller, judges, publisher, self._plan, self._stop, self._between_ticks)
+        if self._log is not None:
+            self._log.wait_ready()
         with realtime_thread() if cell.own_clocks else nullcontext():
             outcome = session.run()
         if controller.first_impact_s >= 0.0:
@@ -187,7 +190,7 @@ class _Run:
         return outcome
 
     def _between_ticks(self, index: int) -> None:
-        if self._log is not None:
+        if index % ROOM_TICKS == 0 and self._log is not None:
             self._log.wait_for_room()
         if self._progress is not None and index % PROGRESS_TICKS == 0:
             self._progress(min(1.0, index / self._plan.ticks))
