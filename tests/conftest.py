@@ -19,6 +19,13 @@ settings.register_profile("shared", deadline=None)
 settings.load_profile("shared")
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what speaks over the wire: clients and server processes that meet on loopback."""
+    for item in items:
+        if item.path.parent.name == "fci" or item.path.name.startswith("test_fci_"):
+            item.add_marker(pytest.mark.fci)
+
+
 @pytest.fixture(scope="session")
 def cell() -> CellDescription:
     """The description of the simulated grabbing cell."""

@@ -115,6 +115,7 @@ def test_a_contact_above_its_threshold(lockstep: Served) -> None:
     go_home(robot)
 
 
+@pytest.mark.realtime
 def test_a_client_that_falls_silent(realtime: Served) -> None:
     """The vendor's 20 packets, counted in states of the robot's own clock."""
     with RawClient(realtime.right) as raw:

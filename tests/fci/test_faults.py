@@ -71,6 +71,7 @@ def test_a_torque_that_jumps(lockstep: Served, law) -> None:
     assert_stopped_and_recover(robot, {"controller_torque_discontinuity"})
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize("stall_s", [0.025, 0.3])
 def test_a_client_that_stalls(realtime: Served, stall_s: float) -> None:
     robot = connect(realtime.left)

@@ -8,6 +8,7 @@ from sim_robot.fci.__main__ import main
 from sim_robot.fci.realtime import RightClock
 
 
+@pytest.mark.realtime
 def test_each_arm_counts_by_its_own_clock_and_loses_nothing_to_the_other_ones_phase(fresh_server) -> None:
     """A link that lost 20 packets would raise. Whatever the host's pace, the right arm counts 1000 ppm more."""
     with fresh_server("--phase-us", "500", "--drift-ppm", "1000") as served:
