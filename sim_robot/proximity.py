@@ -15,7 +15,8 @@ AWAY_MS = 200
 _NOBODY, _LINK, _PAD, _TABLE = -1, 0, 2, 4  # a link or pad of the right arm is one more
 
 
-@numba.njit(cache=True, error_model="numpy")
+# one signature, compiled when imported: MuJoCo's views are contiguous or not, depending on how many contacts there are
+@numba.njit("void(int32[:, :], float64[:], int64[:], float64[:])", cache=True, error_model="numpy")
 def _nearest(pairs, distances, kinds, nearest):
     for arm in range(2):
         nearest[arm] = np.inf

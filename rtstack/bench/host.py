@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rtstack.loop.realtime import realtime_thread
+from hal.realtime import realtime_thread
 
 _GOVERNOR = Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")
 _REALTIME_KERNEL = Path("/sys/kernel/realtime")  # there, and 1, on a PREEMPT_RT kernel

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from hal.cell import Cell
-from rtstack.loop.realtime import realtime_thread
+from hal.realtime import realtime_thread
 
 # libfranka, examples/communication_test.cpp: below the first many packets are lost, below the second it is not enough
 GOOD_SUCCESS, ENOUGH_SUCCESS = 0.95, 0.90

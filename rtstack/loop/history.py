@@ -33,6 +33,9 @@ class History:
         self._sources: tuple[NDArray, ...] | None = None
         self._ticks = 0
         self._poses = 0
+        # zeros that nobody has touched are no memory yet: the kernel would clear 2 MB in the middle of a tick (8 ms)
+        for array in (self._arm, self._control, self._timing, self._object):
+            array.view(np.uint8).fill(0)
 
     def append(self, left: tuple[NDArray, NDArray], right: tuple[NDArray, NDArray], timing: NDArray) -> None:
         """Take both arms' arm and control records and the timing, (1,) each. Beyond the capacity: dropped."""

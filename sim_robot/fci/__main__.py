@@ -1,13 +1,11 @@
 """`python -m sim_robot.fci`: serve the simulated cell."""
 
 import argparse
-import contextlib
-import gc
-import os
 import signal
 import sys
 
 from hal.errors import HardwareError
+from hal.realtime import ANY_CPU, Obtained, realtime_thread
 from sim_robot.cell import simulated_cell
 from sim_robot.fci.drive import DrivenBox
 from sim_robot.fci.lockstep import Lockstep
@@ -18,23 +16,10 @@ from sim_robot.plant_parameters import load_plant_parameters
 from sim_robot.scene import load_scene
 
 
-def _schedule(priority: int, cpu: int) -> str:
-    """Take real-time scheduling and a CPU as far as the host allows; return what was obtained."""
-    obtained = "1 kHz, ordinary scheduling"
-    if priority > 0:
-        with contextlib.suppress(OSError):
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-            obtained = f"1 kHz, SCHED_FIFO {priority}"
-    if cpu >= 0:
-        try:
-            os.sched_setaffinity(0, {cpu})
-            obtained += f", CPU {cpu}"
-        except OSError:
-            obtained += f", not on CPU {cpu}"
-    gc.collect()
-    gc.freeze()
-    gc.disable()
-    return obtained
+def _described(obtained: Obtained) -> str:
+    scheduler = f"SCHED_FIFO {obtained.priority}" if obtained.scheduler == "fifo" else "ordinary scheduling"
+    cpu = f", CPU {obtained.cpu}" if obtained.cpu != ANY_CPU else ""
+    return f"1 kHz, {scheduler}{cpu}" + ("" if obtained.memory_locked else ", memory not locked")
 
 
 def _listener(text: str) -> tuple[str, int]:
@@ -54,7 +39,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--phase-us", type=float, default=0.0, help="how much later the right arm's clock ticks")
     parser.add_argument("--drift-ppm", type=float, default=0.0, help="how much faster the right arm's clock is")
     parser.add_argument("--priority", type=int, default=80, help="SCHED_FIFO priority, 0 for none")
-    parser.add_argument("--cpu", type=int, default=-1, help="CPU to stay on, -1 for any")
+    parser.add_argument("--cpu", type=int, default=ANY_CPU, help="CPU to stay on, -1 for any")
     parser.add_argument("--tracker", type=_listener, help="HOST:PORT that listens for the object's poses (UDP)")
     options = parser.parse_args(arguments)
     try:
@@ -74,11 +59,15 @@ def main(arguments: list[str] | None = None) -> int:
     except (HardwareError, OSError) as error:
         print(f"cannot serve: {error}", file=sys.stderr)
         return 2
-    how = "lockstep" if options.lockstep else _schedule(options.priority, options.cpu)
-    print(f"serving {options.left} and {options.right}, {how}", flush=True)
-    pace = Lockstep(server) if options.lockstep else Realtime(server, right_clock)
-    pace.run(lambda: bool(stop))
-    if isinstance(pace, Realtime):
+    where = f"serving {options.left} and {options.right}"
+    if options.lockstep:
+        print(f"{where}, lockstep", flush=True)
+        Lockstep(server).run(lambda: bool(stop))
+    else:
+        pace = Realtime(server, right_clock)
+        with realtime_thread(options.priority, options.cpu) as obtained:
+            print(f"{where}, {_described(obtained)}", flush=True)
+            pace.run(lambda: bool(stop))
         print(pace.report(), flush=True)
     server.close()
     return 0

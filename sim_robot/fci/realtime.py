@@ -15,8 +15,9 @@ from sim_robot.fci.server import Server
 from sim_robot.fci.station import Station
 
 PERIOD_NS = 1_000_000
-# while the server is behind its own clock, a client still gets this long to answer a state
-SHORTEST_ANSWER_NS = 300_000
+# while the server is behind its own clock, a client still gets its whole millisecond to answer a state: what is caught
+# up is what the client does not need
+LONGEST_ANSWER_NS = PERIOD_NS
 # further behind than this, the robot's time slips instead of being caught up
 LARGEST_LAG_NS = 50_000_000
 
@@ -116,7 +117,7 @@ class Realtime:
             now = clock()
             left = due.deadline_ns - now
             if left <= 0:
-                left = due.shown_ns + SHORTEST_ANSWER_NS - now
+                left = due.shown_ns + LONGEST_ANSWER_NS - now
                 if left <= 0 or not any(station.awaited for station in due.stations):
                     server.poller.serve(0.0)
                     return
