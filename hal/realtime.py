@@ -44,7 +44,7 @@ def realtime_thread(priority: int = PRIORITY, cpu: int | None = None) -> Iterato
     gc.collect()
     gc.freeze()
     gc.disable()
-    # what is mapped becomes memory now: a first touch costs microseconds, and where the kernel gives 2 MB at a time, 8 ms
+    # what is mapped becomes memory now: where the kernel gives 2 MB at a time, a first touch costs 8 ms
     locked = _libc.mlockall(_MCL_CURRENT) == 0
     locked = _libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT) == 0 and locked
     _libc.prctl(_PR_SET_TIMERSLACK, 1)

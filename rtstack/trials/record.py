@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from hal.description import fr3_urdf
+from hal.realtime import obtainable
 from rtstack.log.errors import LogError
 from rtstack.log.ring import Rings
 from rtstack.log.writer import Attachment, CellFrames, LogProcess
-from hal.realtime import obtainable
 from rtstack.model.cell_description import CellDescription, base_frame
 from rtstack.references.spreading import ExtendedReference
 from rtstack.trials.provenance import git_commit, host_report, package_versions

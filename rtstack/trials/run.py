@@ -9,11 +9,11 @@ from typing import TypeVar
 import numpy as np
 
 from hal.cell import Cell
+from hal.realtime import realtime_thread
 from rtstack.control.modes import Strategy
 from rtstack.log.ring import Rings
 from rtstack.loop.history import History
 from rtstack.loop.publisher import Publisher
-from hal.realtime import realtime_thread
 from rtstack.loop.session import Plan, Session, SessionOutcome, StopSignal
 from rtstack.model.cell_description import CellDescription
 from rtstack.references.demonstration import grab, scripted_targets
