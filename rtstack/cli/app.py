@@ -135,6 +135,19 @@ def bench_tick(
     run(ticks, solver, json)
 
 
+@bench_app.command("loop")
+def bench_loop(
+    cell: Annotated[str, typer.Option(help="direct, lockstep, realtime or fci:LEFT,RIGHT.")] = "realtime",
+    seconds: Annotated[float, typer.Option(help="Length of the run.", min=6.0)] = 20.0,
+    log: Annotated[Path | None, typer.Option(metavar="OUT.mcap", help="Keep the log here.")] = None,
+    json: Json = False,
+) -> None:
+    """The whole loop: both arms grab and hold a box, controlled, judged and logged."""
+    from rtstack.cli.bench import loop as run
+
+    run(cell, seconds, log, json)
+
+
 @bench_app.command("link")
 def bench_link(
     cell: Annotated[str, typer.Option(help="lockstep, realtime or fci:LEFT,RIGHT.")] = "lockstep",

@@ -1,6 +1,8 @@
 """`rtstack bench`: what this machine makes of the stack."""
 
 import json as json_module
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import typer
 
@@ -8,6 +10,8 @@ from rtstack.bench.tick import bench_tick
 from rtstack.cli.cells import load_description
 from rtstack.samples import QpSolver
 from rtstack.trials.assembly import default_parameters
+
+FAILED = 1
 
 
 def tick(ticks: int, solver: QpSolver | None, json: bool) -> None:
@@ -32,6 +36,37 @@ def link(cell_kind: str, ticks: int, json: bool) -> None:
         _print(bench_link(cell, ticks).as_dict(), json)
     finally:
         cell.close()
+
+
+def loop(cell_kind: str, seconds: float, log_path: Path | None, json: bool) -> None:
+    """Run the whole loop on a cell for some time and print the figures of its log."""
+    from rtstack.bench.loop import long_grab, loop_figures
+    from rtstack.cli.cells import open_cell
+    from rtstack.cli.interrupt import interruptible
+    from rtstack.log.writer import check_log_path
+    from rtstack.trials.record import open_log
+    from rtstack.trials.run import run_demonstration
+    from rtstack.trials.specification import DemonstrationSpecification
+
+    if log_path is not None:
+        check_log_path(log_path)
+    description, source = load_description(None)
+    specification = DemonstrationSpecification()
+    with TemporaryDirectory() as folder:
+        path = log_path or Path(folder) / "loop.mcap"
+        cell = open_cell(cell_kind, specification.object, 0.0, specification.seed, description)
+        try:
+            with interruptible() as stop:
+                log = open_log(path, specification, description, cell_kind, source)
+                result = run_demonstration(
+                    specification, description, cell, log=log, stop=stop, script=long_grab(seconds)
+                )
+        finally:
+            cell.close()
+        figures = loop_figures(path, cell_kind, result.success, result.failure_reason)
+    _print(figures.as_dict(), json)
+    if not figures.success:
+        raise typer.Exit(FAILED)
 
 
 def _print(values: dict[str, object], json: bool) -> None:

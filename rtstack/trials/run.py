@@ -16,7 +16,7 @@ from rtstack.loop.history import History
 from rtstack.loop.publisher import Publisher
 from rtstack.loop.session import Plan, Session, SessionOutcome, StopSignal
 from rtstack.model.cell_description import CellDescription
-from rtstack.references.demonstration import grab, scripted_targets
+from rtstack.references.demonstration import Grab, grab, scripted_targets
 from rtstack.references.recording import ReferenceError, load_recording
 from rtstack.references.spreading import ExtendedReference, extend
 from rtstack.safety.judge import SafetyJudge
@@ -115,14 +115,18 @@ def run_demonstration(
     stop: StopSignal | None = None,
     progress: Progress | None = None,
     parameters: Parameters | None = None,
+    script: Grab | None = None,
 ) -> DemonstrationResult:
-    """Run a scripted demonstration through the teleoperation path on an open cell. Closes the log, not the cell."""
+    """Run a scripted demonstration through the teleoperation path on an open cell. Closes the log, not the cell.
+
+    script: what to do instead of the specification's variation.
+    """
     parameters = parameters or default_parameters()
     check_object(specification.object, description)
     arms = arm_controllers(description, parameters)
     period_s = parameters.control.period_s
     targets = scripted_targets(
-        grab(specification.variation),
+        script or grab(specification.variation),
         (arms[0].model, arms[1].model),
         np.array([description.left.home, description.right.home]),
         description.objects[specification.object],

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 from sim_robot.fci.server import Server
 from sim_robot.fci.station import Station
+from sim_robot.model import SIDES
 
 PERIOD_NS = 1_000_000
 # while the server is behind its own clock, a client still gets its whole millisecond to answer a state: what is caught
@@ -104,11 +105,13 @@ class Realtime:
             due.shown_ns = clock()
 
     def report(self) -> str:
-        """One line on how well the pace was kept."""
-        return (
+        """How well the pace was kept, and one line an arm on how fast its client answered."""
+        pace = (
             f"{self.ticks} ticks, {self.overruns} overruns (worst {1e-6 * self.worst_lateness_ns:.1f} ms late), "
             f"{1e-6 * self.slipped_ns:.1f} ms slipped"
         )
+        arms = zip(SIDES, self._server.stations, strict=True)
+        return "\n".join([pace, *(f"{side}: {station.answers.report()}" for side, station in arms)])
 
     def _wait(self, due: _BoxClock) -> None:
         """Take answers and requests until the deadline; when late, only until its moving arms have answered."""

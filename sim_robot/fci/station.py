@@ -1,5 +1,6 @@
 """One arm as its control box shows it to a client: requests, motions, modes, and what it answers."""
 
+import time
 from collections.abc import Callable
 
 import numpy as np
@@ -9,6 +10,7 @@ from hal.errors import RecoveryRefused
 from hal.robot_errors import ROBOT_ERRORS, error_bit
 from hal.state import RobotMode
 from sim_robot.cell import SimulatedCell
+from sim_robot.fci.answers import AnswerTimes
 from sim_robot.fci.drive import CARTESIAN_GENERATORS, DrivenBox
 from sim_robot.fci.link import Link
 from sim_robot.fci.protocol import (
@@ -66,6 +68,7 @@ class Station:
         self.repeats, self.repeat_due_s = 0, 0.0  # states shown since Move without an answer, and when the next is due
         self.answered = False  # the client has answered that state
         self.joined = False  # the client has answered at least once since Move
+        self.answers, self._shown_ns = AnswerTimes(), 0
         self._cell, self._side = cell, side
         self._wire, self._bytes = wire, wire.view(np.uint8).data
         self._shown_errors = self._shown_reason = self._reason = 0
@@ -95,6 +98,7 @@ class Station:
         if self.patient:
             self.first_id = int(command["message_id"]) + 1
         self.answered = self.joined = True
+        self.answers.note(time.monotonic_ns() - self._shown_ns)
         if command["torque_command_finished"] or command["motion_generation_finished"]:
             self._finish(MoveStatus.SUCCESS)
             return
@@ -176,9 +180,11 @@ class Station:
 
     def show_new(self) -> None:
         """Send a state that the plant has not shown before: only an answer to it counts from now on."""
+        self.answers.lost += self.awaited and self.joined
         self.answered = False
         if not self.patient:
             self.first_id = self.message_id + 1
+        self._shown_ns = time.monotonic_ns()
         self.show()
 
     # requests
