@@ -106,6 +106,11 @@ class Session:
         self._states = tuple(a.sample.view(np.uint8)[: ARM_STATE.itemsize] for a in controller.arms)
         self._stamps = tuple(a.sample["t_ns"] for a in controller.arms)
         self._torques = tuple(a.sample["tau_applied"][0] for a in controller.arms)
+        # what the judge let through last, what the robot says it was, what the controller starts from
+        self._torques_known = tuple(
+            (judge.memory["tau_applied"][0], a.sample["tau_J_d"][0], a.workspace["tau_previous"][0])
+            for judge, a in zip(judges, controller.arms, strict=True)
+        )
         self._records = tuple((a.sample, a.control) for a in controller.arms)
         self._end = End.COMPLETED
         self._detail = ""
@@ -189,12 +194,10 @@ class Session:
 
     def _agree_on_the_past(self, k: int) -> None:
         """Start from the torque that the robot has: an answer that came too late was dropped."""
-        applied = self._judges[k].memory["tau_applied"][0]
-        tau_J_d = self._controller.arms[k].sample["tau_J_d"][0]
+        applied, tau_J_d, tau_previous = self._torques_known[k]
         if np.abs(tau_J_d - applied).max() > SAME_TORQUE_NM:
             self._lost += 1
-            applied[:] = tau_J_d
-            self._controller.arms[k].workspace["tau_previous"][0] = tau_J_d
+            applied[:] = tau_previous[:] = tau_J_d
 
     def _publish(self, sides: tuple[int, ...], compute_us: float) -> None:
         """Publish once both arms were served; where one was served twice, with the other one's last tick."""
