@@ -1,8 +1,8 @@
 """The whole loop against two control boxes with a clock each, which drift past each other.
 
-`python tests/bench/two_clocks.py --seconds 60 --phase-us 500 --drift-ppm 50`: a simulated robot in a process of its own,
-`rtstack bench loop` as its client, and at the end what the robot saw: the time from each state to its answer, by its own
-clock, and the states that were not answered in time. Nothing else should compute meanwhile.
+`python tests/bench/two_clocks.py --seconds 60 --phase-us 500 --drift-ppm 50`: a simulated robot in a process of its
+own, `rtstack bench loop` as its client, and at the end what the robot saw: the time from each state to its answer, by
+its own clock, and the states that were not answered in time. Nothing else should compute meanwhile.
 """
 
 import argparse
