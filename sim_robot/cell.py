@@ -17,6 +17,9 @@ from hal.state import ArmState, RobotMode
 from sim_robot import reflexes
 from sim_robot.clock import Clock
 from sim_robot.control_box import ControlBox
+from sim_robot.faults.file import refuse_link_faults
+from sim_robot.faults.injection import Injection
+from sim_robot.faults.kinds import Fault
 from sim_robot.model import SIDES
 from sim_robot.plant import Plant
 from sim_robot.plant_parameters import PlantParameters, load_plant_parameters
@@ -49,6 +52,8 @@ class SimulatedArm:
             self._cell.next_state()
         self._seen_tick = self._cell.plant.ticks
         self._bytes[:] = self._source
+        if self._cell.faults is not None:
+            self._cell.faults.freeze(self._side, self._state.record, "t_ns")
         self._check_no_reflex()
         return self._state
 
@@ -60,7 +65,9 @@ class SimulatedArm:
 
     def stop(self) -> None:
         """End torque control: the arm brakes and holds. A reflex stays latched."""
-        self._cell.boxes[self._side].stop()
+        box = self._cell.boxes[self._side]
+        if box.mode != RobotMode.USER_STOPPED:
+            box.stop()
 
     def recover(self) -> None:
         """Clear a reflex: the arm is idle and holds. Raises RecoveryRefused while its cause persists."""
@@ -81,6 +88,8 @@ class SimulatedArm:
         if box.mode == RobotMode.REFLEX:
             names = box.error_names
             raise CommandRejected(f"{SIDES[self._side]} arm in reflex: {', '.join(names)}; recover it first", names)
+        if box.mode == RobotMode.USER_STOPPED:
+            raise CommandRejected(f"{SIDES[self._side]} arm: user stop pressed; release the activation device first")
 
 
 class SimulatedCell:
@@ -94,6 +103,7 @@ class SimulatedCell:
         seed: int,
         clock: Clock | None = None,
         box_kind: type[ControlBox] = ControlBox,
+        faults: tuple[Fault, ...] = (),
     ) -> None:
         self.plant, self.clock = plant, clock
         self.sensors = Sensors(plant, parameters.sensors, scene.pad.face_offset_z, seed)
@@ -102,7 +112,9 @@ class SimulatedCell:
         self._masks = np.zeros(2, dtype=np.int64)
         timeout_ms = parameters.reflexes.communication_timeout_ms
         self.boxes = tuple(box_kind(plant, side, timeout_ms) for side in range(2))
-        self.tracker = SimulatedTracker(plant, parameters.tracker, seed)
+        self.faults = Injection(faults, plant, self.boxes, scene.pad.size[2]) if faults else None
+        tracker = SimulatedTracker(plant, parameters.tracker, seed)
+        self.tracker = tracker if self.faults is None else self.faults.tracker(tracker)
         self.left, self.right = SimulatedArm(self, 0), SimulatedArm(self, 1)
         # views of single fields: looking a field up costs more than writing it
         self._modes, self._errors, self._rates = (
@@ -116,25 +128,40 @@ class SimulatedCell:
         for remaining in range(milliseconds - 1, -1, -1):
             for box in self.boxes:
                 box.begin_millisecond(on_time=remaining == 0)
+            if self.faults is not None:
+                self.faults.begin_millisecond()
             self.plant.advance()
             self._observe()
 
     def _observe(self) -> None:
-        self.sensors.sense()
+        if self.faults is None:
+            self.sensors.sense()
+        else:
+            self.faults.plant.mislead_sensors()
+            self.sensors.sense()
+            self.faults.plant.enlighten_sensors()
         self.tracker.update()
         reflexes.judge_states(self.states, self._tolerances, self._masks)
         for side, box in enumerate(self.boxes):
             if self._masks[side] and box.mode == RobotMode.MOVE:
                 box.trip(int(self._masks[side]))
+        if self.faults is not None:
+            self.faults.judge()
+        for side, box in enumerate(self.boxes):
             self._modes[side], self._errors[side] = box.mode, box.errors
             self._rates[side] = box.success_rate
 
     def recover(self, side: int) -> None:
         """Clear the reflex of arm 0 (left) or 1 (right). Raises RecoveryRefused while its cause persists."""
-        persisting = error_names(self.boxes[side].errors & int(self._masks[side]))
+        box, causes = self.boxes[side], int(self._masks[side])
+        if box.mode == RobotMode.USER_STOPPED:
+            raise RecoveryRefused(f"the user stop of the {SIDES[side]} arm is pressed; release it first")
+        if self.faults is not None:
+            causes |= self.faults.causes(side)
+        persisting = error_names(box.errors & causes)
         if persisting:
             raise RecoveryRefused(f"the cause persists: {', '.join(persisting)}; move the {SIDES[side]} arm back first")
-        self.boxes[side].recover()
+        box.recover()
 
     def as_cell(self, name: str) -> Cell:
         """Return the cell as hal knows it. `name` is the kind as the command line spells it."""
@@ -163,16 +190,21 @@ def simulated_cell(
     parameters: PlantParameters | None = None,
     clock: Clock | None = None,
     box_kind: type[ControlBox] = ControlBox,
+    faults: tuple[Fault, ...] = (),
+    on_the_wire: bool = False,
 ) -> SimulatedCell:
     """Build the cell with this object, `displacement_m` along the world's y from its place.
 
-    Without a clock it is lockstep: nothing waits, and a seed gives bit-identical states. Raises
-    UnknownObject, ObjectOutOfReach, BadParameterFile.
+    Without a clock it is lockstep: nothing waits, and a seed gives bit-identical states. `on_the_wire`: an
+    FCI server stands in front, and carries out the faults of the link. Raises UnknownObject,
+    ObjectOutOfReach, BadParameterFile, FaultNeedsLink.
     """
+    if not on_the_wire:
+        refuse_link_faults(faults)
     layout = load_scene(scene)
     parameters = load_plant_parameters() if parameters is None else parameters
     plant = Plant(layout, parameters, object_name, displacement_m, seed)
-    return SimulatedCell(plant, layout, parameters, seed, clock, box_kind)
+    return SimulatedCell(plant, layout, parameters, seed, clock, box_kind, faults)
 
 
 def nominal_cell(

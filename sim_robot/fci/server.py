@@ -5,8 +5,8 @@ import functools
 import numpy as np
 
 from sim_robot.cell import SimulatedCell
+from sim_robot.faults import link as faults_link
 from sim_robot.fci.gripper import Gripper
-from sim_robot.fci.link import Link
 from sim_robot.fci.poller import Poller
 from sim_robot.fci.protocol import ROBOT_STATE, Command
 from sim_robot.fci.robot_state import MOTION_RECORD, fill_states
@@ -37,7 +37,8 @@ class Server:
         self._feed: TrackerFeed | None = None
         stations = []
         for side, address in enumerate(addresses):
-            link = Link(
+            make_link, make_station = faults_link.kinds(cell.faults, side)
+            link = make_link(
                 self.poller,
                 address,
                 on_request=functools.partial(self._request, side),
@@ -46,7 +47,7 @@ class Server:
             )
             settings = Settings(self._settings[side], scene.pad, parameters.holding.stiffness)
             stations.append(
-                Station(
+                make_station(
                     cell,
                     side,
                     link,

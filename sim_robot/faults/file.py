@@ -1,0 +1,149 @@
+"""A faults file: `[[fault]]` tables of TOML into `Fault` records. What each kind and key means: `kinds`."""
+
+import re
+import tomllib
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from sim_robot.faults.kinds import KINDS, OF_NO_ARM, OF_THE_LINK, WITHOUT_DURATION, Fault, Origin, Reflex
+from sim_robot.model import SIDES
+from sim_robot.strict_toml import BadParameterFile, record_from_table
+
+_ARMS = {"left": (0,), "right": (1,), "both": (0, 1)}
+LONGEST_S = 1e6
+_HEADER = re.compile(r"\s*\[\[\s*fault\s*\]\]")
+
+
+class FaultNeedsLink(BadParameterFile):
+    """A fault of the link where no link is."""
+
+
+def load_faults(path: Path) -> tuple[Fault, ...]:
+    """Read a faults file. Raises BadParameterFile: one line with the file, the line if known, the key, the remedy."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise BadParameterFile(f"{path}: cannot be read: {error.strerror}") from None
+    except (UnicodeDecodeError, ValueError) as error:  # a path with a NUL is a ValueError
+        raise BadParameterFile(f"{path}: not valid TOML: {error}") from None
+    try:
+        document = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # TOMLDecodeError, or a number of thousands of digits
+        raise BadParameterFile(_one_line(f"{path}: not valid TOML: {error}")) from None
+    return faults_in(document, str(path), text)
+
+
+def faults_in(document: dict[str, Any], source: str, text: str = "") -> tuple[Fault, ...]:
+    """Check a parsed document. `text` is what it was parsed from, to name lines. Raises BadParameterFile."""
+    for key in document:
+        if key != "fault":
+            raise BadParameterFile(_one_line(f"{source}: unknown key {key!r}; each fault is a [[fault]] table"))
+    tables = document.get("fault", [])
+    if not isinstance(tables, list):
+        raise BadParameterFile(f"{source}: 'fault' must be a list of tables: write [[fault]]")
+    faults = []
+    for number, table in enumerate(tables, 1):
+        try:
+            faults.append(_fault(table))
+        except (_Wrong, ValueError) as error:  # ValueError: an integer that is too long to be shown
+            line = _line(text, number, len(tables), error.key if isinstance(error, _Wrong) else "")
+            raise BadParameterFile(_one_line(f"{source}{line}: fault {number}{_named(table)}: {error}")) from None
+    return tuple(faults)
+
+
+def refuse_link_faults(faults: tuple[Fault, ...]) -> None:
+    """Raise FaultNeedsLink where a fault is the link's: a cell in one process has none."""
+    kinds = sorted({fault.kind for fault in faults if isinstance(fault.effect, OF_THE_LINK)})
+    if kinds:
+        raise FaultNeedsLink(
+            f"faults of the link ({', '.join(kinds)}) need the robot behind its interface: use rtstack sim --faults, "
+            "or leave them out"
+        )
+
+
+class _Wrong(Exception):
+    def __init__(self, key: str, message: str) -> None:
+        super().__init__(message)
+        self.key = key
+
+
+def _fault(table: Any) -> Fault:
+    if not isinstance(table, dict):
+        raise _Wrong("", f"expected a table, got {table!r}")
+    kind = table.get("kind")
+    if not isinstance(kind, str) or kind not in KINDS:
+        said = "missing key 'kind'" if kind is None else f"unknown kind {kind!r}"
+        raise _Wrong("kind", f"{said}; choose one of {', '.join(KINDS)}")
+    effect = KINDS[kind]
+    own = [field.name for field in fields(effect)]
+    common = ["kind", "at_s", "when", "delay_s"]
+    common += [] if effect in OF_NO_ARM else ["arm"]
+    common += [] if effect in WITHOUT_DURATION else ["duration_s"]
+    for key in table:
+        if key not in common + own:
+            raise _Wrong(key, f"unknown key {key!r}; its keys are {', '.join(common + own)}")
+    sides = (0, 1) if effect in OF_NO_ARM else _sides(table)
+    origin, delay_ms = _moment(table)
+    duration_ms = _milliseconds(table, "duration_s", smallest_s=1e-3) if "duration_s" in table else None
+    if effect is Reflex and duration_ms is None:
+        duration_ms = 1
+    try:
+        what = record_from_table(effect, {key: table[key] for key in own if key in table}, "its own keys")
+    except BadParameterFile as error:
+        raise _Wrong(own[0], str(error).removeprefix("its own keys: ")) from None
+    except OverflowError:  # an integer of hundreds of digits
+        raise _Wrong(own[0], f"{own[0]}: expected a number within reason") from None
+    return Fault(what, sides, origin, delay_ms, duration_ms)
+
+
+def _sides(table: dict[str, Any]) -> tuple[int, ...]:
+    arm = table.get("arm")
+    if not isinstance(arm, str) or arm not in _ARMS:
+        said = "missing key 'arm'" if arm is None else f"arm cannot be {arm!r}"
+        raise _Wrong("arm", f"{said}; say {', '.join(SIDES)} or both")
+    return _ARMS[arm]
+
+
+def _moment(table: dict[str, Any]) -> tuple[Origin, int]:
+    if "at_s" in table:
+        for key in ("when", "delay_s"):
+            if key in table:
+                raise _Wrong(key, f"at_s and {key} together: leave one of them out")
+        return Origin.MOTION, _milliseconds(table, "at_s")
+    if "when" not in table:
+        raise _Wrong("delay_s", 'no moment: add at_s (seconds since the first motion) or when = "first_contact"')
+    if table["when"] != Origin.FIRST_CONTACT.value:
+        raise _Wrong("when", f'when cannot be {table["when"]!r}; say "first_contact", or use at_s')
+    return Origin.FIRST_CONTACT, _milliseconds(table, "delay_s") if "delay_s" in table else 0
+
+
+def _milliseconds(table: dict[str, Any], key: str, smallest_s: float = 0.0) -> int:
+    value = table[key]
+    if type(value) not in (int, float) or not smallest_s <= value <= LONGEST_S:
+        raise _Wrong(key, f"{key} must be a number of seconds from {smallest_s:g} to {LONGEST_S:g}, got {value!r}")
+    return round(1e3 * value)
+
+
+def _named(table: Any) -> str:
+    kind = table.get("kind") if isinstance(table, dict) else None
+    return f" ({kind})" if isinstance(kind, str) and kind in KINDS else ""
+
+
+def _line(text: str, number: int, tables: int, key: str) -> str:
+    """Return ':12' where the key of this fault, or its table, is found in the text; '' where that is unclear."""
+    lines = text.splitlines()
+    headers = [index for index, line in enumerate(lines) if _HEADER.match(line)]
+    if len(headers) != tables:
+        return ""
+    first = headers[number - 1]
+    after = headers[number] if number < tables else len(lines)
+    pattern = re.compile(rf"""\s*["']?{re.escape(key)}["']?\s*=""") if key else None
+    for index in range(first, after):
+        if pattern is not None and pattern.match(lines[index]):
+            return f":{index + 1}"
+    return f":{first + 1}"
+
+
+def _one_line(message: str) -> str:
+    return " ".join(message.split())

@@ -1,0 +1,83 @@
+"""A script of faults at work in one simulated cell. The cell calls it at four places of each millisecond."""
+
+import numpy as np
+
+from hal.robot_errors import error_bit
+from hal.state import RobotMode
+from sim_robot.control_box import ControlBox
+from sim_robot.faults.kinds import Fault, Reflex, StateFrozen, TrackerFrozen, TrackerLost, UserStop
+from sim_robot.faults.plant import PlantFaults
+from sim_robot.faults.schedule import Schedule
+from sim_robot.faults.tracker import FaultyTracker
+from sim_robot.plant import Plant
+from sim_robot.tracker import SimulatedTracker
+
+
+class Injection:
+    """Carries out the faults of the plant, of the robot and of the tracker; those of the link are `link`'s."""
+
+    def __init__(
+        self, faults: tuple[Fault, ...], plant: Plant, boxes: tuple[ControlBox, ...], pad_thickness: float
+    ) -> None:
+        self.schedule = Schedule(faults)
+        self.plant = PlantFaults(plant, self.schedule, pad_thickness)
+        self._boxes = boxes
+        self._frozen: list[np.ndarray | None] = [None, None]
+
+    def tracker(self, inner: SimulatedTracker) -> FaultyTracker:
+        """Return the tracker as the faults let it be seen."""
+        effects = self.schedule.effects
+        return FaultyTracker(
+            inner,
+            blind=lambda: self.plant.object_lost or bool(effects(TrackerLost, 0)),
+            frozen=lambda: bool(effects(TrackerFrozen, 0)),
+        )
+
+    def begin_millisecond(self) -> None:
+        """Begin what is due, after the boxes have begun the ms and before the plant goes on."""
+        contact = self.schedule.awaits_contact and self.plant.pad_touches_object()
+        moving = any(box.mode == RobotMode.MOVE for box in self._boxes)
+        if self.schedule.begin_millisecond(moving, contact):
+            self.plant.change()
+        self.plant.begin_millisecond()
+
+    def pass_still_millisecond(self) -> None:
+        """Let 1 ms pass for a plant that stands still, as between two motions in lockstep."""
+        if self.schedule.pass_still_millisecond():
+            self.plant.change()
+            self.judge()
+
+    def judge(self) -> None:
+        """Let the robots react, after the ms."""
+        for side, box in enumerate(self._boxes):
+            causes = self.causes(side)
+            began = any(isinstance(fault.effect, Reflex) and side in fault.sides for fault in self.schedule.begun)
+            if causes and (box.mode == RobotMode.MOVE or (began and box.mode == RobotMode.IDLE)):
+                box.trip(causes)
+            if self.schedule.effects(UserStop, side):
+                if box.mode != RobotMode.USER_STOPPED:
+                    box.stop()
+                    box.mode = RobotMode.USER_STOPPED
+            elif box.mode == RobotMode.USER_STOPPED:
+                # released: what was latched before is still there
+                box.mode = RobotMode.REFLEX if box.errors else RobotMode.IDLE
+
+    def causes(self, side: int) -> int:
+        """Return the mask of errors whose cause persists by a fault."""
+        mask = 0
+        for effect in self.schedule.effects(Reflex, side):
+            mask |= error_bit(effect.error)
+        return mask
+
+    def freeze(self, side: int, state: np.ndarray, time: str) -> None:
+        """Repeat the first state of this arm that was shown since it froze, but for the field `time`. state: (1,)."""
+        if not self.schedule.effects(StateFrozen, side):
+            self._frozen[side] = None
+            return
+        frozen = self._frozen[side]
+        if frozen is None:
+            self._frozen[side] = state.copy()
+            return
+        now = state[time].copy()
+        state[:] = frozen
+        state[time] = now

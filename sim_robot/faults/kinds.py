@@ -1,0 +1,204 @@
+"""What can go wrong, by the name that a faults file gives as `kind`, with the kind's own keys.
+
+| kind             | own keys        | what happens                                                                    |
+| ---------------- | --------------- | ------------------------------------------------------------------------------- |
+| push             | force_N         | a force, (3,) N along the world's axes, on the face of the arm's pad            |
+| joint_push       | torque_Nm       | an outer torque, (7,) Nm, on the link side of the joints                        |
+| slip             | friction_factor | the friction between the arm's pad and the object, times this                   |
+| object_lost *    | -               | the object is taken away for good; the tracker sees it no more                  |
+| friction_change  | friction_factor | the friction of the arm's joints, times this                                    |
+| tau_sensor_bias  | bias_Nm         | added to the joint torque sensors, (7,) Nm; the torque loop believes it         |
+| reflex           | error           | the vendor's error of that name; recovery is refused for `duration_s`           |
+| user_stop        | -               | the external activation device is pressed: the arm brakes, and refuses Move     |
+| state_frozen     | -               | the same state again and again, under rising time                               |
+| states_lost +    | -               | the arm's client is sent no state                                               |
+| answers_lost +   | -               | the commands of the arm's client are dropped, as if they had come too late      |
+| disconnect +     | -               | the TCP connection of the arm's client is closed                                |
+| stall * +        | stall_ms        | the whole robot server stands still, in ms of wall-clock time                   |
+| tracker_lost *   | -               | motion capture has no new frames of the object                                  |
+| tracker_frozen * | -               | motion capture repeats its last pose under rising time                          |
+
+Keys of every kind: `arm` = left, right or both (none for kinds with *); the moment, which is either `at_s`, the
+robot's time since the first motion of any arm, or `when = "first_contact"` (of a pad with the object) and `delay_s`
+after it; `duration_s`, to the end when left out. object_lost, disconnect and stall have no duration, and a reflex
+without one is over at once, though latched. Kinds with + need the Franka Control Interface between robot and client.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+
+from hal.robot_errors import ROBOT_ERRORS
+from sim_robot.plant_parameters import Joints
+from sim_robot.scene import Vector3
+
+LARGEST_FORCE_N = 1000.0
+LARGEST_TORQUE_NM = 200.0
+LARGEST_FACTOR = 100.0
+LARGEST_STALL_MS = 60_000.0
+
+
+def _within(name: str, values: tuple[float, ...], lowest: float, largest: float) -> None:
+    for value in values:
+        if not lowest <= value <= largest:
+            raise ValueError(f"{name} must be within {lowest:g} and {largest:g}, got {value:g}")
+
+
+@dataclass(frozen=True, slots=True)
+class Push:
+    """A force on the pad's face, along the world's axes."""
+
+    force_N: Vector3
+
+    def __post_init__(self) -> None:
+        _within("force_N", self.force_N, -LARGEST_FORCE_N, LARGEST_FORCE_N)
+
+
+@dataclass(frozen=True, slots=True)
+class JointPush:
+    """An outer torque on the joints."""
+
+    torque_Nm: Joints
+
+    def __post_init__(self) -> None:
+        _within("torque_Nm", self.torque_Nm, -LARGEST_TORQUE_NM, LARGEST_TORQUE_NM)
+
+
+@dataclass(frozen=True, slots=True)
+class Slip:
+    """The pad loses its grip."""
+
+    friction_factor: float
+
+    def __post_init__(self) -> None:
+        _within("friction_factor", (self.friction_factor,), 0.0, LARGEST_FACTOR)
+
+
+@dataclass(frozen=True, slots=True)
+class FrictionChange:
+    """The joints run more smoothly, or bind."""
+
+    friction_factor: float
+
+    def __post_init__(self) -> None:
+        _within("friction_factor", (self.friction_factor,), 0.0, LARGEST_FACTOR)
+
+
+@dataclass(frozen=True, slots=True)
+class TauSensorBias:
+    """The joint torque sensors are off."""
+
+    bias_Nm: Joints
+
+    def __post_init__(self) -> None:
+        _within("bias_Nm", self.bias_Nm, -LARGEST_TORQUE_NM, LARGEST_TORQUE_NM)
+
+
+@dataclass(frozen=True, slots=True)
+class Reflex:
+    """The robot stops itself."""
+
+    error: str
+
+    def __post_init__(self) -> None:
+        if self.error not in ROBOT_ERRORS:
+            raise ValueError(f"error {self.error!r} is none of the vendor's: see hal/robot_errors.py")
+
+
+@dataclass(frozen=True, slots=True)
+class Stall:
+    """The server stands still."""
+
+    stall_ms: float
+
+    def __post_init__(self) -> None:
+        _within("stall_ms", (self.stall_ms,), 0.0, LARGEST_STALL_MS)
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectLost:
+    """The object is gone."""
+
+
+@dataclass(frozen=True, slots=True)
+class UserStop:
+    """Somebody presses the external activation device."""
+
+
+@dataclass(frozen=True, slots=True)
+class StateFrozen:
+    """The robot repeats itself."""
+
+
+@dataclass(frozen=True, slots=True)
+class StatesLost:
+    """The way to the client is cut."""
+
+
+@dataclass(frozen=True, slots=True)
+class AnswersLost:
+    """The way from the client is cut."""
+
+
+@dataclass(frozen=True, slots=True)
+class Disconnect:
+    """The connection is closed."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerLost:
+    """The object is hidden from the cameras."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerFrozen:
+    """Motion capture repeats itself."""
+
+
+Effect = (
+    Push | JointPush | Slip | FrictionChange | TauSensorBias | Reflex | Stall | ObjectLost | UserStop | StateFrozen
+    | StatesLost | AnswersLost | Disconnect | TrackerLost | TrackerFrozen
+)  # fmt: skip
+
+KINDS: dict[str, type[Effect]] = {
+    "push": Push,
+    "joint_push": JointPush,
+    "slip": Slip,
+    "object_lost": ObjectLost,
+    "friction_change": FrictionChange,
+    "tau_sensor_bias": TauSensorBias,
+    "reflex": Reflex,
+    "user_stop": UserStop,
+    "state_frozen": StateFrozen,
+    "states_lost": StatesLost,
+    "answers_lost": AnswersLost,
+    "disconnect": Disconnect,
+    "stall": Stall,
+    "tracker_lost": TrackerLost,
+    "tracker_frozen": TrackerFrozen,
+}
+OF_NO_ARM = (ObjectLost, Stall, TrackerLost, TrackerFrozen)
+WITHOUT_DURATION = (ObjectLost, Disconnect, Stall)
+OF_THE_LINK = (StatesLost, AnswersLost, Disconnect, Stall)
+
+
+class Origin(Enum):
+    """What a fault's delay counts from."""
+
+    MOTION = "motion"  # the first ms in which any arm is in motion
+    FIRST_CONTACT = "first_contact"  # the first ms after any pad has touched the object
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One entry of the script. sides: 0 left, 1 right. duration_ms: None lasts to the end."""
+
+    effect: Effect
+    sides: tuple[int, ...]
+    origin: Origin
+    delay_ms: int
+    duration_ms: int | None
+
+    @property
+    def kind(self) -> str:
+        """Its name in a faults file."""
+        return next(name for name, effect in KINDS.items() if effect is type(self.effect))
