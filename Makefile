@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test fci realtime check bench clean
+.PHONY: help setup run test realtime check bench clean
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-8s %s\n", $$1, $$2}'
@@ -23,9 +23,6 @@ run: setup  ## install, then start the whole stack with the simulated cell
 
 test: setup  ## all tests, in a real Chromium too (Debian: apt-get install chromium)
 	$(BIN)/python -m pytest
-
-fci: setup  ## the tests over the Franka Control Interface
-	$(BIN)/python -m pytest -m "fci and not realtime"
 
 realtime: setup  ## the tests whose outcome depends on this machine keeping time
 	$(BIN)/python -m pytest -m realtime

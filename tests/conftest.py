@@ -1,5 +1,8 @@
 """What tests of several packages share: the cell, one recorded demonstration, and a runner of trials on it."""
 
+import gc
+import sys
+import traceback
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,11 +22,14 @@ settings.register_profile("shared", deadline=None)
 settings.load_profile("shared")
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what speaks over the wire: clients and server processes that meet on loopback."""
-    for item in items:
-        if item.path.parent.name == "fci" or item.path.name.startswith("test_fci_"):
-            item.add_marker(pytest.mark.fci)
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_teardown() -> None:
+    """Let go of what a failed test held: its traceback would keep clients connected to a robot that then ends."""
+    failed = getattr(sys, "last_traceback", None)
+    if failed is not None:
+        traceback.clear_frames(failed)
+        sys.last_value = sys.last_traceback = None
+        gc.collect()
 
 
 @pytest.fixture(scope="session")

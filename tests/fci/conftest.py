@@ -1,4 +1,4 @@
-"""Servers that tests share, or have of their own."""
+"""Servers of each test's own."""
 
 import contextlib
 import os
@@ -17,19 +17,19 @@ def _ordinary_scheduling() -> Iterator[None]:
 
 @pytest.fixture
 def fresh_server() -> Callable[..., contextlib.AbstractContextManager[Served]]:
-    """Start a server of the test's own."""
+    """Start a server with arguments of the test's choice."""
     return serve
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture
 def lockstep() -> Iterator[Served]:
-    """A lockstep server that tests share: each leaves both arms idle."""
+    """A lockstep server: what happens does not depend on how busy the machine is."""
     with serve("--lockstep") as served:
         yield served
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture
 def realtime() -> Iterator[Served]:
-    """A real-time server that tests share."""
+    """A real-time server."""
     with serve() as served:
         yield served

@@ -286,7 +286,7 @@ def _serves(served: Served) -> bool:
 
 def fuzz(served: Served, messages: int, seed: int, seconds: float) -> Outcome:
     """Throw until `messages` or `seconds` are reached. Raises what the check with the real client raises."""
-    fuzzer, number = Fuzzer(served, seed), served.process.pid
+    fuzzer, number = Fuzzer(served, seed), served.pid
     outcome = fuzzer.outcome
     addresses = (served.left, served.right)
     before_ids = [_newest_id(address) for address in addresses]
@@ -299,7 +299,7 @@ def fuzz(served: Served, messages: int, seed: int, seconds: float) -> Outcome:
     after_ids = [_newest_id(address) for address in addresses]
     outcome.seconds = time.monotonic() - began
     outcome.ids = (after_ids[0] - before_ids[0], after_ids[1] - before_ids[1])
-    outcome.alive = served.process.poll() is None and _serves(served)
+    outcome.alive = served.alive and _serves(served)
     for address in addresses:  # what the real client left is gone when the next one is let in
         _newest_id(address)
     outcome.rss_kib, outcome.descriptors = (before_rss, _rss_kib(number)), (before_descriptors, _descriptors(number))
