@@ -5,11 +5,12 @@ from importlib.resources import as_file, files
 from pathlib import Path
 
 from hal.cell import Cell
+from hal.errors import HardwareError
 from hal.fci import FciPair, Tool, open_pair
-from hal.tracker_link import NoTracker
+from hal.tracker_link import TrackerLink
 from rtstack.cli.simulator import Simulator
 from rtstack.live.source import CellSource
-from rtstack.model.cell_description import CellDescription, load_cell_description
+from rtstack.model.cell_description import CellDescription, TrackerAddress, load_cell_description
 from rtstack.trials.errors import TrialError
 
 KINDS = "direct, lockstep, realtime, fci:LEFT,RIGHT"
@@ -39,12 +40,10 @@ def open_cell(
         from sim_robot.cell import simulated_cell
 
         return simulated_cell(object_name, displacement_m, seed).as_cell(kind)
-    tool = _tool(description or load_description(None)[0])
+    description = description or load_description(None)[0]
     if kind in ("lockstep", "realtime"):
-        return _simulator_cell(kind, object_name, displacement_m, seed, tool)
-    left, right = fci_addresses(kind)
-    pair = open_pair(left, right, tool)
-    return Cell(kind, pair.left, pair.right, NoTracker(), pair, own_clocks=True)
+        return _simulator_cell(kind, object_name, displacement_m, seed, _tool(description))
+    return _fci_cell(kind, description)
 
 
 def fci_addresses(kind: str) -> tuple[str, str]:
@@ -61,6 +60,43 @@ def fci_addresses(kind: str) -> tuple[str, str]:
 def _tool(description: CellDescription) -> Tool:
     pad = description.pad
     return Tool.pad(pad.size, pad.mass, pad.flange_to_face)
+
+
+def _fci_cell(kind: str, description: CellDescription) -> Cell:
+    left, right = fci_addresses(kind)
+    tracker = _listen(description.tracker)
+    try:
+        pair = open_pair(left, right, _tool(description))
+    except BaseException:
+        tracker.close()
+        raise
+    return Cell(kind, pair.left, pair.right, tracker, _TrackedLink(pair, tracker), own_clocks=True)
+
+
+def _listen(tracker: TrackerAddress) -> TrackerLink:
+    """Listen for the object's poses. Raises HardwareError with one line."""
+    try:
+        return TrackerLink(*tracker.listener)
+    except (OSError, OverflowError) as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise HardwareError(
+            f"cannot listen for the object's poses at {tracker.address}: {reason}; end whoever listens there, or give "
+            "the cell's file another address under [tracker]"
+        ) from None
+
+
+class _TrackedLink:
+    """Both arms at their addresses, and the tracker that is listened to."""
+
+    def __init__(self, pair: FciPair, tracker: TrackerLink) -> None:
+        self._pair = pair
+        self._tracker = tracker
+        self.start, self.wait = pair.start, pair.wait
+
+    def close(self) -> None:
+        """Disconnect, and stop listening."""
+        self._pair.close()
+        self._tracker.close()
 
 
 class _SimulatorLink:

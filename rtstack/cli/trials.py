@@ -72,9 +72,10 @@ def _report(result: TrialResult | DemonstrationResult, json: bool, line: str) ->
 def _demonstration_line(result: DemonstrationResult) -> str:
     if not result.success:
         return f"demonstration failed: {result.failure_reason}"
+    lift = "the object was never seen" if result.max_lift_mm is None else f"lifted {result.max_lift_mm:.0f} mm"
     return (
         f"recorded {result.log}: {result.object}, variation {result.variation}, impact at "
-        f"{result.detected_impact_time_s:.3f} s, lifted {result.max_lift_mm:.0f} mm"
+        f"{result.detected_impact_time_s:.3f} s, {lift}"
     )
 
 

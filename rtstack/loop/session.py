@@ -118,6 +118,7 @@ class Session:
         self._compute_us = publisher.timing["compute_us"]
         self._unpublished = 0
         self._lost = 0
+        self._echoed = [False, False]  # the robot has shown a torque of ours
         self._rest = 0
         self._stopping_ticks = 0
         self._mode = Mode.IDLE
@@ -193,11 +194,20 @@ class Session:
                 self._agree_on_the_past(k)
 
     def _agree_on_the_past(self, k: int) -> None:
-        """Start from the torque that the robot has: an answer that came too late was dropped."""
+        """Start from the torque that the robot has: an answer that came too late was dropped.
+
+        Torque control begins at zero. Until our first torque has come back, tau_J_d is what the robot's own controller
+        held the arm with: no start for ours.
+        """
         applied, tau_J_d, tau_previous = self._torques_known[k]
-        if np.abs(tau_J_d - applied).max() > SAME_TORQUE_NM:
-            self._lost += 1
+        if np.abs(tau_J_d - applied).max() <= SAME_TORQUE_NM:
+            self._echoed[k] = self._echoed[k] or self._time.elapsed_ns[k] > 0
+            return
+        self._lost += self._time.elapsed_ns[k] > 0
+        if self._echoed[k]:
             applied[:] = tau_previous[:] = tau_J_d
+        else:
+            applied[:] = tau_previous[:] = 0.0
 
     def _publish(self, sides: tuple[int, ...], compute_us: float) -> None:
         """Publish once both arms were served; where one was served twice, with the other one's last tick."""

@@ -1,10 +1,12 @@
 """What a lab knows about its cell: where the arms stand, what they carry, where a trial starts."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
 from rtstack.configuration import STRICT, ConfigurationError, load_toml
@@ -48,6 +50,19 @@ class ObjectDescription:
 
 
 @checked(frozen=True, slots=True, config=STRICT)
+class TrackerAddress:
+    """Where the object's poses arrive, by UDP (hal.tracker_link): HOST:PORT to listen at."""
+
+    address: Annotated[str, Field(pattern=r"^[^\s:]+:\d{1,5}$")] = "127.0.0.1:1341"
+
+    @property
+    def listener(self) -> tuple[str, int]:
+        """Return host and port."""
+        host, _, port = self.address.rpartition(":")
+        return host, int(port)
+
+
+@checked(frozen=True, slots=True, config=STRICT)
 class CellDescription:
     """A cell, as its TOML describes it (deploy/cells)."""
 
@@ -58,6 +73,7 @@ class CellDescription:
     pad: Pad
     table: Table
     objects: dict[str, ObjectDescription]
+    tracker: TrackerAddress = field(default_factory=TrackerAddress)
 
 
 @dataclass(frozen=True, slots=True)

@@ -205,7 +205,7 @@ def _demonstration_result(
 ) -> DemonstrationResult:
     impact_s = run.first_impact_s
     values = score(run.history.columns(), outcome.start_t_ns, impact_s or 0.0, 0.0, impact_s, SuccessCriterion())
-    reason = failure_reason(outcome.end, outcome.detail, True, outcome.safety_interventions)
+    reason = failure_reason(outcome.end, outcome.detail, outcome.safety_interventions)
     if reason is None and impact_s is None:
         reason = "no impact was detected"
     return DemonstrationResult(
@@ -227,7 +227,7 @@ def _demonstration_result(
 def _trial_result(
     prepared: PreparedTrial, cell: str, outcome: SessionOutcome, values: Score, log: TrialLog | None
 ) -> TrialResult:
-    reason = failure_reason(outcome.end, outcome.detail, values.held, outcome.safety_interventions)
+    reason = failure_reason(outcome.end, outcome.detail, outcome.safety_interventions, values)
     specification = prepared.specification
     return TrialResult(
         success=reason is None,

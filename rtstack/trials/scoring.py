@@ -28,8 +28,9 @@ class SuccessCriterion:
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """What the samples say. See TrialResult for the meaning of each."""
+    """What the samples say. See TrialResult for the meaning of each. seen: the tracker saw the object meanwhile."""
 
+    seen: bool
     held: bool
     average_force_norm: float | None
     average_force_norm_linear_n: float | None
@@ -59,12 +60,14 @@ def score(
     norm = np.linalg.norm(wrench, axis=(0, 2))
     linear = np.linalg.norm(wrench[:, :, :3], axis=(0, 2))
     compute = columns.timing["compute_us"]
+    seen = bool(np.any(columns.object["t_ns"] > start_t_ns))  # what waited in the socket before is no evidence
     return Score(
-        held=_held(columns, start_t_ns, t_s, release_s, detected_impact_s, criterion),
+        seen=seen,
+        held=seen and _held(columns, start_t_ns, t_s, release_s, detected_impact_s, criterion),
         average_force_norm=_mean(norm[window]),
         average_force_norm_linear_n=_mean(linear[window]),
         peak_force_norm=float(norm.max()) if len(norm) else None,
-        max_lift_mm=_max_lift_mm(columns.object),
+        max_lift_mm=_max_lift_mm(columns.object) if seen else None,
         peak_torque_ratio=float(np.max(np.abs(columns.arm["tau_J"]) / FR3.tau_max, initial=0.0)),
         peak_velocity_ratio=float(np.max(np.abs(columns.arm["dq"]) / FR3.dq_max, initial=0.0)),
         detected_impact_time_s=detected_impact_s,
@@ -79,9 +82,7 @@ def _mean(values: Array) -> float | None:
     return float(values.mean()) if len(values) else None
 
 
-def _max_lift_mm(poses: NDArray) -> float | None:
-    if len(poses) == 0:
-        return None
+def _max_lift_mm(poses: NDArray) -> float:
     height = poses["position"][:, 2]
     return float(height.max() - np.median(height[: min(20, len(height))])) * 1e3
 
@@ -107,12 +108,14 @@ def _held(
     return bool(carried.any() and np.all(lift[carried] > rise[carried] - criterion.slip_m))
 
 
-def failure_reason(end: End, detail: str, held: bool, interventions: int) -> str | None:
-    """Return why a trial failed, None for a success."""
+def failure_reason(end: End, detail: str, interventions: int, values: Score | None = None) -> str | None:
+    """Return why a trial failed, None for a success. Without values the object does not matter."""
     if end is not End.COMPLETED:
         return f"{end}: {detail}" if detail else str(end)
     if interventions:
         return f"the safety judge changed {interventions} torques"
-    if not held:
+    if values is not None and not values.seen:
+        return "the object was never seen: no pose of the tracker arrived; see [tracker] in the cell's file"
+    if values is not None and not values.held:
         return "the object was not held until release"
     return None
