@@ -97,18 +97,31 @@ def up(
 
 @app.command()
 def sim(
-    scene: Annotated[str, typer.Option(help="The scene to simulate: grab.")] = "grab",
-    left: Annotated[str, typer.Option(help="Address of the left arm.")] = "127.0.0.11",
-    right: Annotated[str, typer.Option(help="Address of the right arm.")] = "127.0.0.12",
+    scene: Annotated[str, typer.Option(metavar="NAME", help="The scene to simulate: grab.")] = "grab",
+    left: Annotated[str, typer.Option(metavar="ADDR", help="Address of the left arm.")] = "127.0.0.11",
+    right: Annotated[str, typer.Option(metavar="ADDR", help="Address of the right arm.")] = "127.0.0.12",
     lockstep: Annotated[bool, typer.Option("--lockstep", help="Wait for every moving arm's answer.")] = False,
     seed: Seed = 0,
     object_name: ObjectName = "rice_box",
     displacement_mm: Annotated[float, typer.Option(help="Shift of the object along y.")] = 0.0,
+    faults: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="TOML script of what goes wrong, and when.")
+    ] = None,
+    tracker: Annotated[
+        str, typer.Option(metavar="HOST:PORT", help="Who is sent the object's poses (UDP).")
+    ] = "127.0.0.1:1341",
+    phase_us: Annotated[float, typer.Option(help="How much later the right arm's clock ticks.")] = 0.0,
+    drift_ppm: Annotated[float, typer.Option(help="How much faster the right arm's clock runs.")] = 0.0,
+    priority: Annotated[int, typer.Option(help="SCHED_FIFO priority, 0 for none.", min=0, max=99)] = 80,
+    cpu: Annotated[int, typer.Option(help="CPU to stay on, -1 for any.", min=-1)] = -1,
 ) -> None:
     """Serve the simulated arms at their addresses, as robots would be, until Ctrl-C."""
     from rtstack.cli.simulator import serve as run
 
-    run(scene, left, right, lockstep, seed, object_name, displacement_mm)
+    arguments = [f"--scene={scene}", f"--seed={seed}", f"--tracker={tracker}", f"--phase-us={phase_us!r}"]
+    arguments += [f"--drift-ppm={drift_ppm!r}", f"--priority={priority}", f"--cpu={cpu}"]
+    arguments += ["--lockstep"] * lockstep + ([f"--faults={faults}"] if faults is not None else [])
+    run(arguments, left, right, object_name, displacement_mm)
 
 
 @app.command()

@@ -14,7 +14,6 @@ import typer
 
 from hal.errors import HardwareError
 from hal.tracker_link import TrackerLink
-from rtstack.trials.errors import TrialError
 
 _FCI_PORT = 1337
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
@@ -113,18 +112,22 @@ def _free(address: str) -> bool:
     return False
 
 
-def serve(
-    scene: str, left: str, right: str, lockstep: bool, seed: int, object_name: str, displacement_mm: float
-) -> None:
-    """Serve in this process until Ctrl-C. Raises TrialError for a scene that is not there."""
+def serve(arguments: list[str], left: str, right: str, object_name: str, displacement_mm: float) -> None:
+    """Serve in this process until Ctrl-C. arguments: further ones of `python -m sim_robot.fci`."""
+    stop: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):  # before the imports, which take seconds
+        signal.signal(number, lambda number, frame: stop.append(number))
     from sim_robot.fci.__main__ import main
 
-    if scene != "grab":
-        raise TrialError(f"unknown scene {scene!r}: there is grab")
+    thing = f" --object {object_name}" * (object_name != "rice_box")
+    shift = f" --displacement-mm={displacement_mm:g}" * (displacement_mm != 0.0)
+    trial = f"run a trial against it: rtstack trial --reference REC.mcap --cell fci:{left},{right}{thing}{shift}"
     status = main(
-        ["--left", left, "--right", right, "--seed", str(seed), "--object", object_name]
-        + [f"--displacement-mm={displacement_mm!r}"]
-        + ["--lockstep"] * lockstep
+        [f"--left={left}", f"--right={right}", f"--object={object_name}", f"--displacement-mm={displacement_mm!r}"]
+        + arguments,
+        prog="rtstack sim",
+        next_step=trial,
+        stop=stop,
     )
     if status:
         raise typer.Exit(status)

@@ -1,12 +1,17 @@
 """`python -m sim_robot.fci`: serve the simulated cell."""
 
 import argparse
+import errno
 import signal
 import sys
+from importlib.resources import as_file, files
+from pathlib import Path
+from typing import NoReturn
 
 from hal.errors import HardwareError
 from hal.realtime import ANY_CPU, Obtained, realtime_thread
 from sim_robot.cell import simulated_cell
+from sim_robot.faults.file import load_faults
 from sim_robot.fci.drive import DrivenBox
 from sim_robot.fci.lockstep import Lockstep
 from sim_robot.fci.realtime import Realtime, RightClock
@@ -14,6 +19,16 @@ from sim_robot.fci.server import Server
 from sim_robot.fci.tracker_feed import TrackerFeed
 from sim_robot.plant_parameters import load_plant_parameters
 from sim_robot.scene import load_scene
+from sim_robot.strict_toml import BadParameterFile
+
+LARGEST_PRIORITY = 99  # sched(7)
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose complaints are one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message} (see --help)\n")
 
 
 def _described(obtained: Obtained) -> str:
@@ -24,23 +39,58 @@ def _described(obtained: Obtained) -> str:
 
 def _listener(text: str) -> tuple[str, int]:
     host, _, port = text.rpartition(":")
+    if not host or not port.isdecimal() or not 0 < int(port[:6]) < 1 << 16:
+        raise argparse.ArgumentTypeError(f"expected HOST:PORT, as in 127.0.0.1:1341, got {text!r}")
     return host, int(port)
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Serve until SIGINT or SIGTERM. Returns 0, or 2 for bad input."""
-    parser = argparse.ArgumentParser(prog="sim_robot.fci", description="The simulated cell behind the FCI.")
+def _whole(lowest: int, largest: float = float("inf")):
+    def number(text: str) -> int:
+        value = int(text)
+        if not lowest <= value <= largest:
+            raise ValueError
+        return value
+
+    number.__name__ = f"whole number from {lowest}" + (f" to {largest}" if largest < float("inf") else "")
+    return number
+
+
+def _scene_file(name: str) -> Path:
+    """Return where the scene of this name is. Raises BadParameterFile, naming those that exist."""
+    folder = files("sim_robot") / "scenes"
+    names = sorted(file.name.removesuffix(".toml") for file in folder.iterdir() if file.name.endswith(".toml"))
+    if name not in names:
+        raise BadParameterFile(f"unknown scene {name!r}; there is {', '.join(names)}")
+    with as_file(folder / f"{name}.toml") as path:
+        return path
+
+
+def _explained(error: OSError) -> str:
+    unknown_name = error.errno is not None and error.errno < 0  # getaddrinfo's codes, in a plain OSError
+    if unknown_name or error.errno == errno.EADDRNOTAVAIL:
+        return f"{error.strerror}; give --left and --right addresses of this host, such as 127.0.0.11 and 127.0.0.12"
+    if error.errno == errno.EADDRINUSE:
+        return f"{error.strerror}; end who serves there, or choose others with --left and --right"
+    return str(error)
+
+
+def _options(arguments: list[str] | None, prog: str) -> tuple[argparse.Namespace, RightClock]:
+    parser = _Parser(prog=prog, description="The simulated cell behind the FCI.")
+    parser.add_argument("--scene", default="grab", help="name of a file in sim_robot/scenes")
     parser.add_argument("--left", default="127.0.0.11", help="address of the left arm")
     parser.add_argument("--right", default="127.0.0.12", help="address of the right arm")
     parser.add_argument("--object", default="rice_box")
     parser.add_argument("--displacement-mm", type=float, default=0.0)
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=_whole(0), default=0)
     parser.add_argument("--lockstep", action="store_true", help="wait for every moving arm's answer")
     parser.add_argument("--phase-us", type=float, default=0.0, help="how much later the right arm's clock ticks")
     parser.add_argument("--drift-ppm", type=float, default=0.0, help="how much faster the right arm's clock is")
-    parser.add_argument("--priority", type=int, default=80, help="SCHED_FIFO priority, 0 for none")
-    parser.add_argument("--cpu", type=int, default=ANY_CPU, help="CPU to stay on, -1 for any")
+    parser.add_argument(
+        "--priority", type=_whole(0, LARGEST_PRIORITY), default=80, help="SCHED_FIFO priority, 0 for none"
+    )
+    parser.add_argument("--cpu", type=_whole(ANY_CPU), default=ANY_CPU, help="CPU to stay on, -1 for any")
     parser.add_argument("--tracker", type=_listener, help="HOST:PORT that listens for the object's poses (UDP)")
+    parser.add_argument("--faults", type=Path, help="TOML script of what goes wrong (sim_robot/faults/kinds.py)")
     options = parser.parse_args(arguments)
     try:
         right_clock = RightClock(options.phase_us, options.drift_ppm)
@@ -48,29 +98,71 @@ def main(arguments: list[str] | None = None) -> int:
         parser.error(str(error))
     if options.lockstep and right_clock != RightClock():
         parser.error("in lockstep there is no clock that could differ: leave --lockstep, or --phase-us and --drift-ppm")
-    stop: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda received, frame: stop.append(received))
-    try:
-        cell = simulated_cell(options.object, 1e-3 * options.displacement_mm, options.seed, box_kind=DrivenBox)
-        server = Server(cell, load_scene(), load_plant_parameters(), (options.left, options.right))
-        if options.tracker is not None:
+    if options.left == options.right:
+        parser.error(f"two arms have two addresses, --left and --right are both {options.left}")
+    return options, right_clock
+
+
+def _open(options: argparse.Namespace) -> Server:
+    """Build the cell and listen. Raises HardwareError, BadParameterFile, OSError."""
+    scene = _scene_file(options.scene)
+    faults = load_faults(options.faults) if options.faults is not None else ()
+    cell = simulated_cell(
+        options.object, 1e-3 * options.displacement_mm, options.seed,
+        scene=scene, box_kind=DrivenBox, faults=faults, on_the_wire=True,
+    )  # fmt: skip
+    server = Server(cell, load_scene(scene), load_plant_parameters(), (options.left, options.right))
+    if options.tracker is not None:
+        host, port = options.tracker
+        try:
             server.feed_tracker(TrackerFeed(cell.tracker, options.tracker))
-    except (HardwareError, OSError) as error:
-        print(f"cannot serve: {error}", file=sys.stderr)
+        except OSError as error:
+            server.close()
+            raise BadParameterFile(f"--tracker {host}:{port} cannot be sent to: {error.strerror}") from None
+    return server
+
+
+def main(
+    arguments: list[str] | None = None, prog: str = "sim_robot.fci", next_step: str = "", stop: list[int] | None = None
+) -> int:
+    """Serve until SIGINT or SIGTERM. Returns 0; 2 for bad input; 1 when the simulation cannot go on.
+
+    next_step: a line to print once it serves. stop: where the numbers of signals are put that came before this call.
+    """
+    options, right_clock = _options(arguments, prog)
+    received: list[int] = [] if stop is None else stop
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, frame: received.append(number))
+    try:
+        server = _open(options)
+    except (HardwareError, BadParameterFile, OSError) as error:
+        reason = _explained(error) if isinstance(error, OSError) else str(error)
+        print(f"cannot serve: {' '.join(reason.split())}", file=sys.stderr)
         return 2
+    try:
+        _serve(server, options, right_clock, next_step, received)
+    except HardwareError as error:
+        print(f"cannot go on: {error}", file=sys.stderr)
+        return 1
+    finally:
+        server.close()
+    return 0
+
+
+def _serve(
+    server: Server, options: argparse.Namespace, right_clock: RightClock, next_step: str, received: list[int]
+) -> None:
+    said = "\n" + next_step if next_step else ""
     where = f"serving {options.left} and {options.right}"
     if options.lockstep:
-        print(f"{where}, lockstep", flush=True)
-        Lockstep(server).run(lambda: bool(stop))
-    else:
-        pace = Realtime(server, right_clock)
-        with realtime_thread(options.priority, options.cpu) as obtained:
-            print(f"{where}, {_described(obtained)}", flush=True)
-            pace.run(lambda: bool(stop))
-        print(pace.report(), flush=True)
-    server.close()
-    return 0
+        print(f"{where}, lockstep{said}", flush=True)
+        Lockstep(server).run(lambda: bool(received))
+        return
+    pace = Realtime(server, right_clock)
+    with realtime_thread(options.priority, options.cpu) as obtained:
+        print(f"{where}, {_described(obtained)}{said}", flush=True)
+        pace.run(lambda: bool(received))
+    print(pace.report(), flush=True)
 
 
 if __name__ == "__main__":
