@@ -6,7 +6,6 @@ connection. Only one client has the arm; others are turned away when they say Co
 
 import contextlib
 import socket
-import time
 from collections.abc import Callable
 
 import numpy as np
@@ -25,7 +24,8 @@ from sim_robot.fci.protocol import (
 )
 
 MOST_SESSIONS = 8  # connections that have not said Connect yet, and the client
-HANDSHAKE_S = 2.0
+BACKLOG = 128  # connections that wait in the kernel to be taken
+ACCEPT_PERIOD_S = 0.5e-3  # one connection at a time, so that a flood costs the loop two a millisecond
 LARGEST_OUTBOX = 1 << 20  # a client that asks and never reads
 MOST_DATAGRAMS = 32  # read at a time, so that a flood cannot hold the loop
 
@@ -36,7 +36,6 @@ class Session:
     def __init__(self, tcp: socket.socket, address: str) -> None:
         self.tcp, self.address = tcp, address
         self.inbox, self.outbox = bytearray(), bytearray()
-        self.born_s = time.monotonic()
 
 
 class Link:
@@ -61,34 +60,26 @@ class Link:
         self._command = np.zeros(1, ROBOT_COMMAND)
         self._command_bytes = self._command.view(np.uint8).data
         self._overlong = bytearray(ROBOT_COMMAND.itemsize + 1)  # one more byte shows a datagram that is too long
-        self._listener = socket.create_server((address, PORT), backlog=MOST_SESSIONS)
+        self._listener = socket.create_server((address, PORT), backlog=BACKLOG)
         self._listener.setblocking(False)
         poller.watch(self._listener, self._accept)
 
     # connections
 
     def _accept(self) -> None:
+        self._poller.rest(self._listener, ACCEPT_PERIOD_S)
         try:
             tcp, (address, _) = self._listener.accept()
         except OSError:
             return
-        self.drop_silent_sessions()
         if len(self._sessions) >= MOST_SESSIONS:
-            self.refused += 1
-            tcp.close()
-            return
+            # who has been silent for longest: a client says Connect at once
+            self._distrust(next(session for session in self._sessions if session is not self.client))
         tcp.setblocking(False)
         tcp.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         session = Session(tcp, address)
         self._sessions.append(session)
         self._poller.watch(tcp, lambda: self._serve(session))
-
-    def drop_silent_sessions(self) -> None:
-        """Close connections that did not say Connect in time."""
-        now = time.monotonic()
-        for session in tuple(self._sessions):
-            if session is not self.client and now - session.born_s > HANDSHAKE_S:
-                self._distrust(session)
 
     def _close(self, session: Session) -> None:
         if session not in self._sessions:
@@ -143,6 +134,9 @@ class Link:
             self._distrust(session)
 
     def _connect(self, session: Session, command_id: int, version: int, udp_port: int) -> None:
+        for _ in range(2):  # the client's last words, and that it has hung up, may have come together with this
+            if self.client not in (None, session):
+                self._serve(self.client)
         if self.client is not None or udp_port == 0:
             # libfranka waits for ever for an answer, even on a closed connection; this one it reports as an error
             self.refused += 1

@@ -2,6 +2,7 @@
 
 import select
 import socket
+import time
 from collections.abc import Callable
 
 _READ = select.EPOLLIN | select.EPOLLHUP | select.EPOLLERR
@@ -14,6 +15,7 @@ class Poller:
         self._epoll = select.epoll()
         self._callbacks: dict[int, tuple[bool, Callable[[], None]]] = {}
         self._wait_list = [self._epoll]
+        self._resting: dict[int, float] = {}  # descriptor: until when it is not looked at
 
     def watch(self, sock: socket.socket, callback: Callable[[], None]) -> None:
         """Call `callback` whenever `sock` can be read, or written while `want_write` is set."""
@@ -24,13 +26,31 @@ class Poller:
         """Report also when `sock` can be written."""
         self._epoll.modify(sock.fileno(), _READ | (select.EPOLLOUT if wanted else 0))
 
+    def rest(self, sock: socket.socket, seconds: float) -> None:
+        """Do not look at `sock` for a while: what comes waits in the kernel."""
+        self._epoll.modify(sock.fileno(), 0)
+        self._resting[sock.fileno()] = time.monotonic() + seconds
+
+    def _wake(self) -> float:
+        """Look again at what has rested long enough; return for how long the next one rests."""
+        now = time.monotonic()
+        for descriptor, until_s in tuple(self._resting.items()):
+            if until_s <= now:
+                del self._resting[descriptor]
+                self._epoll.modify(descriptor, _READ)
+        return min(self._resting.values(), default=now) - now
+
     def forget(self, sock: socket.socket) -> None:
         """Stop watching; call it before closing the socket."""
+        self._resting.pop(sock.fileno(), None)
         if self._callbacks.pop(sock.fileno(), None) is not None:
             self._epoll.unregister(sock.fileno())
 
     def serve(self, timeout_s: float) -> bool:
         """Wait up to `timeout_s`, call who is ready once each, and return whether anybody was."""
+        if self._resting:
+            rest_s = self._wake()
+            timeout_s = min(timeout_s, rest_s) if self._resting else timeout_s
         # epoll alone rounds to milliseconds; select on the epoll's own descriptor does not
         if timeout_s > 0.0 and not select.select(self._wait_list, (), (), timeout_s)[0]:
             return False
