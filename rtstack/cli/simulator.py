@@ -114,9 +114,7 @@ def _free(address: str) -> bool:
 
 def serve(arguments: list[str], left: str, right: str, object_name: str, displacement_mm: float) -> None:
     """Serve in this process until Ctrl-C. arguments: further ones of `python -m sim_robot.fci`."""
-    stop: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):  # before the imports, which take seconds
-        signal.signal(number, lambda number, frame: stop.append(number))
+    signal.signal(signal.SIGINT, lambda number, frame: os._exit(0))  # the imports take seconds, and nothing runs yet
     from sim_robot.fci.__main__ import main
 
     thing = f" --object {object_name}" * (object_name != "rice_box")
@@ -127,7 +125,6 @@ def serve(arguments: list[str], left: str, right: str, object_name: str, displac
         + arguments,
         prog="rtstack sim",
         next_step=trial,
-        stop=stop,
     )
     if status:
         raise typer.Exit(status)

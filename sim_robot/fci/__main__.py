@@ -2,10 +2,13 @@
 
 import argparse
 import errno
+import os
 import signal
 import sys
+from collections.abc import Callable
 from importlib.resources import as_file, files
 from pathlib import Path
+from types import FrameType
 from typing import NoReturn
 
 from hal.errors import HardwareError
@@ -122,17 +125,18 @@ def _open(options: argparse.Namespace) -> Server:
     return server
 
 
-def main(
-    arguments: list[str] | None = None, prog: str = "sim_robot.fci", next_step: str = "", stop: list[int] | None = None
-) -> int:
+def _at_signals(handler: Callable[[int, FrameType | None], object]) -> None:
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, handler)
+
+
+def main(arguments: list[str] | None = None, prog: str = "sim_robot.fci", next_step: str = "") -> int:
     """Serve until SIGINT or SIGTERM. Returns 0; 2 for bad input; 1 when the simulation cannot go on.
 
-    next_step: a line to print once it serves. stop: where the numbers of signals are put that came before this call.
+    next_step: a line to print once it serves.
     """
+    _at_signals(lambda number, frame: os._exit(0))  # nothing to end yet, and compiling may take a while
     options, right_clock = _options(arguments, prog)
-    received: list[int] = [] if stop is None else stop
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda number, frame: received.append(number))
     try:
         server = _open(options)
     except (HardwareError, BadParameterFile, OSError) as error:
@@ -140,7 +144,7 @@ def main(
         print(f"cannot serve: {' '.join(reason.split())}", file=sys.stderr)
         return 2
     try:
-        _serve(server, options, right_clock, next_step, received)
+        _serve(server, options, right_clock, next_step)
     except HardwareError as error:
         print(f"cannot go on: {error}", file=sys.stderr)
         return 1
@@ -149,9 +153,9 @@ def main(
     return 0
 
 
-def _serve(
-    server: Server, options: argparse.Namespace, right_clock: RightClock, next_step: str, received: list[int]
-) -> None:
+def _serve(server: Server, options: argparse.Namespace, right_clock: RightClock, next_step: str) -> None:
+    received: list[int] = []
+    _at_signals(lambda number, frame: received.append(number))
     said = "\n" + next_step if next_step else ""
     where = f"serving {options.left} and {options.right}"
     if options.lockstep:
