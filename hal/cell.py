@@ -1,9 +1,14 @@
 """A cell: two arms and what watches the object between them."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from hal.arm import Arm
+from hal.joint_path import JointSpeed
 from hal.tracker import ObjectTracker
 
 LEFT, RIGHT = 1, 2  # of the mask that `ArmLink.wait` returns
@@ -20,6 +25,14 @@ class ArmLink(Protocol):
         """Block until a state has arrived; return the mask of LEFT and RIGHT whose `read` returns at once.
 
         Raises ConnectionLost when an arm has sent nothing for too long.
+        """
+        ...
+
+    def move(self, goal: NDArray[np.float64], limit: JointSpeed, stop: Callable[[], bool]) -> bool:
+        """Move both arms together, from rest to rest, to the postures goal (2, 7), rad, no joint faster than the limit.
+
+        `stop` is asked once a millisecond; then both brake where they are. Returns whether they have arrived.
+        Raises CommandRejected, ConnectionLost.
         """
         ...
 

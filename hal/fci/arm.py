@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import socket
 import struct
 from collections.abc import Iterator
 
@@ -12,13 +13,14 @@ from numpy.typing import NDArray
 from hal.errors import CommandRejected, ConnectionLost, HardwareError, RecoveryRefused
 from hal.fci.faults import VENDOR, as_hardware_error, names_in, vendor_errors
 from hal.fci.setup import CollisionBehaviour, Tool, configure
-from hal.fci.sockets import open_datagram_sockets
+from hal.fci.sockets import open_sockets, shut_down
 from hal.robot_errors import error_bit
 from hal.state import ARM_STATE, ArmState, RobotMode
 
 # ARM_STATE as one C struct: filling it in one go costs a fifth of filling it field by field
 _RECORD = struct.Struct("=q56d16d6dd2q")
 assert _RECORD.size == ARM_STATE.itemsize
+_KINDS = (socket.SOCK_DGRAM, socket.SOCK_STREAM)
 
 
 class FciArm:
@@ -44,13 +46,14 @@ class FciArm:
         self._lost = False
         self.unread = False  # True: the next read returns the last state once more, without waiting
         config = franka.RealtimeConfig.kEnforce if enforce_realtime else franka.RealtimeConfig.kIgnore
-        before = open_datagram_sockets()
+        before = [open_sockets(kind) for kind in _KINDS]
         with vendor_errors(address), _own_schedule():
             self._robot: franka.Robot | None = franka.Robot(address, config)
-        new = open_datagram_sockets() - before
-        if len(new) != 1:
-            raise HardwareError(f"the arm at {address}: {len(new)} sockets for its state instead of one")
-        (self.socket, _) = new.pop()  # descriptor that becomes readable when a state has arrived; never read it
+        new = [open_sockets(kind) - known for kind, known in zip(_KINDS, before, strict=True)]
+        if [len(found) for found in new] != [1, 1]:
+            raise HardwareError(f"the arm at {address}: not one socket for its states and one for requests, but {new}")
+        # descriptor that becomes readable when a state has arrived, never to be read here; and the one for requests
+        (self.socket, _), (self._requests, _) = (found.pop() for found in new)
         with vendor_errors(address), _own_schedule():
             configure(self._robot, tool, collisions or CollisionBehaviour())
 
@@ -63,6 +66,36 @@ class FciArm:
             robot = self._open_robot()
             with vendor_errors(self.address), _own_schedule():
                 self._control = robot.start_torque_control()
+
+    def start_positions(self) -> None:
+        """Take joint position control, with the robot's own impedance. Raises CommandRejected, ConnectionLost."""
+        robot = self._open_robot()
+        with vendor_errors(self.address), _own_schedule():
+            self._control = robot.start_joint_position_control(franka.ControllerMode.JointImpedance)
+
+    def read_position(self) -> tuple[int, NDArray[np.float64]]:
+        """Block until the next state under position control; return its time, ns, and its q_d (7,), rad. Raises as
+        read does."""
+        if self._control is None:
+            raise CommandRejected(f"the arm at {self.address} is not under position control; start again")
+        try:
+            state = self._control.readOnce()[0]
+        except VENDOR as error:
+            raise self._fault(error) from None
+        return round(1e3 * state.time.to_sec()) * 1_000_000, np.array(state.q_d)
+
+    def write_position(self, q: NDArray[np.float64], *, finished: bool = False) -> None:
+        """Answer the last state with a posture (7,), rad; finished: the motion's last one. Raises as write does."""
+        if self._control is None:
+            raise CommandRejected(f"the arm at {self.address} is not under position control; start again")
+        positions = franka.JointPositions(q.tolist())
+        positions.motion_finished = finished
+        try:
+            self._control.writeOnce(positions)
+        except VENDOR as error:
+            raise self._fault(error) from None
+        if finished:
+            self._control = None
 
     def read(self) -> ArmState:
         """Block until the next state. See hal.arm.Arm.
@@ -134,6 +167,12 @@ class FciArm:
         """Stop and disconnect."""
         self.stop()
         self._robot = None
+
+    def lose(self, why: str) -> ConnectionLost:
+        """Give the arm up, and return what to raise. libfranka would wait for ever for its answer to a stop."""
+        shut_down(self._requests)
+        self._lost = True
+        return ConnectionLost(f"the arm at {self.address} {why}; check power, cable and network, then open it again")
 
     def _open_robot(self) -> franka.Robot:
         if self._robot is None:

@@ -2,14 +2,21 @@
 
 import select
 import time
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
 
 from hal.cell import LEFT, RIGHT
-from hal.errors import ConnectionLost
 from hal.fci.arm import FciArm
+from hal.fci.motion import move
 from hal.fci.setup import CollisionBehaviour, Tool
+from hal.joint_path import JointSpeed
 
 # A robot without commands stops itself after 20 ms; five times that without a state is no hiccup of a network any more.
 STALE_S = 0.1
+# a robot that waits for us loses nothing by a pause: there only a dead one is stale
+STALE_IN_LOCKSTEP_S = 5.0
 MOST_REPEATS = 10  # of a state, until both arms show the same one
 # a wait that one arm has ended counts at most this much for the other one's silence: the rest was ours
 LONGEST_WAIT_S = 5e-3
@@ -21,6 +28,7 @@ class FciPair:
     def __init__(self, left: FciArm, right: FciArm, *, shared_clock: bool = False) -> None:
         self.left, self.right = left, right
         self._shared_clock = shared_clock
+        self._stale_s = STALE_IN_LOCKSTEP_S if shared_clock else STALE_S
         self._epoll = select.epoll()
         self._epoll.register(left.socket, select.EPOLLIN)
         self._epoll.register(right.socket, select.EPOLLIN)
@@ -43,6 +51,11 @@ class FciPair:
             raise
         self._silent_s = {LEFT: 0.0, RIGHT: 0.0}
 
+    def move(self, goal: NDArray[np.float64], limit: JointSpeed, stop: Callable[[], bool]) -> bool:
+        """Move both arms to goal (2, 7) rad; see hal.cell.ArmLink."""
+        self._silent_s = {LEFT: 0.0, RIGHT: 0.0}
+        return move(self, goal, limit, stop)
+
     def _meet(self) -> None:
         """Leave both arms with the same state to be read: a robot that waits repeats it until it is answered."""
         t_ns = [arm.read().t_ns for arm in (self.left, self.right)]
@@ -55,22 +68,21 @@ class FciPair:
 
     def wait(self) -> int:
         """Block until a state has arrived that was not read; return the mask of LEFT and RIGHT whose `read` returns at
-        once. Raises ConnectionLost when an arm has sent nothing for STALE_S.
+        once. Raises ConnectionLost, which names the arm, when one has sent nothing for STALE_S.
         """
         if self.left.unread or self.right.unread:
             return LEFT * self.left.unread | RIGHT * self.right.unread
         began_s = time.monotonic()
         # a second look: where this process itself was held up, the states are there by now
-        events = self._epoll.poll(STALE_S) or self._epoll.poll(LONGEST_WAIT_S)
-        waited_s = min(time.monotonic() - began_s, LONGEST_WAIT_S) if events else STALE_S
+        events = self._epoll.poll(self._stale_s) or self._epoll.poll(LONGEST_WAIT_S)
+        waited_s = min(time.monotonic() - began_s, LONGEST_WAIT_S) if events else self._stale_s
         mask = 0
         for descriptor, _ in events:
             mask |= self._sides[descriptor]
         for side, silent_s in self._silent_s.items():
             self._silent_s[side] = 0.0 if mask & side else silent_s + waited_s
-            if self._silent_s[side] >= STALE_S:
-                address = self._arms[side].address
-                raise ConnectionLost(f"the arm at {address} has sent no state for {1e3 * STALE_S:.0f} ms")
+            if self._silent_s[side] >= self._stale_s:
+                raise self._arms[side].lose(f"has sent no state for {1e3 * self._stale_s:.0f} ms")
         return mask
 
     def close(self) -> None:

@@ -6,8 +6,8 @@ import socket
 import stat
 
 
-def open_datagram_sockets() -> set[tuple[int, int]]:
-    """Return descriptor and inode of each datagram socket of this process."""
+def open_sockets(kind: socket.SocketKind) -> set[tuple[int, int]]:
+    """Return descriptor and inode of each socket of this kind (SOCK_DGRAM, SOCK_STREAM) of this process."""
     found = set()
     for name in os.listdir("/proc/self/fd"):
         with contextlib.suppress(OSError):  # the descriptor of the listing itself is closed by now
@@ -15,6 +15,12 @@ def open_datagram_sockets() -> set[tuple[int, int]]:
             if not stat.S_ISSOCK(status.st_mode):
                 continue
             with socket.socket(fileno=os.dup(int(name))) as sock:
-                if sock.type == socket.SOCK_DGRAM:
+                if sock.type == kind:
                     found.add((int(name), status.st_ino))
     return found
+
+
+def shut_down(descriptor: int) -> None:
+    """End a connection under the feet of who waits for an answer on it. Never raises."""
+    with contextlib.suppress(OSError), socket.socket(fileno=os.dup(descriptor)) as sock:
+        sock.shutdown(socket.SHUT_RDWR)

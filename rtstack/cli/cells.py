@@ -91,7 +91,7 @@ class _TrackedLink:
     def __init__(self, pair: FciPair, tracker: TrackerLink) -> None:
         self._pair = pair
         self._tracker = tracker
-        self.start, self.wait = pair.start, pair.wait
+        self.start, self.wait, self.move = pair.start, pair.wait, pair.move
 
     def close(self) -> None:
         """Disconnect, and stop listening."""
@@ -105,7 +105,7 @@ class _SimulatorLink:
     def __init__(self, pair: FciPair, simulator: Simulator) -> None:
         self._pair = pair
         self._simulator = simulator
-        self.start, self.wait = pair.start, pair.wait
+        self.start, self.wait, self.move = pair.start, pair.wait, pair.move
 
     def close(self) -> None:
         """Disconnect, end the simulator, and pass on what it says about its pace."""

@@ -12,6 +12,7 @@ from rtstack.trials.record import open_log
 from rtstack.trials.result import DemonstrationResult, TrialResult
 from rtstack.trials.run import check_object, prepare_trial, run_demonstration, run_trial
 from rtstack.trials.specification import Controller, DemonstrationSpecification, TrialSpecification
+from rtstack.trials.start_motion import start_motion
 
 FAILED = 1
 
@@ -26,9 +27,10 @@ def teach(
     check_log_path(output)
     cell = open_cell(cell_kind, object_name, 0.0, seed, description)
     try:
+        way = start_motion(cell, description, object_name)
         with interruptible() as stop, progress_bar("demonstration", not json and not cell.own_clocks) as progress:
             log = open_log(output, specification, description, cell_kind, source)
-            result = run_demonstration(specification, description, cell, log=log, stop=stop, progress=progress)
+            result = run_demonstration(specification, description, cell, log=log, stop=stop, progress=progress, way=way)
     finally:
         cell.close()
     _report(result, json, _demonstration_line(result))
@@ -47,6 +49,7 @@ def trial(
     prepared = prepare_trial(specification, description)
     cell = open_cell(cell_kind, object_name, displacement_mm * 1e-3, seed, description)
     try:
+        way = start_motion(cell, description, object_name, displacement_mm * 1e-3, prepared.reference.ante[:, 0])
         with (
             interruptible() as stop,
             progress_bar(f"trial, {controller}", not json and not cell.own_clocks) as progress,
@@ -57,7 +60,7 @@ def trial(
                 log = open_log(
                     log_path, specification, description, cell_kind, source, [recording], reference=prepared.reference
                 )
-            result = run_trial(prepared, cell, log=log, stop=stop, progress=progress)
+            result = run_trial(prepared, cell, log=log, stop=stop, progress=progress, way=way)
     finally:
         cell.close()
     _report(result, json, _trial_line(result))

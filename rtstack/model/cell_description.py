@@ -51,15 +51,30 @@ class ObjectDescription:
 
 @checked(frozen=True, slots=True, config=STRICT)
 class TrackerAddress:
-    """Where the object's poses arrive, by UDP (hal.tracker_link): HOST:PORT to listen at."""
+    """Where the object's poses arrive, by UDP (hal.tracker_link): HOST:PORT to listen at.
+
+    place_tolerance_m: an object that is seen further from its place than this is put back before a trial.
+    """
 
     address: Annotated[str, Field(pattern=r"^[^\s:]+:\d{1,5}$")] = "127.0.0.1:1341"
+    place_tolerance_m: Annotated[float, Field(gt=0.0, le=1.0, allow_inf_nan=False)] = 0.06
 
     @property
     def listener(self) -> tuple[str, int]:
         """Return host and port."""
         host, _, port = self.address.rpartition(":")
         return host, int(port)
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class StartMotionLimits:
+    """How the arms go to where a trial begins: no joint faster than this (rad/s, rad/s^2), none further than
+    longest_rad; not at all where every joint is within tolerance_rad."""
+
+    speed_rad_s: Annotated[float, Field(gt=0.0, le=1.0, allow_inf_nan=False)] = 0.4
+    acceleration_rad_s2: Annotated[float, Field(gt=0.0, le=5.0, allow_inf_nan=False)] = 1.0
+    longest_rad: Annotated[float, Field(gt=0.0, le=6.0, allow_inf_nan=False)] = 1.5
+    tolerance_rad: Annotated[float, Field(ge=0.001, le=0.05, allow_inf_nan=False)] = 0.005
 
 
 @checked(frozen=True, slots=True, config=STRICT)
@@ -74,6 +89,7 @@ class CellDescription:
     table: Table
     objects: dict[str, ObjectDescription]
     tracker: TrackerAddress = field(default_factory=TrackerAddress)
+    start_motion: StartMotionLimits = field(default_factory=StartMotionLimits)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,18 +9,19 @@ from typing import TypeVar
 import numpy as np
 
 from hal.cell import Cell
+from hal.errors import HardwareError
 from hal.realtime import realtime_thread
 from rtstack.control.modes import Strategy
 from rtstack.log.ring import Rings
 from rtstack.loop.history import History
 from rtstack.loop.publisher import Publisher
-from rtstack.loop.session import Plan, Session, SessionOutcome, StopSignal
+from rtstack.loop.session import End, Plan, Session, SessionOutcome, StopSignal
 from rtstack.model.cell_description import CellDescription
 from rtstack.references.demonstration import Grab, grab, scripted_targets
 from rtstack.references.recording import ReferenceError, load_recording
 from rtstack.references.spreading import ExtendedReference, extend
 from rtstack.safety.judge import SafetyJudge
-from rtstack.samples import Mode
+from rtstack.samples import Level, Mode
 from rtstack.trials.assembly import (
     STRATEGIES,
     Parameters,
@@ -33,6 +34,7 @@ from rtstack.trials.record import TrialLog
 from rtstack.trials.result import DemonstrationResult, TrialResult
 from rtstack.trials.scoring import Score, SuccessCriterion, failure_reason, score
 from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
+from rtstack.trials.start_motion import StartMotion
 
 Progress = Callable[[float], None]
 PROGRESS_TICKS = 50  # how often progress is told
@@ -85,15 +87,17 @@ def run_trial(
     live: Rings | None = None,
     stop: StopSignal | None = None,
     progress: Progress | None = None,
+    way: StartMotion | None = None,
 ) -> TrialResult:
     """Run a prepared trial on an open cell. The caller closes the cell; the log is closed here, with the result in it.
 
-    live: rings of whoever watches. A log that could not be finished fails the trial, and the reason says so.
+    live: rings of whoever watches. way: to where the reference begins, gone before its first tick.
+    A log that could not be finished fails the trial, and the reason says so.
     """
     specification, reference = prepared.specification, prepared.reference
     control = prepared.parameters.control
     plan = Plan(reference.ante, reference.post, Mode.ANTE_IMPACT, control.stiffness, reference.period_s)
-    run = _Run(prepared.description, prepared.parameters, plan, log, live, stop, progress)
+    run = _Run(prepared.description, prepared.parameters, plan, log, live, stop, progress, way)
     with _log_of(log):
         outcome = run.follow(cell, STRATEGIES[specification.controller], reference.nominal_impact_s)
         values = score(
@@ -116,10 +120,11 @@ def run_demonstration(
     progress: Progress | None = None,
     parameters: Parameters | None = None,
     script: Grab | None = None,
+    way: StartMotion | None = None,
 ) -> DemonstrationResult:
     """Run a scripted demonstration through the teleoperation path on an open cell. Closes the log, not the cell.
 
-    script: what to do instead of the specification's variation.
+    script: what to do instead of the specification's variation. way: to home, gone before the first tick.
     """
     parameters = parameters or default_parameters()
     check_object(specification.object, description)
@@ -134,7 +139,7 @@ def run_demonstration(
         period_s,
     )
     plan = Plan(targets, targets, Mode.TELEOPERATION, parameters.control.stiffness_teleoperation, period_s)
-    run = _Run(description, parameters, plan, log, live, stop, progress)
+    run = _Run(description, parameters, plan, log, live, stop, progress, way)
     with _log_of(log):
         outcome = run.follow(cell, Strategy.PROPOSED, 0.0)
         result = _demonstration_result(specification, cell.name, outcome, run, log)
@@ -166,7 +171,7 @@ class _Run:
 
     def __init__(
         self, description: CellDescription, parameters: Parameters, plan: Plan, log: TrialLog | None,
-        live: Rings | None, stop: StopSignal | None, progress: Progress | None,
+        live: Rings | None, stop: StopSignal | None, progress: Progress | None, way: StartMotion | None,
     ) -> None:  # fmt: skip
         self._description = description
         self._parameters = parameters
@@ -175,6 +180,7 @@ class _Run:
         self._live = live
         self._stop = stop
         self._progress = progress
+        self._way = way
         self.history = History(plan.ticks + SPARE_TICKS)
         self.first_impact_s: float | None = None
 
@@ -188,10 +194,26 @@ class _Run:
         if self._log is not None:
             self._log.wait_ready()
         with realtime_thread() if cell.own_clocks else nullcontext():
-            outcome = session.run()
+            outcome = self._go_to_start(cell, publisher) or session.run()
         if controller.first_impact_s >= 0.0:
             self.first_impact_s = controller.first_impact_s
         return outcome
+
+    def _go_to_start(self, cell: Cell, publisher: Publisher) -> SessionOutcome | None:
+        """Go the way to the start; return the outcome of a run that ended on it, None where the arms are there."""
+        way = self._way
+        if way is None or cell.link is None:
+            return None
+        t_ns = cell.left.read().t_ns
+        publisher.event(t_ns, Level.INFO, "start", way.summary)
+        end, detail, level = End.STOP_REQUESTED, "on the way to the start pose", Level.WARNING
+        try:
+            if cell.link.move(way.path.goal, way.limit, lambda: self._stop is not None and self._stop.stop_requested):
+                return None
+        except HardwareError as error:
+            end, detail, level = End.HARDWARE, f"on the way to the start pose: {error}", Level.ERROR
+        publisher.event(t_ns, level, "start", f"{end}: {detail}")
+        return SessionOutcome(end, detail, 0, 0, 0, 0.0)
 
     def _between_ticks(self, index: int) -> None:
         if index % ROOM_TICKS == 0 and self._log is not None:

@@ -1,0 +1,82 @@
+"""Both arms to a posture, by the robots' own joint position controllers: no torque of ours is involved.
+
+Each arm is answered when its own state arrives, by its own clock. Whoever asks for a stop is obeyed along the way: its
+time runs slower and slower, so that both arms stay on it.
+"""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hal.cell import LEFT, RIGHT
+from hal.joint_path import JointPath, JointSpeed
+from hal.limits import CONTROL_PERIOD_S
+
+if TYPE_CHECKING:
+    from hal.fci.pair import FciPair
+
+BRAKE_S = 0.3  # from full speed to rest when somebody asks for a stop: 2.5 rad/s^2 at 0.5 rad/s
+SETTLE_S = 0.2  # the last posture is held this long before the motion is ended
+LONGEST_STEP_S = 0.02  # of one answer: after 20 ms without one the robot has ended the motion by itself
+
+
+class _Progress:
+    """How far one arm is on the way. t_s: its time on it; still_s: how long it has been at its end."""
+
+    def __init__(self) -> None:
+        self.t_s = self.still_s = self.braking_s = 0.0
+        self.stamp_ns = -1
+        self._answers = 0
+
+    def step(self, t_ns: int, end_s: float, stopping: bool) -> None:
+        """Go on to a new state's time."""
+        step_s = min(1e-9 * (t_ns - self.stamp_ns), LONGEST_STEP_S) if self._answers else 0.0
+        if self._answers == 1:  # a robot that waits for us has shown its first state several times
+            step_s = CONTROL_PERIOD_S
+        self.stamp_ns, self._answers = t_ns, self._answers + 1
+        self.braking_s += step_s if stopping else 0.0
+        x = min(self.braking_s / BRAKE_S, 1.0)
+        self.t_s += step_s * (1.0 - (3.0 - 2.0 * x) * x * x)
+        self.still_s += step_s if x >= 1.0 or self.t_s >= end_s else 0.0
+
+
+def move(pair: "FciPair", goal: NDArray[np.float64], limit: JointSpeed, stop: Callable[[], bool]) -> bool:
+    """Move both arms to goal (2, 7) rad and end the motion; return whether they got there, False after a stop.
+
+    Both begin where the robot wants them to be (q_d), which differs from where they are by the sag of its controller.
+    Raises CommandRejected and ConnectionLost; then neither arm moves any more.
+    """
+    arms = {LEFT: pair.left, RIGHT: pair.right}
+    progress = {LEFT: _Progress(), RIGHT: _Progress()}
+    rows = {LEFT: 0, RIGHT: 1}
+    begins: dict[int, NDArray[np.float64]] = {}
+    path: JointPath | None = None
+    stopping = False
+    try:
+        for arm in arms.values():
+            arm.start_positions()
+        moving = {LEFT, RIGHT}
+        while moving:
+            stopping = stopping or stop()
+            mask = pair.wait()
+            # an arm may be ended as soon as both stand still, but only as the answer to a state of its own
+            ending = path is not None and all(one.still_s >= SETTLE_S for one in progress.values())
+            for side in [side for side in moving if mask & side]:
+                t_ns, q_d = arms[side].read_position()
+                begins.setdefault(side, q_d)
+                if path is None and len(begins) == 2:
+                    path = JointPath.between(np.array([begins[LEFT], begins[RIGHT]]), goal, limit)
+                if path is None:
+                    arms[side].write_position(begins[side])
+                    continue
+                progress[side].step(t_ns, path.duration_s, stopping)
+                arms[side].write_position(path.at(progress[side].t_s)[rows[side]], finished=ending)
+                if ending:
+                    moving.discard(side)
+    finally:
+        for arm in arms.values():
+            arm.stop()
+    assert path is not None
+    return all(one.t_s >= path.duration_s for one in progress.values())
