@@ -1,0 +1,165 @@
+"""The way of both arms to where a trial begins: whether one is needed, and whether it may be gone.
+
+Only what a cell description knows is looked at, and only the pads: they must stay clear of table, floor, object and
+each other. Elbows are not looked at: the arms are far apart, and the robot's own reflexes watch them.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hal.cell import Cell
+from hal.joint_path import JointPath, JointSpeed
+from hal.limits import FR3
+from rtstack.control.tick import ArmController
+from rtstack.model.cell_description import CellDescription, ObjectDescription
+from rtstack.model.rotation import log_so3
+from rtstack.samples import SIDES
+from rtstack.trials.assembly import arm_controllers, default_parameters
+from rtstack.trials.errors import TrialError
+
+Array = NDArray[np.float64]
+CLEAR_OF_TABLE_M = 0.005  # at home the pads are 10 mm above it
+CLEAR_OF_OBJECT_M = 0.01
+CLEAR_OF_EACH_OTHER_M = 0.05
+LOOKS = 60  # along the way
+NEWTON_STEPS = 20
+_EXACT = 1e-8  # m and rad
+
+
+@dataclass(frozen=True, slots=True)
+class StartMotion:
+    """A way that may be gone."""
+
+    path: JointPath
+    limit: JointSpeed
+
+    @property
+    def summary(self) -> str:
+        """What happens, for the log."""
+        furthest = np.abs(self.path.goal - self.path.start).max()
+        return f"to the start pose in {self.path.duration_s:.1f} s, at most {furthest:.2f} rad a joint"
+
+
+def start_motion(
+    cell: Cell, description: CellDescription, object_name: str, displacement_m: float = 0.0,
+    start: NDArray[np.void] | None = None,
+) -> StartMotion | None:  # fmt: skip
+    """Return the way of an open cell's arms to the points start (2,) of POINT, by default to the description's home.
+
+    None where they are there already, or begin there anyway (the plant in this process). Raises TrialError with one
+    line where the way must not be gone, or where the tracker sees the object elsewhere than `displacement_m` along the
+    world's y from its place; HardwareError from the arms.
+    """
+    if cell.link is None:
+        return None
+    limits = description.start_motion
+    place = _object_place(description, object_name, displacement_m)
+    pose = cell.tracker.latest()
+    if place is not None and pose.record["seen"][0]:
+        away = pose.position - place
+        if np.linalg.norm(away) > description.tracker.place_tolerance_m:
+            raise TrialError(
+                f"the object is not in its place but x {1e3 * away[0]:+.0f}, y {1e3 * away[1]:+.0f}, "
+                f"z {1e3 * away[2]:+.0f} mm from it: put it back (a simulated one: start the simulated robot again)"
+            )
+        place = pose.position
+    arms = arm_controllers(description, default_parameters())
+    homes = np.array([description.left.home, description.right.home])
+    goal = homes if start is None else np.stack([posture(arms[k], homes[k], start[k], SIDES[k]) for k in range(2)])
+    now = np.stack([arm.read().q.copy() for arm in (cell.left, cell.right)])
+    distance = np.abs(goal - now)
+    if distance.max() <= limits.tolerance_rad:
+        return None
+    arm, joint = np.unravel_index(distance.argmax(), distance.shape)
+    if distance[arm, joint] > limits.longest_rad:
+        raise TrialError(
+            f"joint {joint + 1} of the {SIDES[arm]} arm is {distance[arm, joint]:.2f} rad from the start pose, more "
+            f"than longest_rad = {limits.longest_rad:g} under [start_motion]: bring the arm nearer by hand"
+        )
+    outside = (goal < FR3.q_lower) | (goal > FR3.q_upper)
+    if outside.any():
+        arm, joint = np.argwhere(outside)[0]
+        raise TrialError(f"the start pose is beyond the limit of joint {joint + 1} of the {SIDES[arm]} arm")
+    limit = JointSpeed(limits.speed_rad_s, limits.acceleration_rad_s2)
+    path = JointPath.between(now, goal, limit)
+    _look_along(path, arms, description, None if place is None else _box(place, description.objects[object_name]))
+    return StartMotion(path, limit)
+
+
+def posture(arm: ArmController, near: Array, point: np.void, side: str) -> Array:
+    """Return the joint positions (7,), rad, near `near` with the pose and the posture xi of a point (Newton's method).
+
+    Raises TrialError where there are none.
+    """
+    joint = arm.parameters.posture_joint
+    q, local, error, jacobian = near.copy(), np.zeros(3), np.zeros(7), np.zeros((7, 7))
+    jacobian[6, joint] = 1.0
+    for _ in range(NEWTON_STEPS):
+        work = _observed(arm, q)
+        log_so3(np.ascontiguousarray(work["rotation"].T @ point["rotation"]), local)
+        error[:3] = point["position"] - work["position"]
+        error[3:6] = work["rotation"] @ local
+        error[6] = point["xi"] - q[joint]
+        if np.abs(error).max() < _EXACT:
+            return q
+        jacobian[:6] = work["J"]
+        q = q + np.linalg.lstsq(jacobian, error, rcond=None)[0]
+    raise TrialError(f"the recording begins where the {side} arm of this cell cannot be: record one on this cell")
+
+
+def _observed(arm: ArmController, q: Array) -> np.void:
+    arm.sample["q"][0] = q
+    arm.observe()
+    return arm.workspace[0]
+
+
+def _pad_box(arm: ArmController, q: Array, size: tuple[float, float, float]) -> Array:
+    """Return the lowest and the highest corner (2, 3), m, of the pad's upright bounding box in the world."""
+    work = _observed(arm, q)
+    half = np.array(size) / 2.0
+    centre = work["position"] - work["rotation"][:, 2] * half[2]
+    reach = np.abs(work["rotation"]) @ half
+    return np.stack([centre - reach, centre + reach])
+
+
+def _object_place(description: CellDescription, name: str, displacement_m: float) -> Array | None:
+    """Return where the object's centre is to be, (3,) m: standing on the table. None for no object."""
+    thing = description.objects.get(name)
+    return None if thing is None else np.array([0.0, displacement_m, description.table.top_z + thing.size[2] / 2.0])
+
+
+def _box(centre: Array, thing: ObjectDescription) -> Array:
+    half = np.array(thing.size) / 2.0
+    return np.stack([centre - half, centre + half])
+
+
+def _look_along(
+    path: JointPath, arms: tuple[ArmController, ArmController], description: CellDescription, thing: Array | None
+) -> None:
+    """Raise TrialError where a pad would come too near to something."""
+    table = description.table
+    half = np.array(table.size_xy) / 2.0
+    board = np.array([[*(np.array(table.centre_xy) - half), -1.0], [*(np.array(table.centre_xy) + half), table.top_z]])
+    floor = np.array([[-9.0, -9.0, -1.0], [9.0, 9.0, 0.0]])
+    for t_s in np.linspace(0.0, path.duration_s, LOOKS):
+        boxes = [_pad_box(arm, q, description.pad.size) for arm, q in zip(arms, path.at(float(t_s)), strict=True)]
+        for side, box in zip(SIDES, boxes, strict=True):
+            if _near(box, board, CLEAR_OF_TABLE_M) or _near(box, floor, CLEAR_OF_TABLE_M):
+                raise _refusal(side, "the table")
+            if thing is not None and _near(box, thing, CLEAR_OF_OBJECT_M):
+                raise _refusal(side, "the object")
+        if _near(boxes[0], boxes[1], CLEAR_OF_EACH_OTHER_M):
+            raise _refusal("left", "the right one")
+
+
+def _near(a: Array, b: Array, clear_m: float) -> bool:
+    return bool(np.all(a[0] < b[1] + clear_m) and np.all(b[0] < a[1] + clear_m))
+
+
+def _refusal(side: str, what: str) -> TrialError:
+    return TrialError(
+        f"on its way to the start pose the {side} pad would come too near to {what}: "
+        "bring the arms clear of it by hand, or take the object away"
+    )
