@@ -69,6 +69,21 @@ def cholesky(A, shift, L):
 
 
 @numba.njit(cache=True, error_model="numpy")
+def solve(L, x):
+    """Replace x (6,) by the solution y of L L^T y = x, with the factor of `cholesky`."""
+    for i in range(6):
+        total = x[i]
+        for k in range(i):
+            total -= L[i, k] * x[k]
+        x[i] = total / L[i, i]
+    for i in range(5, -1, -1):
+        total = x[i]
+        for k in range(i + 1, 6):
+            total -= L[k, i] * x[k]
+        x[i] = total / L[i, i]
+
+
+@numba.njit(cache=True, error_model="numpy")
 def estimate_wrench(kinematics, tau, smallest_singular_value, damping):
     """Set `wrench` to the damped least-squares solution of J^T F = tau, force first, about the pad's face.
 
@@ -88,14 +103,6 @@ def estimate_wrench(kinematics, tau, smallest_singular_value, damping):
     if not cholesky(JJ, damping * damping, L):
         return
     for i in range(6):
-        total = 0.0
         for j in range(JOINTS):
-            total += J[i, j] * tau[j]
-        for k in range(i):
-            total -= L[i, k] * F[k]
-        F[i] = total / L[i, i]
-    for i in range(5, -1, -1):
-        total = F[i]
-        for k in range(i + 1, 6):
-            total -= L[k, i] * F[k]
-        F[i] = total / L[i, i]
+            F[i] += J[i, j] * tau[j]
+    solve(L, F)

@@ -40,15 +40,23 @@ class DrivenBox(ControlBox):
         generators.follow_cartesian(spare, command, int(Generator.CARTESIAN_VELOCITY), body, setting)
         generators.extrapolate(spare, int(Generator.JOINT_POSITION), body, setting)
         generators.ends_too_fast(spare)
+        generators.take_target(spare, command)
+        generators.approach_target(spare)
 
     def begin_millisecond(self, on_time: bool) -> None:
         """Begin a ms of the plant, which is one of this box's too unless it has its own clock."""
         if not self.own_clock:
-            super().begin_millisecond(on_time)
+            self._begin(on_time)
 
     def sample(self) -> None:
         """Begin a ms of this box's own clock: what it applies, the plant feels from its next ms on."""
-        super().begin_millisecond(on_time=True)
+        self._begin(on_time=True)
+
+    def _begin(self, on_time: bool) -> None:
+        if self._motion["asynchronous"] and self.mode == RobotMode.MOVE:  # nobody owes it a command each ms
+            generators.approach_target(self._motion)
+            self._waiting = on_time = True
+        super().begin_millisecond(on_time)
 
     def _torques(self) -> np.ndarray:
         tau = np.zeros(7)
@@ -61,13 +69,18 @@ class DrivenBox(ControlBox):
         generators.forward_kinematics(body, np.array(self._state["q"]))
         return bool(np.linalg.svd(body["J"], compute_uv=False).min() < SINGULAR)
 
-    def begin(self, controller: Controller, generator: Generator) -> None:
-        """Begin a motion from where the arm is held."""
+    def begin(
+        self, controller: Controller, generator: Generator, largest_velocity: tuple[float, ...] | None = None
+    ) -> None:
+        """Begin a motion from where the arm is held; an asynchronous one with a largest_velocity, (7,) rad/s."""
         self._controller, self._generator = controller, generator
         motion = self._motion
         motion["following"] = generator == Generator.NONE
         motion["cartesian"] = generator in CARTESIAN_GENERATORS
         generators.start_motion(motion, self._scratch[0], self._setting, np.array(motion["q_d"]))
+        motion["asynchronous"] = largest_velocity is not None
+        if largest_velocity is not None:
+            motion["target"], motion["largest_velocity"] = motion["q_d"], largest_velocity
         if controller == Controller.JOINT_IMPEDANCE:
             self._plant.set_hold(self._side, np.array(self._setting["K_theta"]))
             self._plant.track(self._side, np.array(motion["q_d"]), np.zeros(7))
@@ -76,7 +89,9 @@ class DrivenBox(ControlBox):
     def take_command(self, command: np.void) -> None:
         """Take a ROBOT_COMMAND for the next ms; a bad one is a reflex and never reaches the plant."""
         errors = 0
-        if self._generator in JOINT_GENERATORS:
+        if self._motion["asynchronous"]:
+            errors = generators.take_target(self._motion, command)
+        elif self._generator in JOINT_GENERATORS:
             errors = generators.follow_joints(self._motion, command, int(self._generator))
         elif self._generator in CARTESIAN_GENERATORS:
             body = self._scratch[0]

@@ -14,20 +14,28 @@ from hal.robot_errors import error_bit
 from sim_robot.arm_description import JOINTS
 from sim_robot.fci.protocol import Generator
 from sim_robot.fci.robot_state import ELBOW_FLIP, product
-from sim_robot.kinematics import cholesky, forward_kinematics
+from sim_robot.kinematics import cholesky, forward_kinematics, solve
 
 DT = CONTROL_PERIOD_S
 JOINT_POSITION, JOINT_VELOCITY = int(Generator.JOINT_POSITION), int(Generator.JOINT_VELOCITY)
 CARTESIAN_POSITION, CARTESIAN_VELOCITY = int(Generator.CARTESIAN_POSITION), int(Generator.CARTESIAN_VELOCITY)
 
-# velocity, acceleration, jerk: m, rad, and the elbow's rad (libfranka, rate_limiting.h)
+# velocity, acceleration, jerk: m, rad, and the elbow's rad (libfranka 0.21, rate_limiting.h: kMaxTranslational*,
+# kMaxRotational*, kMaxElbow*, each less kLimitEps there, since the client's limiter aims below what the robot checks)
 _TRANSLATION = (3.0, 9.0, 4500.0)
 _ROTATION = (2.5, 17.0, 8500.0)
-_ELBOW = (2.62, 10.0, 5000.0)
-# a client that limits itself meets the limits exactly: the states it starts from are float32
+_ELBOW = (1.5, 10.0, 5000.0)
+# a client that limits itself meets the velocity limits exactly: the states it starts from are float32
 _SPARE = 1.01
+# The published accelerations and jerks bind the client; where the robot stops is not published. franky-control moves
+# FR3s by the FER's limits, up to twice as high, and one step of 1e-5 rad stops an FR3 (franka_ros2, issue 55), which is
+# 10 rad/s^2 and 1e4 rad/s^3, and 2e4 back. A robot that stops above twice the limits does all that. What is beyond the
+# limits themselves is counted: motion.beyond.
+_TOLERATED = 2.02
 # how far the first pose may be from the present one; m and rad. The vendor publishes no number.
 _START = 0.01
+# how an asynchronous motion speeds up and brakes, rad/s^2: half of what a joint may, and softly at the end, 1/s
+_ASYNCHRONOUS_ACCELERATION, _SETTLING = 5.0, 25.0
 # a motion may end this fast, rad/s: the rest is braked by the controller
 _END_VELOCITY = 0.1
 _IK_DAMPING = 1e-4
@@ -64,13 +72,23 @@ def _judge_joints(q, dq, ddq, dddq, position, velocity, velocity_jump, accelerat
         above = sqrt(2.0 * L[4, j] * max(L[1, j] - q[j], 0.0)) - L[3, j]
         below = sqrt(2.0 * L[4, j] * max(q[j] - L[0, j], 0.0)) - L[3, j]
         upper, lower = min(L[2, j], max(0.0, above)), min(L[2, j], max(0.0, below))
+        # kLimitEps of rate_limiting.h
         if not -_SPARE * lower - 1e-3 <= dq[j] <= _SPARE * upper + 1e-3:
             mask |= velocity
-        if not abs(ddq[j]) <= _SPARE * L[5, j] + 0.5:
+        if not abs(ddq[j]) <= _TOLERATED * L[5, j]:
             mask |= velocity_jump
-        if not abs(dddq[j]) <= _SPARE * L[6, j] + 500.0:
+        if not abs(dddq[j]) <= _TOLERATED * L[6, j]:
             mask |= acceleration_jump
     return mask
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _beyond(ddq, dddq):
+    """True when a joint step, (7,) each, is beyond the published limits, with a spare for float32 states."""
+    for j in range(JOINTS):
+        if abs(ddq[j]) > _SPARE * _JOINTS[5, j] + 0.5 or abs(dddq[j]) > _SPARE * _JOINTS[6, j] + 500.0:
+            return True
+    return False
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -124,12 +142,12 @@ def inverse_step(body, setting, T_goal, elbow, with_elbow, q):
 
     Without an elbow the smallest motion, with one joint 3 goes where the elbow says and the others make up for it.
     """
-    T, error, F = np.empty((4, 4)), np.empty(6), np.empty(6)
+    T, error, w = np.empty((4, 4)), np.empty(6), np.empty(3)
     forward_kinematics(body, q)
     product(body.T, setting.face_T_EE, T)
-    _rotation_between(T, T_goal, F)
+    _rotation_between(T, T_goal, w)
     for r in range(3):
-        error[r], error[r + 3] = T_goal[r, 3] - T[r, 3], F[r]
+        error[r], error[r + 3] = T_goal[r, 3] - T[r, 3], w[r]
     # the Jacobian is that of the pad's face: move the error there
     lx, ly, lz = body.T[0, 3] - T[0, 3], body.T[1, 3] - T[1, 3], body.T[2, 3] - T[2, 3]
     error[0] += error[4] * lz - error[5] * ly
@@ -152,22 +170,13 @@ def inverse_step(body, setting, T_goal, elbow, with_elbow, q):
             JJ[i, k] = total
     if not cholesky(JJ, _IK_DAMPING * _IK_DAMPING, L):
         return size
-    for i in range(6):
-        total = error[i]
-        for k in range(i):
-            total -= L[i, k] * F[k]
-        F[i] = total / L[i, i]
-    for i in range(5, -1, -1):
-        total = F[i]
-        for k in range(i + 1, 6):
-            total -= L[k, i] * F[k]
-        F[i] = total / L[i, i]
+    solve(L, error)
     for j in range(JOINTS):
         if with_elbow and j == 2:
             q[j] += step3
             continue
         for r in range(6):
-            q[j] += J[r, j] * F[r]
+            q[j] += J[r, j] * error[r]
     return size
 
 
@@ -207,9 +216,36 @@ def follow_joints(motion, command, kind):
     mask |= _judge_joints(q, dq, ddq, dddq, JMG_POSITION, JMG_VELOCITY, JMG_VELOCITY_JUMP, JMG_ACCELERATION_JUMP)
     if mask == 0:
         motion.first = 0
+        motion.beyond += _beyond(ddq, dddq)
         for j in range(JOINTS):
             motion.q_d[j], motion.dq_d[j], motion.ddq_d[j] = q[j], dq[j], ddq[j]
     return mask
+
+
+@numba.njit(cache=True, error_model="numpy")
+def take_target(motion, command):
+    """Take a target of an asynchronous motion; return the errors, and change nothing when there are any."""
+    for j in range(JOINTS):
+        if not _JOINTS[0, j] <= command.q_c[j] <= _JOINTS[1, j]:
+            return JMG_POSITION
+    for j in range(JOINTS):
+        motion.target[j] = command.q_c[j]
+    return 0
+
+
+@numba.njit(cache=True, error_model="numpy")
+def approach_target(motion):
+    """Go on for 1 ms towards the target of an asynchronous motion, every joint by itself."""
+    largest_step = _ASYNCHRONOUS_ACCELERATION * DT
+    for j in range(JOINTS):
+        way = motion.target[j] - motion.q_d[j]
+        # brakes at less than it may, since it notices each ms only
+        wanted = min(motion.largest_velocity[j], sqrt(_ASYNCHRONOUS_ACCELERATION * abs(way)), _SETTLING * abs(way))
+        wanted = wanted if way >= 0.0 else -wanted
+        dq = motion.dq_d[j] + max(-largest_step, min(largest_step, wanted - motion.dq_d[j]))
+        motion.ddq_d[j] = (dq - motion.dq_d[j]) / DT
+        motion.dq_d[j] = dq
+        motion.q_d[j] += dq * DT
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -247,9 +283,9 @@ def follow_cartesian(motion, command, kind, body, setting):
         jump[i] = (rate[i] - motion.O_ddP_EE_c[i]) / DT
     if not (_norm(twist, 0) <= _SPARE * _TRANSLATION[0] and _norm(twist, 3) <= _SPARE * _ROTATION[0]):
         mask |= CMG_VELOCITY
-    if not (_norm(rate, 0) <= _SPARE * _TRANSLATION[1] + 0.5 and _norm(rate, 3) <= _SPARE * _ROTATION[1] + 0.5):
+    if not (_norm(rate, 0) <= _TOLERATED * _TRANSLATION[1] and _norm(rate, 3) <= _TOLERATED * _ROTATION[1]):
         mask |= CMG_VELOCITY_JUMP
-    if not (_norm(jump, 0) <= _SPARE * _TRANSLATION[2] + 500.0 and _norm(jump, 3) <= _SPARE * _ROTATION[2] + 500.0):
+    if not (_norm(jump, 0) <= _TOLERATED * _TRANSLATION[2] and _norm(jump, 3) <= _TOLERATED * _ROTATION[2]):
         mask |= CMG_ACCELERATION_JUMP
     with_elbow, elbow = command.valid_elbow != 0, command.elbow_c[0]
     delbow, ddelbow = 0.0, 0.0
@@ -262,10 +298,11 @@ def follow_cartesian(motion, command, kind, body, setting):
         ddelbow = (delbow - motion.delbow_c[0]) / DT
         if not (_JOINTS[0, 2] <= elbow <= _JOINTS[1, 2] and abs(delbow) <= _SPARE * _ELBOW[0]):
             mask |= CMG_ELBOW
-        if not (abs(ddelbow) <= _SPARE * _ELBOW[1] + 0.5):
-            mask |= CMG_VELOCITY_JUMP
-        if not (abs(ddelbow - motion.ddelbow_c[0]) / DT <= _SPARE * _ELBOW[2] + 500.0):
-            mask |= CMG_ACCELERATION_JUMP
+        # the vendor has no name of its own for an elbow that jumps
+        if not (abs(ddelbow) <= _TOLERATED * _ELBOW[1]):
+            mask |= CMG_ELBOW
+        if not (abs(ddelbow - motion.ddelbow_c[0]) / DT <= _TOLERATED * _ELBOW[2]):
+            mask |= CMG_ELBOW
     if mask != 0:
         return mask
     q, dq, ddq, dddq = motion.q_d.copy(), np.empty(JOINTS), np.empty(JOINTS), np.empty(JOINTS)
@@ -274,13 +311,13 @@ def follow_cartesian(motion, command, kind, body, setting):
     for j in range(JOINTS):
         dq[j] = (q[j] - motion.q_d[j]) / DT
         ddq[j] = (dq[j] - motion.dq_d[j]) / DT
-        # the redundancy has no jerk limit of its own near the start of a motion: the Cartesian one was checked
-        dddq[j] = 0.0
+        dddq[j] = (ddq[j] - motion.ddq_d[j]) / DT
     mask |= _judge_joints(
         q, dq, ddq, dddq, CMG_JOINT_POSITION, CMG_JOINT_VELOCITY, CMG_JOINT_VELOCITY_JUMP, CMG_JOINT_ACCELERATION_JUMP
     )
     if mask == 0:
         motion.first, motion.with_elbow = 0, with_elbow
+        motion.beyond += _beyond(ddq, dddq)
         motion.O_T_EE_d[:], motion.O_T_EE_c[:] = T, T
         for i in range(6):
             motion.O_dP_EE_d[i], motion.O_dP_EE_c[i], motion.O_ddP_EE_c[i] = twist[i], twist[i], rate[i]

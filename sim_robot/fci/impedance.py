@@ -8,7 +8,7 @@ import numpy as np
 from hal.limits import FR3
 from sim_robot.arm_description import JOINTS
 from sim_robot.fci.robot_state import product
-from sim_robot.kinematics import forward_kinematics
+from sim_robot.kinematics import cholesky, forward_kinematics, solve
 
 # inertia that the damping is critical for, seen at the end effector: kg, kg m^2 (the vendor publishes none)
 _MASS, _INERTIA = 4.0, 0.1
@@ -58,24 +58,16 @@ def cartesian_impedance(state, motion, setting, measured, desired, tau):
     for j in range(JOINTS):
         null[j] = _NULL_STIFFNESS * (motion.q_d[j] - state.q[j]) + _NULL_DAMPING * (motion.dq_d[j] - state.dq[j])
     # take out of `null` what pushes the end effector: null - J^T (J J^T + d I)^-1 J null
-    A, b = np.zeros((6, 6)), np.zeros(6)
+    b = np.zeros(6)
     for i in range(6):
         for j in range(JOINTS):
             b[i] += J[i, j] * null[j]
-        for k in range(6):
+        for k in range(i + 1):
+            measured.JJ[i, k] = 0.0
             for j in range(JOINTS):
-                A[i, k] += J[i, j] * J[k, j]
-        A[i, i] += 1e-4
-    for i in range(6):  # symmetric and positive definite: no pivots
-        for k in range(i + 1, 6):
-            factor = A[k, i] / A[i, i]
-            for c in range(i, 6):
-                A[k, c] -= factor * A[i, c]
-            b[k] -= factor * b[i]
-    for i in range(5, -1, -1):
-        for k in range(i + 1, 6):
-            b[i] -= A[i, k] * b[k]
-        b[i] /= A[i, i]
+                measured.JJ[i, k] += J[i, j] * J[k, j]
+    cholesky(measured.JJ, 1e-4, measured.factor)  # positive definite by the shift
+    solve(measured.factor, b)
     for j in range(JOINTS):
         total = null[j]
         for i in range(6):

@@ -6,6 +6,8 @@ Deterministic for a client program, whatever the machine does:
 - After Move, states go on (slower and slower) and the plant stands still until each moving arm has answered once.
 - Then a state is shown to all at once, idle arms first, and the plant waits for every moving arm's answer, idle ones
   never. A moving arm whose client has gone is not waited for: it loses packets, as on the robot.
+- An asynchronous motion (targets now and then, no answers) goes on at 1 kHz of wall-clock time, unless another arm's
+  answers set the pace.
 - When the last motion ends, the plant first comes to rest by itself; the answer that ends the motion, a Move and a
   recovery wait for that, so that what a client reads next does not depend on when it reads.
 """
@@ -16,6 +18,7 @@ from collections.abc import Callable
 import numpy as np
 
 from sim_robot.fci.server import Server
+from sim_robot.fci.station import Station
 
 IDLE_PERIOD_S = 1e-3
 # between two states before the first answer: the client's start takes one, its first read another one; a third one is
@@ -50,12 +53,16 @@ class Lockstep:
                 self._rest()
                 continue
             moving = [station for station in server.stations if station.moving]
-            if moving and not any(station.awaited for station in moving):
+            if moving and not any(station.awaited for station in moving) and self._due(moving):
                 self._step()
                 continue
             server.poller.serve(self._wait_s())
             self._note_changes()
             self._repeat(time.monotonic())
+
+    def _due(self, moving: list[Station]) -> bool:
+        """True unless nobody's answers set the pace and the ms is not over yet."""
+        return not all(station.asynchronous for station in moving) or time.monotonic() >= self._idle_due_s
 
     def _note_changes(self) -> None:
         """See motions that began or ended: show it at once, and let the plant come to rest after the last one."""
@@ -110,7 +117,8 @@ class Lockstep:
         stations, now = self._server.stations, time.monotonic()
         due: list[float] = []
         due += [station.repeat_due_s for station in stations if station.moving and not station.joined]
-        if any(station.link.client is not None and not station.moving for station in stations):
+        served = [station for station in stations if station.link.client is not None]
+        if any(not station.moving or station.asynchronous for station in served):
             due.append(self._idle_due_s)
         return max(0.0, min(due) - now) if due else 0.1
 
@@ -122,7 +130,7 @@ class Lockstep:
                 station.show()
                 station.repeat_due_s = now + FIRST_REPEATS_S[min(station.repeats, len(FIRST_REPEATS_S) - 1)]
                 station.repeats += 1
-        if now >= self._idle_due_s:
+        if now >= self._idle_due_s and not any(station.asynchronous for station in stations):
             for station in stations:
                 if not station.moving:
                     station.show()

@@ -16,11 +16,15 @@ ELBOW_FLIP = -0.467002423653011
 MOTION_RECORD = np.dtype(
     [
         ("first", "i8"),  # 1: no command of this motion yet
+        ("beyond", "i8"),  # commands beyond the published limits that the robot tolerated
         ("with_elbow", "i8"),  # 1: the last command carried an elbow
         ("following", "i8"),  # 1: nothing is desired but what is measured (torque control)
         ("q_d", "f8", JOINTS),
         ("dq_d", "f8", JOINTS),
         ("ddq_d", "f8", JOINTS),
+        ("asynchronous", "i8"),  # 1: the client sends targets when it likes, and the robot finds the way
+        ("target", "f8", JOINTS),
+        ("largest_velocity", "f8", JOINTS),  # on the way there
         ("cartesian", "i8"),  # 1: the client commands poses or twists
         ("O_T_EE_d", "f8", (4, 4)),
         ("O_dP_EE_d", "f8", 6),

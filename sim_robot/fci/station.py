@@ -13,6 +13,7 @@ from sim_robot.cell import SimulatedCell
 from sim_robot.fci.answers import AnswerTimes
 from sim_robot.fci.drive import CARTESIAN_GENERATORS, DrivenBox
 from sim_robot.fci.link import Link
+from sim_robot.fci.move import GOAL_DEVIATION, PATH_DEVIATION, MoveRequest, Tolerances, deviates
 from sim_robot.fci.protocol import (
     GENERATOR_IDLE,
     Command,
@@ -33,10 +34,14 @@ def _flags(mask: int) -> np.ndarray:
     return np.array([mask >> bit & 1 for bit in range(len(ROBOT_ERRORS))], dtype=np.uint8)
 
 
-def _possible(controller: int, generator: int) -> bool:
-    if controller > Controller.EXTERNAL or generator > Generator.NONE:
+def _possible(request: MoveRequest) -> bool:
+    if request.controller > Controller.EXTERNAL or request.generator > Generator.NONE:
         return False
-    return generator != Generator.NONE or controller == Controller.EXTERNAL
+    if request.asynchronous and (
+        request.generator != Generator.JOINT_POSITION or request.controller == Controller.EXTERNAL
+    ):
+        return False
+    return request.generator != Generator.NONE or request.controller == Controller.EXTERNAL
 
 
 class Station:
@@ -74,7 +79,7 @@ class Station:
         self._shown_errors = self._shown_reason = self._reason = 0
         self._move_id: int | None = None
         self._mode_shown = (int(Controller.OTHER), GENERATOR_IDLE)
-        self._finishing = False
+        self._tolerances = Tolerances.NONE
         self._rest()
 
     # what the server asks
@@ -87,13 +92,22 @@ class Station:
     @property
     def awaited(self) -> bool:
         """True while a client that is moving this arm has not answered the present state."""
-        return self.moving and not self.answered and self.link.client is not None
+        return self.moving and not self.answered and not self.asynchronous and self.link.client is not None
+
+    @property
+    def asynchronous(self) -> bool:
+        """True while the client owes this arm no answer: it sends targets when it likes."""
+        return self.moving and bool(self.motion["asynchronous"])
 
     # commands
 
     def take(self, command: np.void) -> None:
         """Take a datagram of the client. One that answers an older state came too late and is lost."""
         if not self.moving or self.answered or not self.first_id <= int(command["message_id"]) <= self.message_id:
+            return
+        if self.asynchronous:
+            self.box.take_command(command)
+            self.settle_outcome()
             return
         if self.patient:
             self.first_id = int(command["message_id"]) + 1
@@ -106,7 +120,13 @@ class Station:
         self.settle_outcome()
 
     def _finish(self, status: MoveStatus) -> None:
-        self.box.finish() if status == MoveStatus.SUCCESS else self.box.stop()
+        goal = self._tolerances.goal
+        if status == MoveStatus.SUCCESS and goal is not None and deviates(self._wire[0], goal):
+            self.box.trip(GOAL_DEVIATION)
+        elif status == MoveStatus.SUCCESS:
+            self.box.finish()
+        else:
+            self.box.stop()
         if self.box.mode == RobotMode.REFLEX:
             self.settle_outcome()
             return
@@ -146,6 +166,8 @@ class Station:
             errors |= JOINT_REFLEX
         if collisions & CARTESIAN_COLLISION:
             errors |= CARTESIAN_REFLEX
+        if self._tolerances.path is not None and self.moving and deviates(self._wire[0], self._tolerances.path):
+            errors |= PATH_DEVIATION
         if errors and self.moving:
             self.box.trip(errors)
         self.settle_outcome()
@@ -182,7 +204,7 @@ class Station:
         """Send a state that the plant has not shown before: only an answer to it counts from now on."""
         self.answers.lost += self.awaited and self.joined
         self.answered = False
-        if not self.patient:
+        if not (self.patient or self.asynchronous):
             self.first_id = self.message_id + 1
         self._shown_ns = time.monotonic_ns()
         self.show()
@@ -208,11 +230,12 @@ class Station:
             self._reply_later(command, command_id, self._set(command, values))
 
     def _move(self, command_id: int, values: tuple) -> None:
-        controller, generator, asynchronous = values[0], values[1], values[8]
+        request = MoveRequest.of(values)
+        controller, generator = request.controller, request.generator
         status = MoveStatus.MOTION_STARTED
         if self.box.mode != RobotMode.IDLE:
             status = MoveStatus.NOT_POSSIBLE
-        elif not _possible(controller, generator) or asynchronous:
+        elif not (_possible(request) and request.valid):
             status = MoveStatus.INVALID_ARGUMENT
         elif generator in CARTESIAN_GENERATORS and self.box.singular():
             status = MoveStatus.SINGULAR_START
@@ -222,11 +245,13 @@ class Station:
         self._move_id = command_id
         self._mode_shown = (controller, generator + 1)
         self._reason = 0
-        self.answered = self.joined = False
+        self.answered, self.joined = False, request.asynchronous
         self.repeats, self.repeat_due_s = 0, 0.0
         self.first_id = self.message_id + 1
         self.motion["watching"] = 1
-        self.box.begin(Controller(controller), Generator(generator))
+        largest_velocity = request.largest_velocity if request.asynchronous else None
+        self.box.begin(Controller(controller), Generator(generator), largest_velocity)
+        self._tolerances = request.tolerances
         self._refresh()
 
     def _recover(self) -> RecoveryStatus:
