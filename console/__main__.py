@@ -24,6 +24,7 @@ from console.watch import STATUS_TIMEOUT_S, Watch
 from rtstack.configuration import ConfigurationError
 from rtstack.live.client import RobotClient
 from rtstack.live.lifeline import hold_lifeline
+from rtstack.live.source import described_as
 from rtstack.log.catalogue import Catalogue
 from rtstack.log.errors import LogError
 from rtstack.log.ring import Rings
@@ -53,6 +54,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--rings", required=True, help="name of the live rings")
     parser.add_argument("--logs", type=Path, required=True)
     parser.add_argument("--cell", type=Path, required=True, help="cell description")
+    parser.add_argument("--kind", default="direct", help="kind of cell, as the command line spells it")
     parser.add_argument("--listener", type=int, required=True, help="file descriptor of the listening socket")
     asked = parser.parse_args(arguments)
 
@@ -84,7 +86,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _parts(asked: argparse.Namespace, port: int, stack: ExitStack) -> Parts:
-    cell = load_cell_description(asked.cell)
+    cell = described_as(load_cell_description(asked.cell), asked.kind)
     mailbox = Mailbox.attach(f"{asked.name}-mailbox")
     stack.callback(mailbox.close)
     rings = Rings.attach(asked.rings)

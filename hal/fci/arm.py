@@ -34,7 +34,8 @@ class FciArm:
         *,
         enforce_realtime: bool = False,
     ) -> None:
-        """Connect and set up. Raises ConnectionLost, CommandRejected, HardwareError.
+        """Connect and set up; an arm in reflex is set up by its recovery. Raises ConnectionLost, CommandRejected,
+        HardwareError.
 
         tool: None leaves what is set in Desk. enforce_realtime: refuse to control on a kernel that is not real-time.
         """
@@ -54,8 +55,24 @@ class FciArm:
             raise HardwareError(f"the arm at {address}: not one socket for its states and one for requests, but {new}")
         # descriptor that becomes readable when a state has arrived, never to be read here; and the one for requests
         (self.socket, _), (self._requests, _) = (found.pop() for found in new)
-        with vendor_errors(address), _own_schedule():
-            configure(self._robot, tool, collisions or CollisionBehaviour())
+        self._setup = (tool, collisions or CollisionBehaviour())
+        if not self.reflex():
+            self._configure()
+
+    def _configure(self) -> None:
+        with vendor_errors(self.address), _own_schedule():
+            configure(self._open_robot(), *self._setup)
+
+    def reflex(self) -> tuple[str, ...]:
+        """Return the vendor's names of the errors that an idle arm has latched, empty where it is in no reflex.
+
+        Raises ConnectionLost.
+        """
+        with vendor_errors(self.address):
+            state = self._open_robot().read_once()
+        if int(state.robot_mode) != RobotMode.REFLEX:
+            return ()
+        return _reasons(state) or ("unknown",)
 
     def start(self) -> None:
         """Take torque control: from now on the robot wants an answer each millisecond. Raises CommandRejected.
@@ -114,7 +131,7 @@ class FciArm:
         mode = int(state.robot_mode)
         self._take(state, mode)
         if mode == RobotMode.REFLEX:
-            names = names_in(str(state.current_errors)) or names_in(str(state.last_motion_errors))
+            names = _reasons(state)
             raise CommandRejected(
                 f"the arm at {self.address} is in reflex: {', '.join(names)}; recover it first", names
             )
@@ -153,15 +170,25 @@ class FciArm:
         self._control = None
 
     def recover(self) -> None:
-        """Clear a reflex. Raises RecoveryRefused while its cause persists, ConnectionLost."""
-        robot = self._open_robot()
+        """Clear a reflex. Raises RecoveryRefused while its cause persists, ConnectionLost.
+
+        An arm in no reflex is asked nothing: a recovery must not wait there for the next error.
+        """
+        self._open_robot()
         self.stop()
+        names = self.reflex()
+        if not names:
+            return
         try:
-            robot.automatic_error_recovery()
+            self._open_robot().automatic_error_recovery()
         except franka.CommandException as error:
-            raise RecoveryRefused(f"{as_hardware_error(error, self.address)}; move the arm out of its cause") from None
+            raise RecoveryRefused(
+                f"{as_hardware_error(error, self.address)}; the cause persists: {', '.join(names)}; "
+                "move the arm out of it"
+            ) from None
         except VENDOR as error:
             raise self._fault(error) from None
+        self._configure()
 
     def close(self) -> None:
         """Stop and disconnect."""
@@ -186,6 +213,10 @@ class FciArm:
         self._lost = isinstance(error, franka.NetworkException)
         self._control = None
         return as_hardware_error(error, self.address)
+
+
+def _reasons(state: franka.RobotState) -> tuple[str, ...]:
+    return names_in(str(state.current_errors)) or names_in(str(state.last_motion_errors))
 
 
 @contextlib.contextmanager

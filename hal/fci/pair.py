@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.cell import LEFT, RIGHT
+from hal.errors import RecoveryRefused
 from hal.fci.arm import FciArm
 from hal.fci.motion import move
 from hal.fci.setup import CollisionBehaviour, Tool
@@ -55,6 +56,25 @@ class FciPair:
         """Move both arms to goal (2, 7) rad; see hal.cell.ArmLink."""
         self._silent_s = {LEFT: 0.0, RIGHT: 0.0}
         return move(self, goal, limit, stop)
+
+    def recover(self) -> tuple[str, ...]:
+        """Recover whichever arm is in reflex, both before saying no; return one line for each that was.
+
+        Raises RecoveryRefused with the reasons of all that refuse, ConnectionLost.
+        """
+        done: list[str] = []
+        refused: list[str] = []
+        for arm in (self.left, self.right):
+            names = arm.reflex()
+            try:
+                arm.recover()
+            except RecoveryRefused as error:
+                refused.append(str(error))
+            else:
+                done += [f"the arm at {arm.address} has recovered from {', '.join(names)}"] if names else []
+        if refused:
+            raise RecoveryRefused("; ".join(done + refused))
+        return tuple(done)
 
     def _meet(self) -> None:
         """Leave both arms with the same state to be read: a robot that waits repeats it until it is answered."""

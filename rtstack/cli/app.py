@@ -83,16 +83,26 @@ def recover(log: Annotated[Path, typer.Argument(metavar="LOG.mcap")]) -> None:
     run(log)
 
 
+@app.command("recover-arms")
+def recover_arms(cell: Annotated[str, typer.Option(help="fci:LEFT,RIGHT.")]) -> None:
+    """Clear what a robot arm has latched (a reflex), once its cause is gone."""
+    from rtstack.cli.recovery import recover_arms as run
+
+    run(cell)
+
+
 @app.command()
 def up(
     port: Annotated[int, typer.Option(help="Port of the console, on the loopback address.", min=0, max=65535)] = 8080,
     logs: Annotated[Path, typer.Option(help="Where logs are written.")] = Path("logs"),
     cell_file: Annotated[Path | None, typer.Option("--cell", help="TOML description of the cell.")] = None,
+    left: Annotated[str | None, typer.Option(help="Address of the left arm.")] = None,
+    right: Annotated[str | None, typer.Option(help="Address of the right arm.")] = None,
 ) -> None:
-    """Start the whole stack with the simulated cell; Ctrl-C ends all of it."""
+    """Start the whole stack, with the arms at --left and --right or the simulated cell; Ctrl-C ends all of it."""
     from rtstack.cli.stack import up as run
 
-    run(port, logs, cell_file)
+    run(port, logs, cell_file, left, right)
 
 
 @app.command()

@@ -9,7 +9,7 @@ from hal.errors import HardwareError
 from hal.fci import FciPair, Tool, open_pair
 from hal.tracker_link import TrackerLink
 from rtstack.cli.simulator import Simulator
-from rtstack.live.source import CellSource
+from rtstack.live.source import CellSource, described_as
 from rtstack.model.cell_description import CellDescription, TrackerAddress, load_cell_description
 from rtstack.trials.errors import TrialError
 
@@ -126,11 +126,20 @@ def _simulator_cell(kind: str, object_name: str, displacement_m: float, seed: in
     return Cell(kind, pair.left, pair.right, simulator.tracker, link, own_clocks=kind == "realtime")
 
 
-def live_source(description: Path) -> CellSource:
-    """Return the simulated cell that a person watches, for the robot process. Raises ConfigurationError.
+def live_source(description: Path, kind: str = "direct") -> CellSource:
+    """Return the cell that a person watches, for the robot process. Raises ConfigurationError, TrialError.
 
-    It is the direct cell, paced: real time where the machine can, slower where it cannot, and never wrong.
+    direct: the plant in that process, paced: real time where the machine can, slower where it cannot, and never wrong.
+    fci:LEFT,RIGHT: the arms at these addresses; the object lies where a person has put it.
     """
+    described = described_as(load_cell_description(description), kind)
+    if kind != "direct":
+        fci_addresses(kind)
+
+        def open_fci(object_name: str, displacement_m: float, seed: int) -> Cell:
+            return _fci_cell(kind, described)
+
+        return CellSource(kind=kind, description=described, file=description, open_cell=open_fci)
 
     def open_live(object_name: str, displacement_m: float, seed: int) -> Cell:
         from sim_robot.cell import simulated_cell
@@ -138,6 +147,4 @@ def live_source(description: Path) -> CellSource:
 
         return simulated_cell(object_name, displacement_m, seed, clock=PacedLockstep()).as_cell("direct")
 
-    return CellSource(
-        kind="direct", description=load_cell_description(description), file=description, open_cell=open_live
-    )
+    return CellSource(kind=kind, description=described, file=description, open_cell=open_live)

@@ -4,18 +4,23 @@ from pathlib import Path
 
 import typer
 
-from rtstack.cli.cells import load_description
+from rtstack.cli.cells import fci_addresses, load_description
 from rtstack.live.stack import StackSettings, run_stack
 from rtstack.trials.errors import TrialError
 
 SOURCE = "rtstack.cli.cells:live_source"
 
 
-def up(port: int, logs: Path, cell_file: Path | None) -> None:
-    """Start the stack and stay until it ends."""
+def up(port: int, logs: Path, cell_file: Path | None, left: str | None = None, right: str | None = None) -> None:
+    """Start the stack and stay until it ends; with both addresses on these arms. Raises TrialError."""
+    if (left is None) != (right is None):
+        raise TrialError("two arms have two addresses: give --left and --right, or neither for the simulated cell")
+    kind = "direct" if left is None else f"fci:{left},{right}"
+    if kind != "direct":
+        fci_addresses(kind)
     _, source = load_description(cell_file)
     try:
         logs.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise TrialError(f"cannot write logs to {logs}: {error.strerror}") from None
-    raise typer.Exit(run_stack(StackSettings(port=port, logs=logs, source=SOURCE, cell=source)))
+    raise typer.Exit(run_stack(StackSettings(port=port, logs=logs, source=SOURCE, cell=source, kind=kind)))

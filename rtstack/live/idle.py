@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from hal.arm import Arm
-from hal.cell import Cell
+from hal.cell import LEFT, RIGHT, Cell
 from hal.errors import CommandRejected
 from hal.limits import CONTROL_PERIOD_S
 from hal.robot_errors import ROBOT_ERRORS, error_bit
@@ -89,18 +89,21 @@ class IdleView:
         self._timing["missed_deadlines"] = 0
         ticks = 0
         told: list[str | None] = [None, None]
+        refusals: list[str | None] = [None, None]
         while not interrupted():
-            refusals = [view.show(arm) for view, arm in zip(self._arms, (cell.left, cell.right), strict=True)]
+            if not self._show(cell, refusals) & LEFT:
+                continue  # the left arm's states are the beat
             if refusals != told:
                 for refusal in refusals:
                     if refusal is not None and refusal not in told:
                         self.tell(Level.ERROR, refusal)
                         refused(refusal)
-                told = refusals
-            if None not in refusals:
+                told = list(refusals)
+            if None not in refusals and not cell.own_clocks:
                 time.sleep(CONTROL_PERIOD_S)  # no arm is the clock any more
             now_ns = time.perf_counter_ns()
-            t_ns = max(view.t_ns for view in self._arms)
+            # two clocks may count from anywhere
+            t_ns = self._arms[0].t_ns if cell.own_clocks else max(view.t_ns for view in self._arms)
             if last_t_ns and t_ns - last_t_ns > 1.5 * _PERIOD_NS:
                 self._timing["missed_deadlines"] += round((t_ns - last_t_ns) / _PERIOD_NS) - 1
             self._timing["t_ns"] = t_ns
@@ -109,6 +112,18 @@ class IdleView:
             if ticks % _TRACKER_EVERY == 0:
                 self._object_pusher.push(cell.tracker.latest().record)
             last_ns, last_t_ns, ticks = now_ns, t_ns, ticks + 1
+
+    def _show(self, cell: Cell, refusals: list[str | None]) -> int:
+        """Show the arms whose states have arrived, both where they share a clock; note why they refuse to move.
+
+        Returns their mask.
+        """
+        mask = cell.link.wait() if cell.own_clocks and cell.link is not None else LEFT | RIGHT
+        if mask & LEFT:
+            refusals[0] = self._arms[0].show(cell.left)
+        if mask & RIGHT:
+            refusals[1] = self._arms[1].show(cell.right)
+        return mask
 
     def tell(self, level: Level, text: str) -> None:
         """Publish an event of the robot process, at the time of the last state that was shown, by whomever."""

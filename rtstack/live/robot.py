@@ -1,6 +1,6 @@
 """The robot process: owns the cell, the loop and the live rings; carries out one job at a time.
 
-    python -m rtstack.live.robot --run FOLDER --name NAME --logs DIR --source MODULE:FUNCTION --cell TOML
+    python -m rtstack.live.robot --run FOLDER --name NAME --logs DIR --source MODULE:FUNCTION --cell TOML --kind KIND
 
 It names no robot: the cell comes from a factory of a composition root (rtstack.live.source). It ends on SIGTERM, and
 when its standard input closes, so that it never outlives its supervisor.
@@ -17,7 +17,7 @@ from concurrent.futures import Future
 from pathlib import Path
 
 from hal.cell import Cell
-from hal.errors import HardwareError
+from hal.errors import HardwareError, RecoveryRefused
 from rtstack.configuration import ConfigurationError
 from rtstack.live.desk import Desk
 from rtstack.live.idle import IdleView
@@ -34,8 +34,9 @@ from rtstack.trials.errors import TrialError
 from rtstack.trials.record import open_log
 from rtstack.trials.result import DemonstrationResult, TrialResult
 from rtstack.trials.run import prepare_trial, run_demonstration, run_trial
+from rtstack.trials.start_motion import start_motion
 
-_RETRY_S = 0.5  # without a cell there is no clock but ours
+_RETRY_S = 2.0  # between two attempts to open a cell that was lost
 
 
 class Robot:
@@ -68,6 +69,8 @@ class Robot:
     def _watch(self) -> None:
         if self._cell is None:
             self._desk.wait(_RETRY_S)
+            if not self._desk.has_news:
+                self._reopen()
             return
         try:
             self._idle.watch(self._cell, lambda: self._desk.has_news, self._desk.complain)
@@ -75,13 +78,22 @@ class Robot:
             self._close()
             self._desk.lost(str(error))
 
+    def _reopen(self) -> None:
+        """Try again to reach a cell that was lost: it is read and shown, and nothing moves before it is ordered."""
+        try:
+            self._open_or_raise(self._first_object, 0.0, 0)
+        except HardwareError as error:
+            self._desk.complain(str(error))
+        else:
+            self._desk.complain(None)
+            self._idle.tell(Level.INFO, "the cell answers again")
+
     def _recover(self, recovery: "Future[None]") -> None:
         try:
             if self._cell is None:
                 self._open_or_raise(self._first_object, 0.0, 0)
             else:
-                self._cell.left.recover()
-                self._cell.right.recover()
+                _recover_both(self._cell)
             self._desk.complain(None)
             recovery.set_result(None)
         except HardwareError as error:
@@ -118,6 +130,8 @@ class Robot:
         displacement_m = order.displacement_mm * 1e-3 if isinstance(order, TrialRequest) else 0.0
         self._close()
         cell = self._open_or_raise(order.object, displacement_m, order.seed)
+        start = None if prepared is None else prepared.reference.ante[:, 0]
+        way = start_motion(cell, description, order.object, displacement_m, start)
         if self._mailbox.stop_requested:
             raise TrialError("stopped by the operator before it began")
         attachments = () if prepared is None else (_reference(Path(prepared.specification.reference)),)
@@ -129,10 +143,10 @@ class Robot:
         self._idle.tell(Level.INFO, f"{order.verb} started: {log.name}")
         live, stop, progress = self._rings, self._mailbox, self._desk.progress
         if prepared is not None:
-            return run_trial(prepared, cell, log=opened, live=live, stop=stop, progress=progress)
+            return run_trial(prepared, cell, log=opened, live=live, stop=stop, progress=progress, way=way)
         assert isinstance(order, DemonstrationRequest)
         return run_demonstration(
-            order.specification(), description, cell, log=opened, live=live, stop=stop, progress=progress
+            order.specification(), description, cell, log=opened, live=live, stop=stop, progress=progress, way=way
         )
 
     def _open(self, object_name: str, displacement_m: float, seed: int) -> None:
@@ -150,6 +164,18 @@ class Robot:
         if self._cell is not None:
             self._cell.close()
             self._cell = None
+
+
+def _recover_both(cell: Cell) -> None:
+    """Ask both arms before saying no. Raises RecoveryRefused with what each of them says."""
+    refused: list[str] = []
+    for arm in (cell.left, cell.right):
+        try:
+            arm.recover()
+        except RecoveryRefused as error:
+            refused.append(str(error))
+    if refused:
+        raise RecoveryRefused("; ".join(refused))
 
 
 def _free_name(logs: Path, order: JobRequest) -> Path:
@@ -179,12 +205,13 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--logs", type=Path, required=True)
     parser.add_argument("--source", required=True, help="module:function that gives the cell")
     parser.add_argument("--cell", type=Path, required=True, help="cell description")
+    parser.add_argument("--kind", default="direct", help="kind of cell, as the command line spells it")
     asked = parser.parse_args(arguments)
     try:
-        source = load_source(asked.source, asked.cell)
+        source = load_source(asked.source, asked.cell, asked.kind)
         asked.logs.mkdir(parents=True, exist_ok=True)
         mailbox = Mailbox.create(f"{asked.name}-mailbox")
-    except (SourceError, ConfigurationError, MailboxError, LogError, OSError) as error:
+    except (SourceError, ConfigurationError, MailboxError, LogError, TrialError, OSError) as error:
         print(f"robot process: {error}", file=sys.stderr)
         return 2
     desk = Desk(source, mailbox)

@@ -1,7 +1,7 @@
 """Where the robot process gets its cell from: a factory that a composition root hands over by its name."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Protocol
@@ -33,14 +33,25 @@ class SourceError(Exception):
     """The name of the factory leads nowhere; the message says where it broke off."""
 
 
-def load_source(name: str, description: Path) -> CellSource:
-    """Call the factory `package.module:function` with the path of a cell description.
+def described_as(description: CellDescription, kind: str) -> CellDescription:
+    """Return what a description says of a cell of this kind: whether its arms are simulated.
+
+    Nobody may be told that a real arm is a simulated one: beside the plant of ours (direct), only arms on this machine
+    can be.
+    """
+    addresses = kind.removeprefix("fci:").split(",")
+    here = all(address.startswith("127.") for address in addresses)
+    return replace(description, simulated=kind == "direct" or (description.simulated and here))
+
+
+def load_source(name: str, description: Path, kind: str) -> CellSource:
+    """Call the factory `package.module:function` with the path of a cell description and the kind of cell.
 
     Raises SourceError with one line when it is not there, and what the factory raises.
     """
     module_name, _, attribute = name.partition(":")
     try:
-        factory: Callable[[Path], CellSource] = getattr(import_module(module_name), attribute)
+        factory: Callable[[Path, str], CellSource] = getattr(import_module(module_name), attribute)
     except (ImportError, AttributeError, ValueError) as error:
         raise SourceError(f"cell source {name!r}: {error}") from None
-    return factory(description)
+    return factory(description, kind)

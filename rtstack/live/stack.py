@@ -34,12 +34,14 @@ class StackError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class StackSettings:
-    """What to start. `source` names the factory of the cell (rtstack.live.source), port 0 takes a free one."""
+    """What to start. `source` names the factory of the cell (rtstack.live.source), `kind` the cell as the command line
+    spells it; port 0 takes a free one."""
 
     port: int
     logs: Path
     source: str
     cell: Path
+    kind: str = "direct"
 
 
 class _Ended(Exception):
@@ -83,6 +85,8 @@ def _supervise(settings: StackSettings, stack: ExitStack) -> None:
         str(settings.logs),
         "--cell",
         str(settings.cell),
+        "--kind",
+        settings.kind,
     ]
 
     robot = _Child("robot process", "rtstack.live.robot", [*shared, "--source", settings.source])
