@@ -1,0 +1,127 @@
+"""`rtstack sim` as its users meet it: what it prints, what it refuses in one line, and how it ends."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from hal.tracker_link import DATAGRAM
+from sim_robot.fci.__main__ import main
+from sim_robot.fci.protocol import PORT
+
+COMMAND = Path(sys.executable).with_name("rtstack")
+PREFIX = f"127.{100 + os.getpid() % 100}.{1 + os.getpid() // 100 % 250}"
+LEFT, RIGHT = f"{PREFIX}.201", f"{PREFIX}.202"
+
+
+def command(*arguments: object) -> list[str]:
+    return [str(COMMAND), "sim", "--left", LEFT, "--right", RIGHT, *map(str, arguments)]
+
+
+@pytest.fixture
+def refusal(capsys: pytest.CaptureFixture[str]) -> Iterator[Callable[..., str]]:
+    """Give it what it must refuse; returns the one line that it says."""
+
+    def refused(*arguments: object) -> str:
+        try:
+            status = main(["--left", LEFT, "--right", RIGHT, *map(str, arguments)])
+        except SystemExit as end:
+            status = end.code
+        said = capsys.readouterr()
+        assert (status, said.out, said.err.count("\n")) == (2, "", 1), said
+        return said.err
+
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield refused
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--scene", "attic"], ["attic", "there is grab"]),
+        (["--scene", "../scenes/grab"], ["there is grab"]),
+        (["--faults", "missing.toml"], ["missing.toml", "cannot be read"]),
+        (["--left", "8.8.8.8"], ["8.8.8.8", "addresses of this host"]),
+        (["--left", RIGHT], ["two arms have two addresses"]),
+        (["--tracker", "nowhere"], ["--tracker", "HOST:PORT", "nowhere"]),
+        (["--tracker", "127.0.0.1:99999"], ["HOST:PORT"]),
+        (["--phase-us", "1000"], ["the phase is 0 to below 1000 us"]),
+        (["--drift-ppm", "nan"], ["drift"]),
+        (["--lockstep", "--drift-ppm", "50"], ["in lockstep there is no clock"]),
+        (["--object", "anvil"], ["anvil", "rice_box"]),
+        (["--priority", "100"], ["--priority"]),
+        (["--seed", "-1"], ["--seed"]),
+    ],
+)
+def test_bad_input_is_one_line_and_nothing_is_served(
+    refusal: Callable[..., str], arguments: list[str], words: list[str]
+) -> None:
+    said = refusal(*arguments)
+    for word in words:
+        assert word in said
+
+
+@pytest.mark.parametrize("arguments", [["--scene", "attic"], ["--faults", "missing.toml"], ["--seed", "-1"]])
+def test_bad_input_on_the_command_line(arguments: list[str], tmp_path: Path) -> None:
+    done = subprocess.run(command(*arguments), capture_output=True, text=True, timeout=120, cwd=tmp_path)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), done
+    assert arguments[1] in done.stderr or arguments[0] in done.stderr
+
+
+def test_a_script_of_faults_that_is_wrong_is_named_with_its_line(refusal: Callable[..., str], tmp_path: Path) -> None:
+    path = tmp_path / "script.toml"
+    path.write_text('[[fault]]\nkind = "push"\narm = "left"\nat_s = 1.0\nforce = [1, 2, 3]\n', encoding="utf-8")
+    assert "script.toml:5: fault 1 (push): unknown key 'force'" in refusal("--faults", path)
+
+
+def test_an_address_in_use(refusal: Callable[..., str]) -> None:
+    with socket.create_server((LEFT, PORT)):
+        said = refusal()
+    assert "in use" in said
+    assert LEFT in said
+    assert "--left and --right" in said
+
+
+def test_it_says_what_comes_next_and_ctrl_c_ends_it(tmp_path: Path) -> None:
+    """With a script of faults and a listener for the object's poses; the last lines tell how the pace was kept."""
+    path = tmp_path / "script.toml"
+    path.write_text('[[fault]]\nkind = "user_stop"\narm = "both"\nat_s = 0\n', encoding="utf-8")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
+        listener.bind((PREFIX + ".203", 0))
+        listener.settimeout(60.0)
+        host, port = listener.getsockname()
+        process = subprocess.Popen(
+            command("--faults", path, "--tracker", f"{host}:{port}", "--object", "parcel", "--displacement-mm", "10"),
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline().startswith(f"serving {LEFT} and {RIGHT}, 1 kHz")
+            trial = f"rtstack trial --reference REC.mcap --cell fci:{LEFT},{RIGHT} --object parcel --displacement-mm=10"
+            assert process.stdout.readline() == f"run a trial against it: {trial}\n"
+            assert len(listener.recv(4096)) == DATAGRAM.itemsize
+            process.send_signal(signal.SIGINT)
+            out, err = process.communicate(timeout=60)
+        finally:
+            process.kill()
+    assert process.returncode == 0
+    assert "overruns" in out
+    assert err == ""
+
+
+def test_ctrl_c_before_it_serves() -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", "import os, signal\nfrom rtstack.cli import simulator\n"
+         "import threading\nthreading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()\n"
+         "simulator.serve([], 'nowhere.invalid', '', 'rice_box', 0.0)"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, out, err) == (0, "", "")
