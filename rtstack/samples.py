@@ -67,7 +67,14 @@ CONTROL_SAMPLE = np.dtype(
 )
 
 TIMING_SAMPLE = np.dtype(
-    [("t_ns", "i8"), ("period_us", "f8"), ("compute_us", "f8"), ("lateness_us", "f8"), ("missed_deadlines", "i8")]
+    [
+        ("t_ns", "i8"),
+        ("period_us", "f8"),
+        ("compute_us", "f8"),
+        ("lateness_us", "f8"),
+        ("missed_deadlines", "i8"),
+        ("pair_skew_us", "f8"),
+    ]
 )
 
 

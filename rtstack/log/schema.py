@@ -66,6 +66,7 @@ _COMMENTS: dict[str, str] = {
     "compute_us": "Time from the state's arrival to the command, us.",
     "lateness_us": "How late the state was, us.",
     "missed_deadlines": "Ticks missed since the start.",
+    "pair_skew_us": "Between the arrivals of the two arms' newest states, us; 0 where both come together.",
 }
 
 

@@ -16,11 +16,13 @@ from numpy.typing import NDArray
 from hal.cell import LEFT, RIGHT, Cell
 from hal.errors import HardwareError
 from hal.state import ARM_STATE
+from rtstack.control.records import WORKSPACE
 from rtstack.control.tick import DualArmController
+from rtstack.loop.low_pass import low_pass, low_pass_share
 from rtstack.loop.publisher import Publisher
 from rtstack.loop.timeline import TICK_NS, Timeline
 from rtstack.safety.judge import Reason, SafetyJudge
-from rtstack.samples import SIDES, Level, Mode, QpStatus
+from rtstack.samples import ARM_SAMPLE, SIDES, Level, Mode, QpStatus
 
 REST_DQ = 0.02  # rad/s: below it for REST_TICKS the arms are at rest
 REST_TICKS = 50
@@ -81,7 +83,10 @@ class SessionOutcome:
 
 
 class Session:
-    """Runs a plan on a cell. `between_ticks` is called after the answers are out (progress, room in the log)."""
+    """Runs a plan on a cell. `between_ticks` is called after the answers are out (progress, room in the log).
+
+    cutoff_hz: of the low-pass of the desired torque, 0 for none.
+    """
 
     def __init__(
         self,
@@ -92,6 +97,7 @@ class Session:
         plan: Plan,
         stop: StopSignal | None = None,
         between_ticks: Callable[[int], None] | None = None,
+        cutoff_hz: float = 0.0,
     ) -> None:
         self._cell = cell
         self._controller = controller
@@ -100,6 +106,9 @@ class Session:
         self._plan = plan
         self._stop = stop
         self._between_ticks = between_ticks
+        self._share = low_pass_share(cutoff_hz)
+        if self._share < 1.0:  # compile it before the robot is armed
+            low_pass(np.zeros(1, ARM_SAMPLE), np.zeros(1, WORKSPACE), self._share)
         self._arms = (cell.left, cell.right)
         for arm in controller.arms:
             arm.pursue(plan.stiffness, arm.parameters.posture_gain)
@@ -170,6 +179,8 @@ class Session:
             arm = controller.arms[k]
             arm.choose(self._plan.ante[k], self._plan.post[k], self._time.elapsed_ns[k] // TICK_NS, machine)
             status = max(status, arm.command(machine.mode))
+            if self._share < 1.0:
+                low_pass(arm.sample, arm.workspace, self._share)
         controller.finish()
         self._judge(sides, status)
         for k in sides:
@@ -200,7 +211,8 @@ class Session:
         held the arm with: no start for ours.
         """
         applied, tau_J_d, tau_previous = self._torques_known[k]
-        if np.abs(tau_J_d - applied).max() <= SAME_TORQUE_NM:
+        difference = np.abs(tau_J_d - applied).max()
+        if not SAME_TORQUE_NM < difference < np.inf:  # the same, or no number at all
             self._echoed[k] = self._echoed[k] or self._time.elapsed_ns[k] > 0
             return
         self._lost += self._time.elapsed_ns[k] > 0

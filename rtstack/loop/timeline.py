@@ -20,9 +20,10 @@ class Timeline:
         self.elapsed_ns = [-1, -1]
         self.skew_ns = 0
         # views of single fields: looking a field up costs more than writing it
-        self._stamp, self._period_us, self._lateness_us, self._missed_deadlines = (
-            timing[name] for name in ("t_ns", "period_us", "lateness_us", "missed_deadlines")
+        self._stamp, self._period_us, self._lateness_us, self._missed_deadlines, self._pair_skew_us = (
+            timing[name] for name in ("t_ns", "period_us", "lateness_us", "missed_deadlines", "pair_skew_us")
         )
+        self._arrived_ns = [0, 0]
         self._own_clocks = own_clocks
         self._starts = [0, 0]
         self._offsets = [0, 0]
@@ -63,6 +64,9 @@ class Timeline:
         if last_ns >= 0:
             self._missed[side] += max(0, round((elapsed_ns - last_ns) / TICK_NS) - 1)
         stamps[0] = t_ns + self._offsets[side]
+        self._arrived_ns[side] = host_ns
+        if self._own_clocks and self.both_begun:
+            self._pair_skew_us[0] = abs(self._arrived_ns[0] - self._arrived_ns[1]) * 1e-3
         if side == 0:
             self._keep_up(t_ns, last_ns >= 0, host_ns)
         elif self._own_clocks:

@@ -78,6 +78,13 @@ class StartMotionLimits:
 
 
 @checked(frozen=True, slots=True, config=STRICT)
+class TorqueFilter:
+    """A first-order low-pass of the commanded torque, Hz; 0 for none."""
+
+    cutoff_hz: Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False)] = 0.0
+
+
+@checked(frozen=True, slots=True, config=STRICT)
 class CellDescription:
     """A cell, as its TOML describes it (deploy/cells)."""
 
@@ -90,6 +97,7 @@ class CellDescription:
     objects: dict[str, ObjectDescription]
     tracker: TrackerAddress = field(default_factory=TrackerAddress)
     start_motion: StartMotionLimits = field(default_factory=StartMotionLimits)
+    torque_filter: TorqueFilter = field(default_factory=TorqueFilter)
 
 
 @dataclass(frozen=True, slots=True)

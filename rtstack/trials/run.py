@@ -190,7 +190,10 @@ class _Run:
         rings = [*([self._live] if self._live else []), *([self._log.rings] if self._log else [])]
         publisher = Publisher(rings, self.history)
         judges = (SafetyJudge(), SafetyJudge())
-        session = Session(cell, controller, judges, publisher, self._plan, self._stop, self._between_ticks)
+        session = Session(
+            cell, controller, judges, publisher, self._plan, self._stop, self._between_ticks,
+            self._description.torque_filter.cutoff_hz,
+        )  # fmt: skip
         if self._log is not None:
             self._log.wait_ready()
         with realtime_thread() if cell.own_clocks else nullcontext():
