@@ -40,16 +40,23 @@ def torque_control(
     return states
 
 
-def go_home(robot: franka.Robot, offset: np.ndarray | float = 0.0, side: str = "left") -> None:
-    """Move to the scene's start pose plus an offset, (7,) rad, with the joint-position generator."""
-    goal = np.array(getattr(load_scene(), side).home) + offset
+def move_to(robot: franka.Robot, goal: np.ndarray, ticks: int = 3000) -> None:
+    """Move to a goal, (7,) rad, with the joint-position generator, at rest at both ends."""
     control = robot.start_joint_position_control(franka.ControllerMode.JointImpedance)
     start = None
-    ticks = 3000
     for tick in range(ticks + 1):
         state, _ = control.readOnce()
         start = np.array(state.q_d) if start is None else start
-        s = tick / ticks
-        command = franka.JointPositions(list(start + (10 * s**3 - 15 * s**4 + 6 * s**5) * (goal - start)))
+        command = franka.JointPositions(list(start + smooth(tick / ticks) * (goal - start)))
         command.motion_finished = tick == ticks
         control.writeOnce(command)
+
+
+def smooth(s: float) -> float:
+    """Share of the way after a share of the time: at rest at both ends, acceleration too."""
+    return 10 * s**3 - 15 * s**4 + 6 * s**5
+
+
+def go_home(robot: franka.Robot, offset: np.ndarray | float = 0.0, side: str = "left") -> None:
+    """Move to the scene's start pose plus an offset, (7,) rad, with the joint-position generator."""
+    move_to(robot, np.array(getattr(load_scene(), side).home) + offset)

@@ -66,6 +66,11 @@ class RawClient:
             self.udp.settimeout(5.0)
         return np.frombuffer(data, ROBOT_STATE)[0]
 
+    def next_state(self) -> np.void:
+        """Return the oldest state that was not read, or wait for the next one."""
+        data, self._source = self.udp.recvfrom(4096)
+        return np.frombuffer(data, ROBOT_STATE)[0]
+
     def command(self, state: np.void, **fields: object) -> None:
         """Answer `state` with the given fields of ROBOT_COMMAND."""
         record = np.zeros(1, ROBOT_COMMAND)
