@@ -1,0 +1,134 @@
+"""Whether the arms may move, and on whose word. A small machine without clock, thread or I/O: its callers bring those.
+
+    DISARMED --arm--> ARMED --begin--> MOVING --end--> ARMED
+       any --fault--> FAULT --recover--> RECOVERING --recovered--> DISARMED
+                        ^-----------not_recovered-----'
+
+One operator at a time holds the lease, and keeps it by signs of life; only the holder arms and begins, anybody may
+disarm, stop and ask for a recovery. Who loses the lease disarms, and a motion without its operator has to stop. A
+recovery is asked for in a fault and at no other time, so that none waits for the next error; it never leads to motion.
+"""
+
+from enum import StrEnum
+
+LEASE_S = 2.0  # a holder that gives no sign of life for so long is gone
+
+
+class Phase(StrEnum):
+    """What the arms are allowed to do."""
+
+    DISARMED = "disarmed"
+    ARMED = "armed"
+    MOVING = "moving"
+    FAULT = "fault"
+    RECOVERING = "recovering"
+
+
+class Refused(Exception):
+    """What was asked for is not allowed now. The message is one line that says why, and what to do."""
+
+
+class Permit:
+    """The permit of one cell. Times are seconds of one monotonic clock, the caller's."""
+
+    def __init__(self, lease_s: float = LEASE_S) -> None:
+        self.phase = Phase.DISARMED
+        self.reason: str | None = None  # of the fault, until it is recovered
+        self.holder: str | None = None
+        self.running = False  # a motion has begun, and nobody has said that the arms are at rest again
+        self.stop_wanted = False  # that motion has to stop: its operator has gone, or a fault has come
+        self._lease_s = lease_s
+        self._alive_s = 0.0
+
+    # the lease
+
+    def take(self, operator: str, now_s: float) -> None:
+        """Give the lease to an operator. Raises Refused while somebody else holds it."""
+        self.watch(now_s)
+        if self.holder not in (None, operator):
+            raise Refused(f"{self.holder} has the robot; ask them to release it")
+        self.holder, self._alive_s = operator, now_s
+
+    def beat(self, operator: str, now_s: float) -> None:
+        """Take the holder's sign of life; anybody else's counts for nothing, and so does one that comes too late."""
+        self.watch(now_s)
+        if operator == self.holder:
+            self._alive_s = now_s
+
+    def release(self, operator: str) -> None:
+        """Give the lease back. A motion that still runs stops."""
+        if operator == self.holder:
+            self._lose_holder()
+
+    def watch(self, now_s: float) -> None:
+        """Notice that the holder has gone. To be called regularly."""
+        if self.holder is not None and now_s - self._alive_s > self._lease_s:
+            self._lose_holder()
+
+    def _lose_holder(self) -> None:
+        self.holder = None
+        if self.phase is Phase.ARMED:
+            self.phase = Phase.DISARMED
+        self.stop_wanted = self.running
+
+    # motion
+
+    def arm(self, operator: str, now_s: float) -> None:
+        """Allow motion. Raises Refused without the lease, in a fault, and while something runs."""
+        self._check_holder(operator, now_s)
+        if self.phase is Phase.FAULT:
+            raise Refused(f"there is a fault: {self.reason}; recover first")
+        if self.phase is not Phase.DISARMED and self.phase is not Phase.ARMED:
+            raise Refused(f"the arms are {self.phase}; wait for the end")
+        self.phase = Phase.ARMED
+
+    def disarm(self) -> None:
+        """Allow no motion any more; one that runs has to stop. Anybody may."""
+        if self.phase is Phase.ARMED:
+            self.phase = Phase.DISARMED
+        self.stop_wanted = self.running
+
+    def begin(self, operator: str, now_s: float) -> None:
+        """Begin a motion. Raises Refused unless the holder has armed."""
+        self._check_holder(operator, now_s)
+        if self.phase is not Phase.ARMED:
+            raise Refused(f"the arms are {self.phase}; arm them first")
+        self.phase, self.running, self.stop_wanted = Phase.MOVING, True, False
+
+    def end(self) -> None:
+        """The motion is over and the arms are at rest. A fault that has ended it stays."""
+        if self.phase is Phase.MOVING:
+            self.phase = Phase.DISARMED if self.stop_wanted else Phase.ARMED
+        self.running = self.stop_wanted = False
+
+    # faults
+
+    def fault(self, reason: str) -> None:
+        """Latch a fault. The first reason stays until the recovery; a recovery that is under way has failed."""
+        self.stop_wanted = self.running
+        if self.phase is not Phase.FAULT:
+            self.phase, self.reason = Phase.FAULT, reason
+
+    def recover(self) -> None:
+        """Begin a recovery. Raises Refused when there is nothing to recover from, or the arms still come to rest."""
+        if self.phase is not Phase.FAULT:
+            raise Refused(f"nothing to recover from: the arms are {self.phase}")
+        if self.running:
+            raise Refused("the arms have not come to rest yet; wait a moment")
+        self.phase = Phase.RECOVERING
+
+    def recovered(self) -> None:
+        """The robot has recovered. Does nothing where a fault has come meanwhile."""
+        if self.phase is Phase.RECOVERING:
+            self.phase, self.reason = Phase.DISARMED, None
+
+    def not_recovered(self, reason: str) -> None:
+        """The robot has refused the recovery: the fault stays, with what it says."""
+        if self.phase is Phase.RECOVERING:
+            self.phase, self.reason = Phase.FAULT, reason
+
+    def _check_holder(self, operator: str, now_s: float) -> None:
+        self.watch(now_s)
+        if self.holder != operator:
+            held = "nobody has" if self.holder is None else f"{self.holder} has"
+            raise Refused(f"{held} the robot; take control first")
