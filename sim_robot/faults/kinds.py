@@ -22,6 +22,11 @@ Keys of every kind: `arm` = left, right or both (none for kinds with *); the mom
 robot's time since the first motion of any arm, or `when = "first_contact"` (of a pad with the object) and `delay_s`
 after it; `duration_s`, to the end when left out. object_lost, disconnect and stall have no duration, and a reflex
 without one is over at once, though latched. Kinds with + need the Franka Control Interface between robot and client.
+
+Time is the plant's, in ms: a fault at 0.1 s acts on the ms that follows the state at 0.1 s, and the state after it is
+the first that shows, freezes or loses anything, and whose answer is the first that is lost. In lockstep the plant
+stands still while no arm moves: nothing begins then, and what is active goes on with each state that is repeated. There
+a client that is sent no state of one arm is still waited for on the other arm.
 """
 
 from dataclasses import dataclass
