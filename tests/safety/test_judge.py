@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hal.limits import CONTROL_PERIOD_S, FR3
-from rtstack.safety.judge import JudgeParameters, Reason, SafetyJudge, Verdict
+from rtstack.safety.judge import Reason, SafetyJudge, Verdict
 from rtstack.samples import ARM_SAMPLE
 
 HOME = np.array([0.0, 0.0, 0.0, -1.6, 0.0, 2.0, 0.0])
@@ -60,9 +60,9 @@ def _broken(joint: int, what: str) -> tuple[np.ndarray, Reason]:
         sample["dq"][0, joint] = FR3.dq_max[joint] * 0.99
         return sample, Reason.JOINT_VELOCITY
     if what == "velocity_near_limit":
-        # a tenth of the top speed, where the position-dependent limit allows none
-        sample["q"][0, joint] = FR3.q_lower[joint] + 0.0055
-        sample["dq"][0, joint] = -0.1 * FR3.dq_max[joint]
+        # what the robot itself allows there, without the judge's margin
+        sample["q"][0, joint] = FR3.q_lower[joint] + 0.05
+        sample["dq"][0, joint] = FR3.dq_lower(sample["q"][0])[joint]
         return sample, Reason.JOINT_VELOCITY
     if what == "measured_torque":
         sample["tau_J"][0, joint] = -FR3.tau_max[joint] - 0.01
@@ -117,22 +117,3 @@ def test_whatever_is_wanted_the_answer_is_finite_limited_and_continuous(seed, va
         assert np.all(np.abs(applied) <= FR3.tau_max)
         assert np.all(np.abs(applied - last) <= STEP)
         last = applied
-
-
-def test_a_stop_brakes_at_the_stated_rate_and_then_holds():
-    """Seven unit masses that do what they are told: from 1 rad/s to rest in 1 / braking seconds, and no further."""
-    parameters = JudgeParameters()
-    judge = SafetyJudge(parameters)
-    inertia = np.array([1.2, 1.2, 0.8, 0.8, 0.1, 0.1, 0.08])
-    q, dq = HOME.copy(), np.full(7, 1.0)
-    for k in range(3000):
-        sample = _sample(q=q, dq=dq)
-        judge.judge(sample, Reason.COMMANDED if k == 0 else Reason.NONE)
-        for _ in range(10):
-            dq = dq + sample["tau_applied"][0] / inertia * 1e-4
-            q = q + dq * 1e-4
-    assert np.abs(dq).max() < 1e-3
-    travelled = q - HOME
-    ideal = 1.0 / (2.0 * parameters.braking_rad_s2)
-    assert np.all(travelled > 0.5 * ideal)
-    assert np.all(travelled < 2.5 * ideal)

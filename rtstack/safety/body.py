@@ -1,0 +1,109 @@
+"""The judge's own picture of an arm, from hal's description: joints for its forward kinematics, links as capsules.
+
+Every collision cylinder of the URDF has a sphere at each end: a capsule. The pad on the flange is one more, which
+contains its box. Nothing here comes from the controller's model.
+"""
+
+import math
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hal.description import fr3_urdf
+
+Array = NDArray[np.float64]
+LINKS = 8  # link0 to link7
+CAPSULES = 10  # nine of the links, one of the pad
+
+# translation and rotation: of each joint's frame in its predecessor's. first[l] to first[l + 1]: the capsules of
+# link l. ends: a capsule's axis in its link's frame, m; reach: from its middle to its furthest point, m
+BODY = np.dtype(
+    [
+        ("base_position", "f8", 3),
+        ("base_rotation", "f8", (3, 3)),
+        ("translation", "f8", (7, 3)),
+        ("rotation", "f8", (7, 3, 3)),
+        ("face", "f8", 3),
+        ("first", "i8", LINKS + 1),
+        ("ends", "f8", (CAPSULES, 2, 3)),
+        ("radius", "f8", CAPSULES),
+        ("reach", "f8", CAPSULES),
+    ]
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Base:
+    """Where an arm stands in the world: m, and a quaternion wxyz."""
+
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    orientation_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Tool:
+    """The pad on the flange: a box, m, whose outer face is `flange_to_face` away from the flange."""
+
+    size: tuple[float, float, float] = (0.1, 0.1, 0.03)
+    flange_to_face: float = 0.03
+
+
+def arm_body(base: Base, tool: Tool) -> NDArray[np.void]:
+    """Return the BODY () of an FR3 with the tool on this base."""
+    root = ElementTree.fromstring(fr3_urdf())
+    body = np.zeros((), BODY)
+    body["base_position"], body["base_rotation"] = base.position, _rotation(base.orientation_wxyz)
+    for i in range(7):
+        origin = root.find(f"joint[@name='joint{i + 1}']/origin")
+        body["translation"][i], body["rotation"][i] = _numbers(origin, "xyz"), _turn(_numbers(origin, "rpy"))
+    flange = _numbers(root.find("joint[@name='joint8']/origin"), "xyz")
+    body["face"] = flange + (0.0, 0.0, tool.flange_to_face)
+    count = 0
+    for link in range(LINKS):
+        body["first"][link] = count
+        for collision in root.findall(f"link[@name='link{link}']/collision"):
+            cylinder = collision.find("geometry/cylinder")
+            if cylinder is not None:
+                origin = collision.find("origin")
+                along = _turn(_numbers(origin, "rpy"))[:, 2] * float(cylinder.attrib["length"]) / 2
+                middle = _numbers(origin, "xyz")
+                _add(body, count, middle - along, middle + along, float(cylinder.attrib["radius"]))
+                count += 1
+    width, depth, height = tool.size
+    middle = body["face"] - (0.0, 0.0, height / 2)
+    _add(body, count, middle - (width / 2, 0, 0), middle + (width / 2, 0, 0), math.hypot(depth / 2, height / 2))
+    body["first"][LINKS] = count + 1
+    return body
+
+
+def _add(body: NDArray[np.void], index: int, a: Array, b: Array, radius: float) -> None:
+    body["ends"][index] = a, b
+    body["radius"][index] = radius
+    body["reach"][index] = radius + np.linalg.norm(b - a) / 2
+
+
+def _numbers(element: ElementTree.Element | None, name: str) -> Array:
+    text = element.attrib[name] if element is not None else ""
+    return np.array([float(word) for word in text.split()])
+
+
+def _turn(rpy: Array) -> Array:
+    """Return the rotation (3, 3) of URDF's roll, pitch and yaw: about z, then y, then x."""
+    (a, b, c), (x, y, z) = np.sin(rpy), np.cos(rpy)
+    roll = np.array([[1, 0, 0], [0, x, -a], [0, a, x]])
+    pitch = np.array([[y, 0, b], [0, 1, 0], [-b, 0, y]])
+    yaw = np.array([[z, -c, 0], [c, z, 0], [0, 0, 1]])
+    return yaw @ pitch @ roll
+
+
+def _rotation(wxyz: tuple[float, float, float, float]) -> Array:
+    w, x, y, z = np.array(wxyz) / np.linalg.norm(wxyz)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )

@@ -1,0 +1,162 @@
+"""What is wrong with a state and a desired torque: the judge's list, compiled. Each answer is the code of a Reason."""
+
+import math
+
+from numba import njit
+
+from rtstack.safety.geometry import arm_distance
+from rtstack.safety.reasons import Reason
+
+# plain integers: compiled code has no enumeration with texts
+NOT_FINITE = int(Reason.NOT_FINITE)
+JOINT_POSITION = int(Reason.JOINT_POSITION)
+JOINT_VELOCITY = int(Reason.JOINT_VELOCITY)
+MEASURED_TORQUE = int(Reason.MEASURED_TORQUE)
+EXTERNAL_TORQUE = int(Reason.EXTERNAL_TORQUE)
+RESIDUAL = int(Reason.RESIDUAL)
+WORKSPACE = int(Reason.WORKSPACE)
+SPEED = int(Reason.SPEED)
+POWER = int(Reason.POWER)
+ARM_DISTANCE = int(Reason.ARM_DISTANCE)
+STATE_GAP = int(Reason.STATE_GAP)
+STATE_AGE = int(Reason.STATE_AGE)
+TIME_BACKWARDS = int(Reason.TIME_BACKWARDS)
+PAIR_SKEW = int(Reason.PAIR_SKEW)
+WHOLE_ARM = -1
+TICK_NS = 1_000_000
+S = 1e-9
+
+
+@njit(cache=True, error_model="numpy")
+def note(memory, joint, value, bound):
+    """Remember what was found; once a stop is latched its evidence stays."""
+    if memory["stopping"] == 0:
+        memory["joint"] = joint
+        memory["value"] = value
+        memory["bound"] = bound
+
+
+@njit(cache=True, error_model="numpy")
+def take_time(sample, other, rule, memory):
+    """Count what has passed since the last state, here and for the other arm; return a reason to stop, or 0.
+
+    The clock counts from its first step, which may be a long one: a robot that waits for its first command shows its
+    first state several times.
+    """
+    changed = False
+    for i in range(7):
+        q, dq, tau = sample["q"][i], sample["dq"][i], sample["tau_J"][i]
+        if q != memory["q"][i] or dq != memory["dq"][i] or tau != memory["tau_J"][i]:
+            changed = True
+        memory["q"][i], memory["dq"][i], memory["tau_J"][i] = q, dq, tau
+    gap = sample["t_ns"] - memory["t_ns"]
+    memory["t_ns"] = sample["t_ns"]
+    if memory["seen"] == 0:
+        memory["seen"] = 1
+        return 0
+    if gap < 0:
+        note(memory, WHOLE_ARM, gap * S, 0.0)
+        return TIME_BACKWARDS
+    if memory["seen"] == 1:
+        if gap > 0:
+            memory["seen"] = 2
+        return 0
+    other["silent_ns"] += gap
+    if changed and gap > 0:
+        memory["stale_ns"] = 0
+        memory["silent_ns"] = 0
+    else:
+        memory["stale_ns"] += max(gap, TICK_NS)
+    if gap > rule["gap_max_ns"]:
+        note(memory, WHOLE_ARM, gap * S, rule["gap_max_ns"] * S)
+        return STATE_GAP
+    if memory["stale_ns"] > rule["gap_max_ns"]:
+        note(memory, WHOLE_ARM, memory["stale_ns"] * S, rule["gap_max_ns"] * S)
+        return STATE_AGE
+    if other["silent_ns"] > rule["skew_max_ns"]:
+        note(memory, WHOLE_ARM, other["silent_ns"] * S, rule["skew_max_ns"] * S)
+        return PAIR_SKEW
+    return 0
+
+
+@njit(cache=True, error_model="numpy")
+def find_not_finite(sample, residual, memory):
+    """Return NOT_FINITE where a value that somebody computes with is not, else 0."""
+    for i in range(7):
+        total = sample["q"][i] + sample["dq"][i] + sample["tau_J"][i] + sample["tau_ext_hat_filtered"][i]
+        if not math.isfinite(total + sample["tau_desired"][i] + residual[i]):
+            note(memory, i, math.nan, 0.0)
+            return NOT_FINITE
+    total = 0.0
+    for i in range(6):
+        total += sample["O_F_ext_hat_K"][i]
+    for i in range(4):
+        for j in range(4):
+            total += sample["O_T_EE"][i, j]
+    if not math.isfinite(total):
+        note(memory, WHOLE_ARM, math.nan, 0.0)
+        return NOT_FINITE
+    return 0
+
+
+@njit(cache=True, error_model="numpy")
+def find_joint(sample, residual, rule, memory):
+    """Return the first reason to stop that a joint of a finite state gives, else 0."""
+    for i in range(7):
+        q, dq = sample["q"][i], sample["dq"][i]
+        lower, upper = rule["q_lower"][i], rule["q_upper"][i]
+        # where a stop that begins now would end
+        travel = dq * rule["reaction"] + dq * abs(dq) / (2.0 * rule["braking"][i])
+        if q + max(travel, 0.0) > upper:
+            note(memory, i, q + max(travel, 0.0), upper)
+            return JOINT_POSITION
+        if q + min(travel, 0.0) < lower:
+            note(memory, i, q + min(travel, 0.0), lower)
+            return JOINT_POSITION
+        # source FR3, see hal.limits
+        room = upper - q if dq > 0.0 else q - lower
+        fastest = math.sqrt(2.0 * rule["deceleration"][i] * room) - rule["velocity_offset"][i]
+        fastest = min(rule["dq_max"][i], max(0.0, fastest))
+        if abs(dq) > fastest:
+            note(memory, i, dq, fastest)
+            return JOINT_VELOCITY
+        if abs(sample["tau_J"][i]) > rule["tau_J_max"][i]:
+            note(memory, i, sample["tau_J"][i], rule["tau_J_max"][i])
+            return MEASURED_TORQUE
+        if abs(sample["tau_ext_hat_filtered"][i]) > rule["tau_ext_max"][i]:
+            note(memory, i, sample["tau_ext_hat_filtered"][i], rule["tau_ext_max"][i])
+            return EXTERNAL_TORQUE
+        if abs(residual[i]) > rule["tau_ext_max"][i]:
+            note(memory, i, residual[i], rule["tau_ext_max"][i])
+            return RESIDUAL
+    return 0
+
+
+@njit(cache=True, error_model="numpy")
+def find_arm(sample, other, rule, memory):
+    """Return the first reason to stop that the arm as a whole gives, where it was placed, else 0."""
+    for a in range(3):
+        place = memory["face_world"][a]
+        if place < rule["ee_lower"][a]:
+            note(memory, WHOLE_ARM, place, rule["ee_lower"][a])
+            return WORKSPACE
+        if place > rule["ee_upper"][a]:
+            note(memory, WHOLE_ARM, place, rule["ee_upper"][a])
+            return WORKSPACE
+    x, y, z = memory["face_velocity"]
+    speed = math.sqrt(x * x + y * y + z * z)
+    if speed > rule["ee_speed_max"]:
+        note(memory, WHOLE_ARM, speed, rule["ee_speed_max"])
+        return SPEED
+    power = 0.0
+    for i in range(7):
+        power += sample["tau_J"][i] * sample["dq"][i]
+    if abs(power) > rule["power_max"]:
+        note(memory, WHOLE_ARM, power, rule["power_max"])
+        return POWER
+    if other["placed"] != 0:
+        distance = arm_distance(memory, other, rule, rule["arm_distance_min"])
+        if distance < rule["arm_distance_min"]:
+            note(memory, WHOLE_ARM, distance, rule["arm_distance_min"])
+            return ARM_DISTANCE
+    return 0

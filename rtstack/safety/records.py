@@ -1,0 +1,118 @@
+"""The two records that the compiled judge works on: what it was given once (RULES), what it remembers (MEMORY)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hal.limits import CONTROL_PERIOD_S, FR3, ArmLimits
+from rtstack.safety.body import BODY, CAPSULES
+from rtstack.safety.limits import SafetyLimits
+
+RULES = np.dtype(
+    [
+        ("q_lower", "f8", 7),
+        ("q_upper", "f8", 7),
+        ("dq_max", "f8", 7),
+        ("velocity_offset", "f8", 7),
+        ("deceleration", "f8", 7),
+        ("tau_max", "f8", 7),
+        ("tau_J_max", "f8", 7),
+        ("tau_ext_max", "f8", 7),
+        ("braking", "f8", 7),
+        ("stiffness", "f8", 7),
+        ("damping", "f8", 7),
+        ("reaction", "f8"),
+        ("hold_share", "f8"),
+        ("tau_step", "f8"),
+        ("dt", "f8"),
+        ("power_max", "f8"),
+        ("ee_lower", "f8", 3),
+        ("ee_upper", "f8", 3),
+        ("ee_speed_max", "f8"),
+        ("arm_distance_min", "f8"),
+        ("gap_max_ns", "i8"),
+        ("skew_max_ns", "i8"),
+        *[(name, *kind) for name, *kind in BODY.descr],
+    ]
+)
+
+# one record an arm; of a pair, each judge sees the other's. joint: -1 where a finding is of the whole arm; value and
+# bound: what was found. silent_ns: how long the other arm has gone on without a new state of this one.
+MEMORY = np.dtype(
+    [
+        ("tau_applied", "f8", 7),
+        ("tau_hold", "f8", 7),
+        ("q_hold", "f8", 7),
+        ("dq_hold", "f8", 7),
+        ("stopping", "i8"),
+        ("reason", "i8"),
+        ("joint", "i8"),
+        ("value", "f8"),
+        ("bound", "f8"),
+        # the last state: its stamp, seen: 1 after the first state, 2 when its clock has moved; since when nothing has changed
+        ("t_ns", "i8"),
+        ("seen", "i8"),
+        ("stale_ns", "i8"),
+        ("silent_ns", "i8"),
+        ("q", "f8", 7),
+        ("dq", "f8", 7),
+        ("tau_J", "f8", 7),
+        # where the arm is: the pad's face m and m/s, the capsules' axes, the joints' axes and origins, in the world
+        ("placed", "i8"),
+        ("face_world", "f8", 3),
+        ("face_velocity", "f8", 3),
+        ("ends_world", "f8", (CAPSULES, 2, 3)),
+        ("axes", "f8", (7, 3)),
+        ("origins", "f8", (7, 3)),
+        ("turn", "f8", (3, 3)),
+        ("next", "f8", (3, 3)),
+        ("place", "f8", 3),
+    ]
+)
+
+
+@dataclass(frozen=True, slots=True)
+class StopProfile:
+    """How a stop brakes and then holds.
+
+    The braking of each joint is the arm's acceleration limit, or the deceleration of its position-dependent velocity
+    limit where that is larger: from inside the velocity limits a joint then comes to rest inside its position limits.
+    reaction_s: what passes before the first braking torque.
+    """
+
+    reaction_s: float = 2e-3
+    # stiff enough to stay, damped critically with the smallest inertia that a joint can have (wrist: B_theta 0.067 and
+    # a link of some 0.02 kg m^2), so that it does not ring with the joints' elasticity. Nm/rad, Nms/rad
+    stiffness: tuple[float, ...] = (600.0, 600.0, 600.0, 600.0, 100.0, 80.0, 40.0)
+    damping: tuple[float, ...] = (50.0, 50.0, 50.0, 50.0, 6.0, 5.5, 4.0)
+    # the torque that is held through a stop is the mean of about this long
+    average_s: float = 0.02
+
+
+def rules(
+    limits: SafetyLimits, profile: StopProfile, body: NDArray[np.void], arm: ArmLimits = FR3
+) -> NDArray[np.void]:
+    """Return the RULES (1,), read-only."""
+    record = np.zeros(1, RULES)
+    rule = record[0]
+    for name in ("q_lower", "q_upper", "dq_max", "tau_max", "tau_J_max", "tau_ext_max", "power_max"):
+        rule[name] = getattr(limits, name)
+    for name in ("ee_lower", "ee_upper", "ee_speed_max", "arm_distance_min"):
+        rule[name] = getattr(limits, name)
+    rule["velocity_offset"], rule["deceleration"] = arm.velocity_offset, arm.deceleration
+    rule["braking"] = np.maximum(arm.ddq_max, arm.deceleration)
+    rule["stiffness"], rule["damping"], rule["reaction"] = profile.stiffness, profile.damping, profile.reaction_s
+    rule["hold_share"], rule["dt"] = CONTROL_PERIOD_S / profile.average_s, CONTROL_PERIOD_S
+    # the rate limit of the robot is a strict one, and the wire rounds to single precision
+    rule["tau_step"] = limits.tau_rate_max * CONTROL_PERIOD_S * (1.0 - 1e-4)
+    rule["gap_max_ns"], rule["skew_max_ns"] = round(limits.state_gap_max_s * 1e9), round(limits.pair_skew_max_s * 1e9)
+    for name in BODY.names or ():
+        rule[name] = body[name]
+    record.flags.writeable = False
+    return record
+
+
+def empty_memory(arms: int) -> NDArray[np.void]:
+    """Return the MEMORY (arms,) of judges that have seen nothing."""
+    return np.zeros(arms, MEMORY)

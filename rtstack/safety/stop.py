@@ -1,0 +1,75 @@
+"""The stop: each joint's velocity goes to zero at its braking around a torque that holds what was held; then it stays."""
+
+import math
+
+from numba import njit
+
+from rtstack.safety.checks import note
+from rtstack.safety.reasons import Reason
+
+TORQUE, TORQUE_RATE = int(Reason.TORQUE), int(Reason.TORQUE_RATE)
+
+
+@njit(cache=True, error_model="numpy")
+def begin_stop(sample, memory, reason):
+    """Latch a stop that begins where the arm is, or, joint by joint, where it was last seen."""
+    memory["stopping"] = 1
+    memory["reason"] = reason
+    for i in range(7):
+        if math.isfinite(sample["q"][i]):
+            memory["q_hold"][i] = sample["q"][i]
+        elif memory["placed"] == 0:
+            memory["q_hold"][i] = math.nan  # it was never seen: hold the first place that it shows
+        if math.isfinite(sample["dq"][i]):
+            memory["dq_hold"][i] = sample["dq"][i]
+
+
+@njit(cache=True, error_model="numpy")
+def braking_torque(sample, rule, memory):
+    """Write the torque of the braking profile to tau_applied; a value that is not finite counts as no error.
+
+    The profile ends at a position limit at the latest, and an arm that is beyond one is not pulled back.
+    """
+    for i in range(7):
+        slower = max(0.0, abs(memory["dq_hold"][i]) - rule["braking"][i] * rule["dt"])
+        velocity = math.copysign(slower, memory["dq_hold"][i])
+        if math.isnan(memory["q_hold"][i]):
+            memory["q_hold"][i] = sample["q"][i]
+        place = memory["q_hold"][i]
+        following = place + velocity * rule["dt"]
+        furthest, nearest = max(place, rule["q_upper"][i]), min(place, rule["q_lower"][i])
+        if following > furthest or following < nearest:
+            following = min(max(following, nearest), furthest)
+            velocity = 0.0
+        memory["q_hold"][i] = following
+        memory["dq_hold"][i] = velocity
+        tau = memory["tau_hold"][i]
+        position_error = following - sample["q"][i]
+        velocity_error = velocity - sample["dq"][i]
+        if math.isfinite(position_error):
+            tau += rule["stiffness"][i] * position_error
+        if math.isfinite(velocity_error):
+            tau += rule["damping"][i] * velocity_error
+        sample["tau_applied"][i] = tau
+
+
+@njit(cache=True, error_model="numpy")
+def clip(sample, rule, memory, wanted):
+    """Bring `wanted` (7,) inside torque and torque rate, write it to tau_applied; return the reason for a change."""
+    reason = 0
+    for i in range(7):
+        tau = wanted[i]
+        bound = rule["tau_max"][i]
+        if abs(tau) > bound:
+            note(memory, i, tau, bound)
+            tau = min(max(tau, -bound), bound)
+            reason = TORQUE
+        last = memory["tau_applied"][i]
+        lowest, highest = last - rule["tau_step"], last + rule["tau_step"]
+        if tau < lowest or tau > highest:
+            if reason == 0:
+                note(memory, i, tau - last, rule["tau_step"])
+                reason = TORQUE_RATE
+            tau = min(max(tau, lowest), highest)
+        sample["tau_applied"][i] = tau
+    return reason

@@ -1,0 +1,279 @@
+"""Two judges that watch each other, the age of their states, and the way out of a stop."""
+
+from dataclasses import replace
+from math import nextafter
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from judge_oracle import distance, nearest
+from judge_samples import HOME, arm_sample
+
+from hal.limits import FR3
+from rtstack.safety.geometry import arm_distance, segment_distance
+from rtstack.safety.judge import Base, Reason, SafetyJudge, Tool, Verdict, pair_of_judges
+from rtstack.safety.limits import HARDWARE
+
+LEFT, RIGHT = Base((-0.4, 0.5, 0.0)), Base((-0.4, -0.5, 0.0), (0.9, 0.1, 0.2, -0.1))
+CLOSE = 0.9  # m between two bases: the arms' reach overlaps
+
+
+def _pair(limits=HARDWARE, right: Base = RIGHT) -> tuple[SafetyJudge, SafetyJudge]:
+    return pair_of_judges(limits, LEFT, right, Tool())
+
+
+def _both(judges, t_ms: int, **fields) -> tuple[Verdict, Verdict]:
+    left, right = (judge.judge(arm_sample(t_ms, **fields)) for judge in judges)
+    return left, right
+
+
+@given(values=st.lists(st.one_of(st.sampled_from([-1.0, 0.0, 1.0, 0.5]), st.floats(-1, 1)), min_size=12, max_size=12))
+@settings(max_examples=200, derandomize=True)
+def test_the_distance_of_two_segments(values):
+    a, u, c, v = np.array(values).reshape(4, 3)
+    u, v = (w if np.linalg.norm(w) > 0.05 else np.array([0.0, 0.3, 0.0]) for w in (u, v))
+    assert segment_distance(a, a + u, c, c + v) == pytest.approx(nearest(a, a + u, c, c + v), abs=1e-6)
+
+
+def test_the_distance_of_segments_in_each_of_its_cases():
+    """Crossing, beside each end, along one line, parallel, antiparallel: each by hand."""
+    x = np.eye(3)[0]
+    cases = [
+        ((-x, x), ([0, -1, 0.5], [0, 1, 0.5]), 0.5), ((-x, x), ([0, 1, 0], [0, 3, 0]), 1.0),
+        ((-x, x), ([0, -3, 0], [0, -2, 0]), 2.0), ((-x, x), ([3, 4, 0], [3, 8, 0]), np.hypot(2, 4)),
+        ((-x, x), ([-3, -8, 0], [-3, -4, 0]), np.hypot(2, 4)), ((-x, x), ([2, 0, 0], [5, 0, 0]), 1.0),
+        ((-x, x), ([-5, 0, 0], [-2, 0, 0]), 1.0), ((-x, x), ([-5, 0, 1], [5, 0, 1]), 1.0),
+        ((-x, x), ([5, 0, 1], [-5, 0, 1]), 1.0), ((-x, x), ([0.5, 0, 2], [0.6, 0, 2]), 2.0),
+        ((-x, x), ([-0.6, 0, 2], [-0.5, 0, 2]), 2.0), (([0, 0, 0], [4, 0, 0]), ([3, -2, 1], [3, 6, 1]), 1.0),
+        (([0, 0, 0], [2, 2, 0]), ([2, 0, 1], [0, 2, 1]), 1.0), (([0, 0, 0], [8, 0, 0]), ([6, 1, 0], [7, 3, 0]), 1.0),
+    ]  # fmt: skip
+    for (a, b), (c, d), expected in cases:
+        ends = [np.array(p, dtype=float) for p in (a, b, c, d)]
+        for p, q, r, s in ((0, 1, 2, 3), (1, 0, 2, 3), (0, 1, 3, 2), (2, 3, 0, 1), (3, 2, 1, 0)):
+            assert segment_distance(ends[p], ends[q], ends[r], ends[s]) == pytest.approx(expected, abs=1e-12)
+
+
+def test_the_arms_distance_is_that_of_their_capsules():
+    rng = np.random.default_rng(2)
+    for _ in range(12):
+        right = Base((rng.uniform(-0.5, 0.9), rng.uniform(-0.9, 0.9), rng.uniform(-0.3, 0.3)), (0.3, 0.1, 0.2, 0.9))
+        q = rng.uniform(FR3.q_lower + 0.3, FR3.q_upper - 0.3, (2, 7))
+        judges = _pair(replace(HARDWARE, ee_speed_max=9.0), right)
+        for judge, angles in zip(judges, q, strict=True):
+            judge.judge(arm_sample(q=angles))
+        left, other = judges[0].memory[0], judges[1].memory[0]
+        expected = distance(q[0], q[1], LEFT, right)
+        assert arm_distance(left, other, judges[0]._rules[0], 5.0) == pytest.approx(expected, abs=1e-9)
+        # what is further away than asked for does not matter
+        assert arm_distance(left, other, judges[0]._rules[0], expected - 0.01) == expected - 0.01
+
+
+def test_arms_that_are_too_close_stop_both_of_them():
+    judges = _pair()
+    assert _both(judges, 0) == (Verdict.PASS, Verdict.PASS)
+    apart = arm_distance(judges[0].memory[0], judges[1].memory[0], judges[0]._rules[0], 9.0)
+    for bound, wrong in ((apart, False), (nextafter(apart, 0.0), False), (nextafter(apart, 9.0), True)):
+        judges = _pair(replace(HARDWARE, arm_distance_min=bound))
+        judges[0].judge(arm_sample(0))  # the other one was never seen: nothing to be close to
+        assert not judges[0].stopping
+        judges[1].judge(arm_sample(0))
+        assert judges[1].stopping == wrong
+        if wrong:
+            assert judges[1].reason is Reason.ARM_DISTANCE
+            assert judges[1].memory["value"][0] == pytest.approx(apart, abs=1e-12)
+            judges[0].judge(arm_sample(1))
+            assert judges[0].reason is Reason.ARM_DISTANCE
+
+
+def test_where_one_arm_stops_the_other_one_does_in_its_next_tick():
+    judges = _pair()
+    _both(judges, 0)
+    judges[1].judge(arm_sample(1, tau_desired=np.nan))
+    assert not judges[0].stopping
+    assert judges[0].judge(arm_sample(2)) is Verdict.STOPPING
+    assert judges[0].reason is Reason.OTHER_ARM
+    assert (judges[0].interventions, judges[1].interventions) == (0, 1)
+    assert judges[0].explanation == Reason.OTHER_ARM.text
+    # what somebody asks for, and what is wrong with the arm itself, come first
+    for demand, dq, reason in ((Reason.COMMANDED, 0.0, demand_reason := Reason.COMMANDED), (Reason.COMMANDED, 9.0, None)):
+        judges = _pair()
+        judges[1].judge(arm_sample(1, tau_desired=np.nan))
+        judges[0].judge(arm_sample(1, dq=dq), demand)
+        assert judges[0].reason is (reason or Reason.JOINT_POSITION)
+    assert demand_reason
+
+
+MS = 1_000_000
+
+
+def test_states_may_be_missing_for_twenty_milliseconds_and_no_longer():
+    for extra_ns, stops in ((-1, False), (0, False), (1, True)):
+        judge = SafetyJudge()
+        for t_ms in (0, 7000):  # the first step of the clock may be a long one
+            assert judge.judge(arm_sample(t_ms)) is Verdict.PASS
+        sample = arm_sample(7020)
+        sample["t_ns"] += extra_ns
+        judge.judge(sample)
+        assert judge.stopping == stops
+        if stops:
+            assert (judge.reason, judge.joint) == (Reason.STATE_GAP, 0)
+            assert judge.memory["value"][0] == pytest.approx(0.020000001)
+            assert judge.memory["bound"][0] == pytest.approx(0.02)
+
+
+def test_a_robot_that_waits_may_show_its_first_state_for_ever():
+    judge = SafetyJudge()
+    for _ in range(60):
+        assert judge.judge(arm_sample(5)) is Verdict.PASS
+    assert judge.judge(arm_sample(6)) is Verdict.PASS
+
+
+@pytest.mark.parametrize("changes", ["q", "dq", "tau_J"])
+def test_any_measured_value_that_moves_keeps_a_state_alive(changes):
+    judge = SafetyJudge()
+    for t_ms in range(100):
+        sample = arm_sample(t_ms)
+        sample["tau_J"] = 0.0
+        sample[changes][0, 3] += 1e-9 * t_ms
+        assert judge.judge(sample) is Verdict.PASS
+
+
+@pytest.mark.parametrize("clock_runs", [True, False])
+def test_a_state_that_repeats_stops_after_twenty_milliseconds(clock_runs):
+    judge = SafetyJudge()
+    judge.judge(arm_sample(0))
+    judge.judge(arm_sample(1))
+    for k in range(1, 22):
+        sample = arm_sample(1)
+        if clock_runs:
+            sample["t_ns"] = (1 + k) * MS
+        judge.judge(sample)
+        assert judge.stopping == (k == 21)
+    assert (judge.reason, judge.joint) == (Reason.STATE_AGE, 0)
+    assert judge.memory["value"][0] == pytest.approx(0.021)
+    assert judge.memory["bound"][0] == pytest.approx(0.02)
+
+
+def test_values_that_move_under_a_clock_that_stands_are_stale_too_and_a_new_state_ends_it():
+    judge = SafetyJudge()
+    judge.judge(arm_sample(0))
+    judge.judge(arm_sample(1))
+    for k in range(20):
+        assert judge.judge(arm_sample(1, tau_J=1e-6 * k)) is Verdict.PASS
+    judge.judge(arm_sample(2))
+    assert judge.memory["stale_ns"][0] == 0
+    for k in range(21):
+        judge.judge(arm_sample(2, tau_J=1e-6 * k))
+    assert judge.reason is Reason.STATE_AGE
+    # a repeated state that skips time counts with all of it
+    judge = SafetyJudge()
+    for t_ms in (0, 1):
+        judge.judge(arm_sample(t_ms))
+    for t_ms in (15, 22):
+        sample = arm_sample(1)
+        sample["t_ns"] = t_ms * MS
+        judge.judge(sample)
+        assert judge.stopping == (t_ms == 22)
+    assert judge.reason is Reason.STATE_AGE
+
+
+@pytest.mark.parametrize("seen", [1, 2])
+def test_time_never_runs_backwards(seen):
+    judge = SafetyJudge()
+    for t_ms in range(10, 10 + seen):
+        judge.judge(arm_sample(t_ms))
+    sample = arm_sample(9 + seen)
+    sample["t_ns"] -= 1
+    assert judge.judge(sample) is Verdict.STOPPING
+    assert (judge.reason, judge.joint) == (Reason.TIME_BACKWARDS, 0)
+    assert judge.memory["value"][0] == pytest.approx(-1e-9)
+
+
+def test_what_is_wrong_with_the_state_is_told_before_its_age():
+    judge = SafetyJudge()
+    for t_ms in (0, 1):
+        judge.judge(arm_sample(t_ms))
+    judge.judge(arm_sample(90, tau_desired=np.nan))
+    assert judge.reason is Reason.NOT_FINITE
+
+
+@pytest.mark.parametrize("begun", [True, False])
+def test_an_arm_does_not_go_on_alone_for_more_than_twenty_milliseconds(begun):
+    judges = _pair()
+    for t_ms in (0, 1, 2):
+        judges[0].judge(arm_sample(t_ms))
+        if begun:
+            judges[1].judge(arm_sample(t_ms))
+    silent = 0 if begun else 1
+    for k in range(3, 40):
+        judges[0].judge(arm_sample(k))
+        if judges[0].stopping:
+            break
+        silent += 1
+    assert silent == 20
+    assert (judges[0].reason, judges[0].joint) == (Reason.PAIR_SKEW, 0)
+    assert judges[0].memory["value"][0] == pytest.approx(0.021)
+    assert judges[0].memory["bound"][0] == pytest.approx(0.02)
+
+
+def test_a_state_that_repeats_does_not_pass_for_a_new_one_to_the_other_arm():
+    judges = _pair(replace(HARDWARE, pair_skew_max_s=0.01))
+    for t_ms in range(3):
+        _both(judges, t_ms)
+    for t_ms in range(3, 30):
+        judges[0].judge(arm_sample(t_ms))
+        judges[1].judge(arm_sample(2))
+        if judges[0].stopping:
+            break
+    assert judges[0].reason is Reason.PAIR_SKEW
+    assert judges[0].memory["value"][0] == pytest.approx(0.011)
+
+
+def test_arms_with_clocks_of_their_own_are_no_skew():
+    judges = _pair()
+    for k in range(60):
+        judges[0].judge(arm_sample(k))
+        judges[1].judge(arm_sample(5000 + 3 * k))
+    assert not judges[0].stopping
+    assert not judges[1].stopping
+
+
+def test_a_stop_lasts_and_its_evidence_with_it():
+    judge = SafetyJudge()
+    judge.judge(arm_sample(0))
+    bad = arm_sample(1, tau_J=np.array([0, 0, 88.5, 0, 0, 0, 0]))
+    judge.judge(bad)
+    said = judge.explanation
+    assert said == "joint 3: the measured torque is beyond the joint's range (88.5 Nm, allowed 87)"
+    for t_ms in range(2, 40):
+        assert judge.judge(arm_sample(t_ms, q=HOME + 0.5, dq=9.0 * (t_ms % 2))) is Verdict.STOPPING
+    assert (judge.reason, judge.joint, judge.explanation) == (Reason.MEASURED_TORQUE, 3, said)
+    assert judge.interventions == 1
+
+
+def test_a_stop_is_recovered_from_when_its_cause_is_gone_and_not_before():
+    judges = _pair()
+    _both(judges, 0)
+    bad = arm_sample(1, tau_ext_hat_filtered=90.0)
+    judges[0].judge(bad)
+    judges[1].judge(arm_sample(1))
+    assert judges[0].recover(bad) is Reason.EXTERNAL_TORQUE
+    assert judges[0].recover(arm_sample(2), residual=np.full(7, 99.0)) is Reason.RESIDUAL
+    assert judges[0].stopping
+    assert judges[0].memory["q_hold"][0, 3] == HOME[3]
+    # a long pause, and a clock that began anew, are no cause
+    assert [j.recover(arm_sample(0)) for j in judges] == [Reason.NONE, Reason.NONE]
+    assert not any(judge.stopping for judge in judges)
+    assert judges[0].memory["tau_applied"][0].tolist() == [0.0] * 7
+    assert _both(judges, 90_000) == (Verdict.PASS, Verdict.PASS)
+    assert _both(judges, 99_000) == (Verdict.PASS, Verdict.PASS)
+
+
+def test_every_reason_says_what_is_wrong_in_one_line():
+    texts = [reason.text for reason in Reason]
+    assert len(set(texts)) == len(texts)
+    assert all(text and "\n" not in text for text in texts)
+    assert [int(reason) for reason in Reason] == list(range(len(Reason)))
+    assert Reason(14) is Reason.ARM_DISTANCE
+    assert Reason.ARM_DISTANCE.unit == "m"

@@ -1,0 +1,101 @@
+"""Limits are tightened and never widened; whoever tries is told the key, the value and the bound."""
+
+from dataclasses import FrozenInstanceError, fields
+from math import inf, nan, nextafter
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hal.limits import FR3
+from rtstack.safety.judge import SafetyJudge
+from rtstack.safety.limits import HARDWARE, LimitWidened, SafetyLimits
+
+NAMES = [field.name for field in fields(SafetyLimits)]
+LOWER = ("q_lower", "ee_lower", "arm_distance_min")
+
+
+def test_the_hardware_s_limits_are_those_of_hal_and_a_margin_inside():
+    np.testing.assert_allclose(HARDWARE.q_lower, FR3.q_lower + 0.005)
+    np.testing.assert_allclose(HARDWARE.q_upper, FR3.q_upper - 0.005)
+    np.testing.assert_allclose(HARDWARE.dq_max, 0.98 * FR3.dq_max)
+    for name in ("tau_max", "tau_J_max", "tau_ext_max"):
+        assert getattr(HARDWARE, name) == tuple(FR3.tau_max)
+    assert HARDWARE.tau_rate_max == 1000.0
+    assert HARDWARE.power_max == pytest.approx(4 * 87 * 2.62 + 12 * (5.26 + 4.18 + 5.26))
+    assert (HARDWARE.ee_speed_max, HARDWARE.arm_distance_min) == (3.0, 0.02)
+    assert (HARDWARE.state_gap_max_s, HARDWARE.pair_skew_max_s) == (0.02, 0.02)
+    assert (HARDWARE.ee_lower, HARDWARE.ee_upper) == ((-inf,) * 3, (inf,) * 3)
+
+
+def _changed(name: str, outwards: bool):
+    """Return the bound of `name` moved by one step of a double, outwards or inwards, and the bound itself."""
+    bound = getattr(HARDWARE, name)
+    far = -inf if (name in LOWER) == outwards else inf
+    if isinstance(bound, tuple):
+        many = [b if abs(b) != inf else (-5.0 if b < 0 else 5.0) for b in bound]
+        return [*many[:1], nextafter(many[1], far), *many[2:]], many
+    return nextafter(bound, far), bound
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_limit_is_taken_at_its_bound_and_inside_and_refused_one_step_beyond(name):
+    inside, bound = _changed(name, outwards=False)
+    for value in (inside, bound):
+        taken = getattr(HARDWARE.tightened({name: value}), name)
+        assert (list(taken) if isinstance(taken, tuple) else taken) == value
+    if name.startswith("ee_") and name != "ee_speed_max":
+        return  # nothing is beyond infinity
+    outside, _ = _changed(name, outwards=True)
+    with pytest.raises(LimitWidened, match=f"safety.{name} = .*may only tighten"):
+        HARDWARE.tightened({name: outside})
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("bad", [nan, inf, -inf, "1.0", None, True, {}, [], [1.0, 2.0], [True] * 7, [nan] * 7, ["x"] * 7])
+def test_nonsense_is_refused(name, bad):
+    with pytest.raises(LimitWidened, match=f"safety.{name}"):
+        HARDWARE.tightened({name: bad})
+
+
+def test_a_maximum_must_leave_something():
+    for bad in (0.0, -1.0):
+        with pytest.raises(LimitWidened, match="positive"):
+            HARDWARE.tightened({"power_max": bad})
+        with pytest.raises(LimitWidened, match="positive"):
+            HARDWARE.tightened({"pair_skew_max_s": bad})
+    with pytest.raises(LimitWidened, match="leaves no room below q_upper"):
+        HARDWARE.tightened({"q_lower": list(HARDWARE.q_upper)})
+    box = HARDWARE.tightened({"ee_upper": [1, 1, 1]})
+    with pytest.raises(LimitWidened, match="leaves no room below ee_upper"):
+        box.tightened({"ee_lower": [0, 1, 0]})
+    assert HARDWARE.tightened({"ee_lower": [0, 0, 0], "ee_upper": [1, 1, 1]}).ee_upper == (1.0, 1.0, 1.0)
+
+
+def test_an_unknown_limit_is_refused_with_those_that_there_are():
+    with pytest.raises(LimitWidened, match=r"safety.dq_maximum: no such limit; there are arm_distance_min, dq_max"):
+        HARDWARE.tightened({"dq_maximum": 1.0})
+
+
+@given(st.lists(st.tuples(st.sampled_from(["power_max", "arm_distance_min", "ee_speed_max"]), st.floats(-1, 2000))))
+def test_no_chain_of_tables_ever_widens(tables):
+    limits = HARDWARE
+    for name, value in tables:
+        before = getattr(limits, name)
+        try:
+            limits = limits.tightened({name: value})
+        except LimitWidened:
+            assert getattr(limits, name) == before
+            continue
+        assert limits.arm_distance_min >= HARDWARE.arm_distance_min
+        assert limits.power_max <= HARDWARE.power_max
+        assert getattr(limits, name) == value
+        assert (value >= before) if name == "arm_distance_min" else (value <= before)
+
+
+def test_nothing_writes_to_limits_afterwards():
+    with pytest.raises(FrozenInstanceError):
+        HARDWARE.power_max = 1e9  # type: ignore[misc]
+    with pytest.raises(ValueError, match="read-only"):
+        SafetyJudge()._rules["power_max"] = 1e9
