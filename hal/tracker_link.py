@@ -17,7 +17,11 @@ class TrackerLink:
         """Listen; port 0 takes a free one. Raises OSError."""
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
-        self._socket.bind((host, port))
+        try:
+            self._socket.bind((host, port))
+        except BaseException:
+            self._socket.close()
+            raise
         self.address: tuple[str, int] = self._socket.getsockname()
         self._seen, self._given = ObjectPose.empty(), ObjectPose.empty()
         self._datagram = np.zeros(1, DATAGRAM)

@@ -65,3 +65,21 @@ def test_lateness_is_the_host_behind_the_robot(timing):
     take(time, 0, 2 * TICK_NS, host_ns=2_001_000)
     assert timing["lateness_us"][0] == 0.0
     assert time.real_time_factor == 1.0
+
+
+def test_the_arms_skew_is_the_time_between_their_newest_states(timing):
+    time = Timeline(timing, own_clocks=True)
+    take(time, 0, 0, host_ns=0)
+    assert timing["pair_skew_us"][0] == 0.0
+    take(time, 1, 0, host_ns=400_000)
+    assert timing["pair_skew_us"][0] == 400.0
+    take(time, 0, TICK_NS, host_ns=1_000_000)
+    assert timing["pair_skew_us"][0] == 600.0
+
+
+def test_arms_of_one_clock_have_no_skew(timing):
+    time = Timeline(timing, own_clocks=False)
+    for k in range(3):
+        for side in (0, 1):
+            take(time, side, k * TICK_NS, host_ns=k * 1_000_000 + side * 5_000)
+            assert timing["pair_skew_us"][0] == 0.0

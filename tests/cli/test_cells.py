@@ -1,0 +1,102 @@
+"""Cells by their addresses: what is refused, in one line, and what a description says of them."""
+
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from hal.errors import HardwareError
+from rtstack.cli.cells import default_cell_file, fci_addresses, live_source, open_cell
+from rtstack.configuration import ConfigurationError
+from rtstack.model.cell_description import load_cell_description
+from rtstack.trials.errors import TrialError
+
+COMMAND = Path(sys.executable).with_name("rtstack")
+NOBODY = "fci:127.0.99.97,127.0.99.98"
+
+
+def edited(folder: Path, old: str, new: str) -> Path:
+    """Return the path of the default description with a change."""
+    text = default_cell_file().read_text()
+    assert old in text
+    path = folder / "cell.toml"
+    path.write_text(text.replace(old, new))
+    return path
+
+
+def test_the_tracker_port_is_taken(tmp_path):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        description = load_cell_description(edited(tmp_path, "127.0.0.1:1341", f"127.0.0.1:{port}"))
+        with pytest.raises(HardwareError, match=rf"127\.0\.0\.1:{port}: Address already in use; .*\[tracker\]"):
+            open_cell(NOBODY, "rice_box", 0.0, 0, description)
+
+
+def test_the_port_is_free_again_after_a_cell_that_did_not_open(tmp_path):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    description = load_cell_description(edited(tmp_path, "127.0.0.1:1341", f"127.0.0.1:{port}"))
+    with pytest.raises(HardwareError, match="does not answer"):
+        open_cell(NOBODY, "rice_box", 0.0, 0, description)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", port))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key"),
+    [
+        ("127.0.0.1:1341", "127.0.0.1", "tracker.address"),
+        ("place_tolerance_m = 0.06", "place_tolerance_m = 0.0", "tracker.place_tolerance_m"),
+        ("speed_rad_s = 0.4", "speed_rad_s = 4.0", "start_motion.speed_rad_s"),
+        ("speed_rad_s = 0.4", "speed_rad_s = nan", "start_motion.speed_rad_s"),
+        ("longest_rad = 1.5", "longest_rad = 0", "start_motion.longest_rad"),
+        ("cutoff_hz = 0.0", "cutoff_hz = -1.0", "torque_filter.cutoff_hz"),
+    ],
+)
+def test_a_bad_number_is_one_line_that_names_the_key(tmp_path, old, new, key):
+    with pytest.raises(ConfigurationError, match=f"key {key}") as refused:
+        load_cell_description(edited(tmp_path, old, new))
+    assert "\n" not in str(refused.value)
+
+
+def test_a_description_of_before_has_the_defaults(tmp_path):
+    text = default_cell_file().read_text()
+    begin, end = text.index("[tracker]"), text.index("# What the cell handles")
+    (tmp_path / "old.toml").write_text(text[:begin] + text[end:])
+    assert load_cell_description(tmp_path / "old.toml") == load_cell_description(default_cell_file())
+
+
+@pytest.mark.parametrize("kind", ["fci:", "fci:127.0.0.1", "fci:a,b,c", "fci:,b", "fci:a,a", "direct"])
+def test_two_arms_have_two_addresses(kind):
+    with pytest.raises(TrialError):
+        fci_addresses(kind)
+
+
+@pytest.mark.parametrize(
+    ("kind", "simulated"),
+    [("direct", True), ("fci:127.0.0.11,127.0.0.12", True), ("fci:172.16.0.2,172.16.0.3", False)],
+)
+def test_an_arm_that_may_be_real_is_not_called_simulated(kind, simulated):
+    assert live_source(default_cell_file(), kind).description.simulated is simulated
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (["up", "--left", "127.0.0.11"], "--right"),
+        (["up", "--right", "127.0.0.11"], "--left"),
+        (["up", "--left", "127.0.0.11", "--right", "127.0.0.11"], "two addresses"),
+        (["recover-arms", "--cell", "direct"], "fci:LEFT,RIGHT"),
+        (["recover-arms", "--cell", NOBODY], "does not answer"),
+    ],
+)
+def test_bad_input_is_one_line_and_status_two(tmp_path, arguments, word):
+    done = subprocess.run([str(COMMAND), *arguments], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.count("\n") == 1
+    assert word in done.stderr
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,105 @@
+"""What an arm has latched, its recovery, and what becomes of the other arm of one that is lost."""
+
+import os
+import signal
+
+import numpy as np
+import pytest
+
+from hal.errors import CommandRejected, ConnectionLost, RecoveryRefused
+from hal.fci import FciPair, Tool, open_pair
+from hal.state import RobotMode
+from rtstack.cli.simulator import Simulator
+
+PAD = Tool.pad((0.1, 0.1, 0.03), 0.35, 0.03)
+
+
+def trip(pair: FciPair) -> None:
+    """Let the left arm stop at a torque jump."""
+    pair.start()
+
+    def serve() -> None:
+        for k in range(4):
+            for arm in (pair.left, pair.right):
+                arm.read()
+            for arm in (pair.left, pair.right):
+                arm.write(np.full(7, 40.0 * (k > 0 and arm is pair.left)))
+
+    with pytest.raises(CommandRejected):
+        serve()
+
+
+def test_an_arm_that_is_opened_in_reflex_says_so_and_recovers(simulator: Simulator):
+    first = open_pair(simulator.left, simulator.right, PAD, shared_clock=True)
+    trip(first)
+    first.close()
+    pair = open_pair(simulator.left, simulator.right, PAD, shared_clock=True)
+    assert pair.left.reflex() == ("controller_torque_discontinuity",)
+    assert pair.right.reflex() == ()
+    with pytest.raises(CommandRejected, match="controller_torque_discontinuity"):
+        pair.left.read()
+    (line,) = pair.recover()
+    assert line == f"the arm at {simulator.left} has recovered from controller_torque_discontinuity"
+    assert pair.left.read().robot_mode == RobotMode.IDLE
+    assert pair.recover() == ()
+    pair.close()
+
+
+def test_a_recovery_is_not_armed_for_the_next_error(simulator: Simulator):
+    pair = open_pair(simulator.left, simulator.right, shared_clock=True)
+    assert pair.recover() == ()
+    trip(pair)
+    pair.left.stop()
+    assert pair.left.reflex() == ("controller_torque_discontinuity",)
+    pair.close()
+
+
+def test_a_refusal_names_the_cause_and_comes_after_both_were_asked(simulator: Simulator, monkeypatch):
+    pair = open_pair(simulator.left, simulator.right, shared_clock=True)
+    trip(pair)
+    pair.right.stop()
+    asked = []
+    monkeypatch.setattr(pair.right, "recover", lambda: asked.append("right"))
+
+    def refuse() -> None:
+        raise RecoveryRefused("the cause persists: joint_position_limits_violation")
+
+    monkeypatch.setattr(pair.left, "recover", refuse)
+    with pytest.raises(RecoveryRefused, match="joint_position_limits_violation"):
+        pair.recover()
+    assert asked == ["right"]
+    pair.close()
+
+
+def test_an_arm_that_falls_silent_is_named_and_the_other_one_stops():
+    """Each arm of a robot of its own; the right one's is frozen in the middle of torque control."""
+    robots = [Simulator("rice_box", 0.0, 3, lockstep=True) for _ in range(2)]
+    pair = open_pair(robots[0].left, robots[1].right)
+    try:
+        pair.start()
+        frozen = False
+
+        def serve() -> None:
+            nonlocal frozen
+            for tick in range(2_000_000):
+                mask = pair.wait()
+                for bit, arm in ((1, pair.left), (2, pair.right)):
+                    if mask & bit:
+                        arm.read()
+                        arm.write(np.zeros(7))
+                if tick == 50:
+                    os.kill(robots[1].pid, signal.SIGSTOP)
+                    frozen = True
+
+        with pytest.raises(ConnectionLost, match=robots[1].right):
+            serve()
+        assert frozen
+        # in this order: the one that is lost must not keep the other one from being stopped
+        pair.right.stop()
+        pair.left.stop()
+        assert pair.left.read().robot_mode == RobotMode.IDLE
+    finally:
+        pair.close()
+        os.kill(robots[1].pid, signal.SIGCONT)
+        for robot in robots:
+            robot.close()

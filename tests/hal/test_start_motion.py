@@ -1,0 +1,118 @@
+"""Both arms to where a trial begins, against the real server in lockstep."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hal.cell import Cell
+from hal.fci import FciPair, open_pair
+from hal.joint_path import JointSpeed
+from hal.state import RobotMode
+from hal.tracker import ObjectPose
+from hal.tracker_link import NoTracker
+from rtstack.cli.simulator import Simulator
+from rtstack.trials.errors import TrialError
+from rtstack.trials.start_motion import start_motion
+
+QUICK = JointSpeed(1.0, 5.0)
+
+
+@pytest.fixture
+def pair(simulator: Simulator) -> Iterator[FciPair]:
+    """Both arms of the server, of one clock: a busy machine is no stale arm."""
+    pair = open_pair(simulator.left, simulator.right, shared_clock=True)
+    yield pair
+    pair.close()
+
+
+class Seen:
+    """A tracker that sees the object where it is told."""
+
+    def __init__(self, position: tuple[float, float, float]) -> None:
+        self.pose = ObjectPose.empty()
+        self.pose.record["seen"] = 1
+        self.pose.position[:] = position
+
+    def latest(self) -> ObjectPose:
+        return self.pose
+
+
+def where(pair: FciPair) -> np.ndarray:
+    return np.stack([arm.read().q.copy() for arm in (pair.left, pair.right)])
+
+
+def never() -> bool:
+    return False
+
+
+def test_both_arms_get_there_and_can_be_torque_controlled_from_there(pair: FciPair):
+    goal = where(pair)
+    goal[0, 0] += 0.2
+    goal[1, 0] -= 0.1
+    assert pair.move(goal, QUICK, never)
+    assert where(pair) == pytest.approx(goal, abs=2e-3)
+    assert pair.left.read().robot_mode == pair.right.read().robot_mode == RobotMode.IDLE
+    pair.start()
+    for _ in range(5):
+        for arm in (pair.left, pair.right):
+            assert arm.read().robot_mode == RobotMode.MOVE
+        for arm in (pair.left, pair.right):
+            arm.write(np.zeros(7))
+
+
+def test_a_stop_ends_the_motion_on_its_way_without_a_reflex(pair: FciPair):
+    begin = where(pair)
+    goal = begin.copy()
+    goal[:, 0] += 0.4
+    left = iter(range(400))
+    assert not pair.move(goal, QUICK, lambda: next(left, None) is None)
+    gone = (where(pair) - begin)[:, 0]
+    assert np.all((gone > 0.02) & (gone < 0.38))
+    assert gone[0] == pytest.approx(gone[1], abs=5e-3)
+    assert pair.left.reflex() == pair.right.reflex() == ()
+
+
+def test_whether_a_way_is_needed_and_may_be_gone(pair: FciPair, cell):
+    opened = Cell("fci", pair.left, pair.right, NoTracker(), pair, own_clocks=True)
+    assert start_motion(opened, cell, "rice_box") is None  # they are at home
+    assert start_motion(replace(opened, link=None), cell, "rice_box") is None
+
+    away = where(pair)
+    away[0, 0] -= 0.15
+    assert pair.move(away, QUICK, never)
+    way = start_motion(opened, cell, "rice_box")
+    assert way is not None
+    assert way.path.goal[0] == pytest.approx(cell.left.home)
+    assert "at most 0.15 rad" in way.summary
+
+    strict = replace(cell, start_motion=replace(cell.start_motion, longest_rad=0.1))
+    with pytest.raises(TrialError, match=r"joint 1 of the left arm is 0\.15 rad from .*longest_rad = 0\.1"):
+        start_motion(opened, strict, "rice_box")
+    with pytest.raises(TrialError, match=r"not in its place but x \+0, y \+200, z \+0 mm"):
+        start_motion(replace(opened, tracker=Seen((0.0, 0.2, 0.3))), cell, "rice_box")
+    with pytest.raises(TrialError, match="the left pad would come too near to the object"):
+        start_motion(replace(opened, tracker=Seen((0.0, 0.2, 0.3))), cell, "rice_box", 0.2)
+    high = replace(cell, table=replace(cell.table, top_z=0.207))
+    with pytest.raises(TrialError, match="the left pad would come too near to the table"):
+        start_motion(opened, high, "")
+
+
+def test_the_first_point_of_a_recording_is_found_from_home(pair: FciPair, cell, demonstration):
+    from rtstack.trials.run import prepare_trial
+    from rtstack.trials.specification import TrialSpecification
+
+    prepared = prepare_trial(TrialSpecification(str(demonstration.path)), cell)
+    opened = Cell("fci", pair.left, pair.right, NoTracker(), pair, own_clocks=True)
+    assert start_motion(opened, cell, "rice_box", 0.0, prepared.reference.ante[:, 0]) is None
+    away = where(pair)
+    away[1, 0] += 0.1
+    assert pair.move(away, QUICK, never)
+    way = start_motion(opened, cell, "rice_box", 0.0, prepared.reference.ante[:, 0])
+    assert way is not None
+    assert way.path.goal == pytest.approx(np.array([cell.left.home, cell.right.home]), abs=2e-3)
+    lost = prepared.reference.ante[:, 0].copy()
+    lost["position"][0, 0] += 2.0
+    with pytest.raises(TrialError, match="where the left arm of this cell cannot be"):
+        start_motion(opened, cell, "rice_box", 0.0, lost)
