@@ -318,8 +318,9 @@ def main() -> int:
     parser.add_argument("--messages", type=int, default=1_000_000)
     parser.add_argument("--seconds", type=float, default=1800.0)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--lockstep", action="store_true", help="the server that waits for answers")
     options = parser.parse_args()
-    with serve() as served:
+    with serve(*["--lockstep"] * options.lockstep) as served:
         outcome = fuzz(served, options.messages, options.seed, options.seconds)
     for kind, count in sorted(outcome.messages.items()):
         print(f"{kind:32} {count:9d}")
