@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.cell import LEFT, RIGHT
-from hal.errors import RecoveryRefused
+from hal.errors import ConnectionLost, RecoveryRefused
 from hal.fci.arm import FciArm
 from hal.fci.motion import move
 from hal.fci.setup import CollisionBehaviour, Tool
@@ -101,8 +101,14 @@ class FciPair:
             mask |= self._sides[descriptor]
         for side, silent_s in self._silent_s.items():
             self._silent_s[side] = 0.0 if mask & side else silent_s + waited_s
-            if self._silent_s[side] >= self._stale_s:
-                raise self._arms[side].lose(f"has sent no state for {1e3 * self._stale_s:.0f} ms")
+        # all of them, before one is told: a stop that is sent to a silent arm would never return
+        lost = [
+            self._arms[side].lose(f"has sent no state for {1e3 * self._stale_s:.0f} ms")
+            for side, silent_s in self._silent_s.items()
+            if silent_s >= self._stale_s
+        ]
+        if lost:
+            raise ConnectionLost("; ".join(map(str, lost)))
         return mask
 
     def close(self) -> None:

@@ -60,9 +60,10 @@ def start_motion(
     if place is not None and pose.record["seen"][0]:
         away = pose.position - place
         if np.linalg.norm(away) > description.tracker.place_tolerance_m:
+            x, y, z = (round(1e3 * metres) for metres in away.tolist())
             raise TrialError(
-                f"the object is not in its place but x {1e3 * away[0]:+.0f}, y {1e3 * away[1]:+.0f}, "
-                f"z {1e3 * away[2]:+.0f} mm from it: put it back (a simulated one: start the simulated robot again)"
+                f"the object is not in its place but x {x:+d}, y {y:+d}, z {z:+d} mm from it: put it back "
+                "(a simulated one: start the simulated robot again)"
             )
         place = pose.position
     arms = arm_controllers(description, default_parameters())

@@ -103,3 +103,24 @@ def test_an_arm_that_falls_silent_is_named_and_the_other_one_stops():
         os.kill(robots[1].pid, signal.SIGCONT)
         for robot in robots:
             robot.close()
+
+
+def test_two_arms_that_fall_silent_together_are_both_let_go_of():
+    """A switch without power: nothing that is said to either arm is ever answered."""
+    robot = Simulator("rice_box", 0.0, 3, lockstep=True)
+    pair = open_pair(robot.left, robot.right)
+    pair.start()
+    os.kill(robot.pid, signal.SIGSTOP)
+    try:
+        with pytest.raises(ConnectionLost, match=rf"{robot.left} .*{robot.right}"):  # noqa: PT012
+            for _ in range(1000):
+                mask = pair.wait()
+                for bit, arm in ((1, pair.left), (2, pair.right)):
+                    if mask & bit:
+                        arm.read()
+        pair.left.stop()
+        pair.right.stop()
+        pair.close()
+    finally:
+        os.kill(robot.pid, signal.SIGCONT)
+        robot.close()
