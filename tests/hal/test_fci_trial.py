@@ -7,14 +7,18 @@ import numpy as np
 import pytest
 
 from hal.cell import Cell
+from hal.state import RobotMode
 from rtstack.cli.cells import default_cell_file, open_cell
 from rtstack.log.reader import read_log
 from rtstack.model.cell_description import CellDescription
 from rtstack.samples import SIDES
 from rtstack.trials.record import open_log
 from rtstack.trials.result import TrialResult
-from rtstack.trials.run import prepare_trial, run_trial
-from rtstack.trials.specification import Controller, TrialSpecification
+from rtstack.trials.run import prepare_trial, run_demonstration, run_trial
+from rtstack.trials.specification import Controller, DemonstrationSpecification, TrialSpecification
+
+# the heaviest object has the largest forces that an ordinary grab has: 135 N (left) and 115 N (right) at the impact
+LEAST_PEAK_N = 100.0
 
 
 @pytest.fixture
@@ -22,10 +26,10 @@ def run(cell: CellDescription, demonstration):
     """A runner of one trial with a displaced box on an open cell, which it closes; the log goes to a path."""
 
     def run_on(opened: Cell, log_path: Path) -> TrialResult:
-        specification = TrialSpecification(str(demonstration.path), Controller.PROPOSED, "rice_box", -30.0, 1)
-        prepared = prepare_trial(specification, cell)
-        log = open_log(log_path, specification, cell, "lockstep", default_cell_file(), reference=prepared.reference)
         try:
+            specification = TrialSpecification(str(demonstration.path), Controller.PROPOSED, "rice_box", -30.0, 1)
+            prepared = prepare_trial(specification, cell)
+            log = open_log(log_path, specification, cell, "lockstep", default_cell_file(), reference=prepared.reference)
             return run_trial(prepared, opened, log=log)
         finally:
             opened.close()
@@ -71,3 +75,24 @@ def test_arms_that_are_served_one_by_one_grab_as_well(run, tmp_path: Path):
         # no answer was lost: the robot's torque is the one that was applied a tick before
         assert np.abs(arm["tau_J_d"][2:] - arm["tau_applied"][1:-1]).max() < 1e-5
     assert any(b"0 answers came too late" in text for text in log.topic("/events")["text"])
+
+
+def test_a_grab_trips_nothing_with_the_robots_own_thresholds(
+    cell: CellDescription, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """Nobody says SetCollisionBehavior: what sim_robot/fci/settings.py has must live with an ordinary impact."""
+    monkeypatch.setattr("hal.fci.arm.configure", lambda robot, tool, collisions: None)
+    path, specification = tmp_path / "grab.mcap", DemonstrationSpecification(object="box_220")
+    opened = open_cell("lockstep", specification.object, 0.0, specification.seed)
+    try:
+        log = open_log(path, specification, cell, "lockstep", default_cell_file())
+        result = run_demonstration(specification, cell, opened, log=log)
+    finally:
+        opened.close()
+    assert result.success, result.failure_reason
+    log = read_log(path)
+    for side in SIDES:
+        arm = log.topic(f"/{side}/arm")
+        assert not arm["current_errors"].any()
+        assert set(arm["robot_mode"][1:]) <= {RobotMode.IDLE, RobotMode.MOVE}
+        assert np.linalg.norm(arm["O_F_ext_hat_K"][:, :3], axis=1).max() > LEAST_PEAK_N
