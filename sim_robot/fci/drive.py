@@ -106,7 +106,8 @@ class DrivenBox(ControlBox):
     def finish(self) -> None:
         """End the motion as asked for; one that ends while it moves is a discontinuity."""
         joint_motion = self._generator in JOINT_GENERATORS
-        if self._generator != Generator.NONE and generators.ends_too_fast(self._motion):
+        commanded = self._generator != Generator.NONE and not self._motion["asynchronous"]
+        if commanded and generators.ends_too_fast(self._motion):
             self.trip(generators.JMG_VELOCITY_JUMP if joint_motion else generators.CMG_VELOCITY_JUMP)
             return
         self.stop()

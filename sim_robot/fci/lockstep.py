@@ -5,7 +5,8 @@ Deterministic for a client program, whatever the machine does:
   idle server sleeps most of the time, and without any client it only wakes up for new connections.
 - After Move, states go on (slower and slower) and the plant stands still until each moving arm has answered once.
 - Then a state is shown to all at once, idle arms first, and the plant waits for every moving arm's answer, idle ones
-  never. A moving arm whose client has gone is not waited for: it loses packets, as on the robot.
+  never. A moving arm whose client has gone, or has not answered for LONGEST_WAIT_S, is not waited for: it loses
+  packets, as on the robot, until the reflex.
 - An asynchronous motion (targets now and then, no answers) goes on at 1 kHz of wall-clock time, unless another arm's
   answers set the pace.
 - When the last motion ends, the plant first comes to rest by itself; the answer that ends the motion, a Move and a
@@ -26,6 +27,8 @@ IDLE_PERIOD_S = 1e-3
 FIRST_REPEATS_S = (1e-3, 50e-3, 100e-3)
 # The message id jumps at Move, so that the second arm, idle and thus streaming meanwhile, can start with the same id.
 JUMP = 1000
+# no answer for so long, of wall-clock time: the client hangs. What a debugger stops is a hung client too.
+LONGEST_WAIT_S = 10.0
 AT_REST = 2e-3  # rad/s and m/s
 LONGEST_REST_MS = 1000
 REST_CHUNK_MS = 20
@@ -34,8 +37,11 @@ REST_CHUNK_MS = 20
 class Lockstep:
     """Serves until `stopped` says so."""
 
-    def __init__(self, server: Server) -> None:
-        self._server = server
+    def __init__(self, server: Server, longest_wait_s: float = LONGEST_WAIT_S) -> None:
+        """A client that moves an arm is waited for so long at most."""
+        self._server, self._longest_wait_s = server, longest_wait_s
+        self._heard_s = time.monotonic()  # when everybody who is waited for had answered last
+        self._hung: list[Station] = []
         for station in server.stations:
             station.patient = True
         self._rest_ms = 0  # how long the plant has been left alone since the last motion
@@ -53,12 +59,26 @@ class Lockstep:
                 self._rest()
                 continue
             moving = [station for station in server.stations if station.moving]
-            if moving and not any(station.awaited for station in moving) and self._due(moving):
+            if moving and not self._waits(moving) and self._due(moving):
                 self._step()
                 continue
             server.poller.serve(self._wait_s())
             self._note_changes()
             self._repeat(time.monotonic())
+
+    def _waits(self, moving: list[Station]) -> bool:
+        """True while somebody who does not hang owes an answer."""
+        now = time.monotonic()
+        if self._hung:
+            self._server.poller.serve(0.0)  # an answer after all
+        self._hung = [station for station in self._hung if station.awaited]
+        awaited = [station for station in moving if station.awaited and station not in self._hung]
+        if not awaited:
+            self._heard_s = now
+        elif now - self._heard_s > self._longest_wait_s:
+            self._hung += awaited
+            self._heard_s, awaited = now, []
+        return bool(awaited)
 
     def _due(self, moving: list[Station]) -> bool:
         """True unless nobody's answers set the pace and the ms is not over yet."""

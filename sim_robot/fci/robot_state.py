@@ -87,6 +87,32 @@ def _twist(kinematics, dq, lever, twist):
 
 
 @numba.njit(cache=True, error_model="numpy")
+def _acceleration(kinematics, motion, T, acceleration):
+    """acceleration (6,) of the point that T (4, 4) places, J ddq + dJ/dt dq of what is desired, link by link."""
+    w, dw, a = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for j in range(JOINTS):
+        x, o = kinematics.axes[j], kinematics.origins[j]
+        z, dq, ddq = (x[0], x[1], x[2]), motion.dq_d[j], motion.ddq_d[j]
+        turn = _cross(w, z)
+        dw = (dw[0] + turn[0] * dq + z[0] * ddq, dw[1] + turn[1] * dq + z[1] * ddq, dw[2] + turn[2] * dq + z[2] * ddq)
+        w = (w[0] + z[0] * dq, w[1] + z[1] * dq, w[2] + z[2] * dq)
+        if j + 1 < JOINTS:
+            n = kinematics.origins[j + 1]
+            r = (n[0] - o[0], n[1] - o[1], n[2] - o[2])
+        else:
+            r = (T[0, 3] - o[0], T[1, 3] - o[1], T[2, 3] - o[2])
+        along, towards = _cross(dw, r), _cross(w, _cross(w, r))
+        a = (a[0] + along[0] + towards[0], a[1] + along[1] + towards[1], a[2] + along[2] + towards[2])
+    for i in range(3):
+        acceleration[i], acceleration[i + 3] = a[i], dw[i]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _cross(a, b):
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@numba.njit(cache=True, error_model="numpy")
 def _levels(value, lower, upper, watching, contact, collision):
     """Set contact (n,) anew, raise collision (n,) for good; True when a collision is new or goes on."""
     over = False
@@ -139,7 +165,7 @@ def fill_states(states, measured, desired, settings, motions, motors, wires, col
                 lever[r] = motion.O_T_EE_d[r, 3] - goal.T[r, 3]
             _twist(goal, motion.dq_d, lever, motion.O_dP_EE_d)
             motion.O_T_EE_c[:] = motion.O_T_EE_d
-            _twist(goal, motion.ddq_d, lever, motion.O_ddP_EE_c)
+            _acceleration(goal, motion, motion.O_T_EE_d, motion.O_ddP_EE_c)
             motion.O_dP_EE_c[:] = motion.O_dP_EE_d
             motion.elbow_c[0], motion.elbow_c[1] = motion.q_d[2], elbow_sign(motion.q_d[3])
             motion.delbow_c[0], motion.ddelbow_c[0] = motion.dq_d[2], motion.ddq_d[2]

@@ -105,15 +105,19 @@ class Station:
         """Take a datagram of the client. One that answers an older state came too late and is lost."""
         if not self.moving or self.answered or not self.first_id <= int(command["message_id"]) <= self.message_id:
             return
+        finished = bool(command["torque_command_finished"] or command["motion_generation_finished"])
         if self.asynchronous:
-            self.box.take_command(command)
-            self.settle_outcome()
+            if finished:  # it carries no target
+                self._finish(MoveStatus.SUCCESS)
+            else:
+                self.box.take_command(command)
+                self.settle_outcome()
             return
         if self.patient:
             self.first_id = int(command["message_id"]) + 1
         self.answered = self.joined = True
         self.answers.note(time.monotonic_ns() - self._shown_ns)
-        if command["torque_command_finished"] or command["motion_generation_finished"]:
+        if finished:
             self._finish(MoveStatus.SUCCESS)
             return
         self.box.take_command(command)

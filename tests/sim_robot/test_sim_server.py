@@ -1,0 +1,165 @@
+"""A server in this process: what it compiles once it serves, and how long lockstep waits."""
+
+import itertools
+import os
+import socket
+import struct
+import threading
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from numba.core import event
+
+from sim_robot.cell import simulated_cell
+from sim_robot.fci.drive import DrivenBox
+from sim_robot.fci.lockstep import Lockstep
+from sim_robot.fci.protocol import HEADER, PORT, ROBOT_COMMAND, ROBOT_STATE, VERSION, Command, Controller, Generator
+from sim_robot.fci.server import Server
+from sim_robot.plant_parameters import load_plant_parameters
+from sim_robot.scene import load_scene
+
+_last_octet = itertools.count(1)
+ANYWHERE = (10.0, 3.12, 6.28) * 2
+
+
+@pytest.fixture
+def addresses() -> tuple[str, str]:
+    number = os.getpid()
+    left, right = (f"127.{20 + number // 250 % 14}.{1 + number % 250}.{next(_last_octet)}" for _ in range(2))
+    return left, right
+
+
+@pytest.fixture
+def server(addresses: tuple[str, str]) -> Iterator[Server]:
+    cell = simulated_cell("rice_box", 0.0, 0, box_kind=DrivenBox)
+    server = Server(cell, load_scene(), load_plant_parameters(), addresses)
+    yield server
+    server.close()
+
+
+def move_values(controller: int, generator: int, asynchronous: int = 0) -> tuple:
+    return (controller, generator, *ANYWHERE, asynchronous, *(0.0,) * 7)
+
+
+class Compilations(event.Listener):
+    """Counts what numba compiles."""
+
+    def __init__(self) -> None:
+        self.names: list[str] = []
+
+    def on_start(self, event: event.Event) -> None:
+        self.names.append(str(event.data))
+
+    def on_end(self, event: event.Event) -> None:
+        pass
+
+
+def advance(server: Server, ticks: int, **fields: object) -> None:
+    """Let the left arm answer each of `ticks` states with what it desires now, but for the given fields."""
+    station = server.stations[0]
+    for _ in range(ticks):
+        server.advance()
+        station.show_new()
+        command, wire = np.zeros(1, ROBOT_COMMAND)[0], station._wire[0]
+        command["message_id"] = station.message_id
+        for name in ("q_c", "O_T_EE_c", "elbow_c"):
+            command[name] = wire["q_d" if name == "q_c" else name]
+        for name, value in fields.items():
+            command[name] = value
+        station.take(command)
+
+
+def test_nothing_is_compiled_once_the_clock_runs(server: Server) -> None:
+    left, listener = server.stations[0], Compilations()
+    with event.install_listener("numba:compile", listener):
+        for controller, generator in itertools.product(Controller, Generator):
+            if controller != Controller.OTHER and (generator != Generator.NONE or controller == Controller.EXTERNAL):
+                left.handle(Command.MOVE, 1, move_values(controller, generator))
+                assert left.moving, (controller, generator)
+                advance(server, 3, valid_elbow=generator == Generator.CARTESIAN_POSITION)
+                server.advance()  # a lost packet
+                advance(server, 3)
+                assert left.moving, (controller, generator, left.box.error_names)
+                advance(server, 1, motion_generation_finished=1)
+                assert not left.moving
+        left.handle(Command.MOVE, 1, move_values(Controller.JOINT_IMPEDANCE, Generator.JOINT_POSITION, 1))
+        advance(server, 5)
+        left.handle(Command.STOP_MOVE, 1, ())
+        thresholds = np.concatenate([[5.0] * 7, [80.0] * 7] * 2 + [[5.0] * 6, [20.0] * 6] * 2)
+        left.handle(Command.SET_COLLISION_BEHAVIOR, 1, tuple(thresholds))
+        server.cell.apply_pad_force(0, np.array([0.0, 0.0, 30.0]))
+        left.handle(Command.MOVE, 1, move_values(Controller.EXTERNAL, Generator.NONE))
+        advance(server, 60)
+        assert "cartesian_reflex" in left.box.error_names
+        server.cell.apply_pad_force(0, np.zeros(3))
+        advance(server, 500)
+        left.handle(Command.AUTOMATIC_ERROR_RECOVERY, 1, ())
+        advance(server, 2)
+        assert not left.box.errors
+        for command, values in (
+            (Command.SET_JOINT_IMPEDANCE, (500.0,) * 7),
+            (Command.SET_CARTESIAN_IMPEDANCE, (500.0,) * 3 + (50.0,) * 3),
+            (Command.SET_LOAD, (0.1, *(0.0,) * 12)),
+        ):
+            left.handle(command, 1, values)
+        advance(server, 2)
+    assert listener.names == []
+
+
+class Client:
+    """Connected over TCP and UDP, and answers when it is told to."""
+
+    def __init__(self, address: str) -> None:
+        self.tcp = socket.create_connection((address, PORT), timeout=20.0)
+        self.udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.udp.settimeout(20.0)
+        self.udp.bind(("", 0))
+        self.request(Command.CONNECT, struct.pack("<HH", VERSION, self.udp.getsockname()[1]))
+        self.reply()
+
+    def request(self, command: Command, payload: bytes) -> None:
+        self.tcp.sendall(HEADER.pack(command, 1, HEADER.size + len(payload)) + payload)
+
+    def reply(self) -> bytes:
+        size = HEADER.unpack(self.tcp.recv(HEADER.size, socket.MSG_WAITALL))[2]
+        return self.tcp.recv(size - HEADER.size, socket.MSG_WAITALL)
+
+    def state(self, answer: bool) -> np.void:
+        data, source = self.udp.recvfrom(4096)
+        state = np.frombuffer(data, ROBOT_STATE)[0]
+        if answer:
+            command = np.zeros(1, ROBOT_COMMAND)
+            command["message_id"] = state["message_id"]
+            self.udp.sendto(command.tobytes(), source)
+        return state
+
+
+def test_lockstep_does_not_wait_for_a_client_that_hangs(server: Server, addresses: tuple[str, str]) -> None:
+    """Its arm loses 20 packets and stops; what the other arm's client answers goes on to count."""
+    ended = threading.Event()
+    serving = threading.Thread(target=Lockstep(server, longest_wait_s=1.0).run, args=(ended.is_set,))
+    serving.start()
+    try:
+        clients = [Client(address) for address in addresses]
+        for client in clients:
+            client.request(Command.MOVE, struct.pack("<II3d3dB7d", *move_values(2, 4)))
+            assert client.reply() == b"\x01"
+        hanging, alive = clients
+        for _ in range(3):
+            hanging.state(answer=True)
+        while (state := alive.state(answer=True))["robot_mode"] != 2:
+            continue
+        rates = []
+        for _ in range(300):
+            state = alive.state(answer=True)
+            rates.append(state["control_command_success_rate"])
+            if server.stations[0].box.errors:
+                break
+        assert server.stations[0].box.error_names == ("communication_constraints_violation",)
+        assert hanging.reply() == b"\x08"  # aborted by the reflex
+        assert state["robot_mode"] == 2
+        assert min(rates) > 0.9  # a few ms pass until it is known who hangs; 20 would be a reflex
+    finally:
+        ended.set()
+        serving.join()
