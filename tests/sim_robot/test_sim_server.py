@@ -140,8 +140,9 @@ def test_lockstep_does_not_wait_for_a_client_that_hangs(server: Server, addresse
     ended = threading.Event()
     serving = threading.Thread(target=Lockstep(server, longest_wait_s=1.0).run, args=(ended.is_set,))
     serving.start()
+    clients = []
     try:
-        clients = [Client(address) for address in addresses]
+        clients += [Client(address) for address in addresses]
         for client in clients:
             client.request(Command.MOVE, struct.pack("<II3d3dB7d", *move_values(2, 4)))
             assert client.reply() == b"\x01"
@@ -163,3 +164,6 @@ def test_lockstep_does_not_wait_for_a_client_that_hangs(server: Server, addresse
     finally:
         ended.set()
         serving.join()
+        for client in clients:
+            client.tcp.close()
+            client.udp.close()
