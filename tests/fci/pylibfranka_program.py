@@ -58,12 +58,11 @@ def finished_in_the_middle(robot: franka.Robot) -> None:
 
 def impedance(robot: franka.Robot) -> None:
     """A Cartesian spring with the model's Jacobian and Coriolis torques."""
-    model, control = robot.load_model(), robot.start_torque_control()
-    start = None
+    model, start = robot.load_model(), np.array(robot.read_once().O_T_EE[12:15])
+    control, position = robot.start_torque_control(), start
     for tick in range(500):
         state, _ = control.readOnce()
         position = np.array(state.O_T_EE[12:15])
-        start = position if start is None else start
         J, dq = np.array(model.zero_jacobian(state)).reshape(7, 6).T, np.array(state.dq)
         wrench = np.concatenate([150.0 * (start - position), np.zeros(3)]) - [25, 25, 25, 2.5, 2.5, 2.5] * (J @ dq)
         command = franka.Torques(list(J.T @ wrench + np.array(model.coriolis(state))))
