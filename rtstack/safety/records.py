@@ -50,7 +50,7 @@ MEMORY = np.dtype(
         ("joint", "i8"),
         ("value", "f8"),
         ("bound", "f8"),
-        # the last state: its stamp, seen: 1 after the first state, 2 when its clock has moved; since when nothing has changed
+        # the last state: its stamp; seen 1 after the first state, 2 when its clock has moved; how long nothing changed
         ("t_ns", "i8"),
         ("seen", "i8"),
         ("stale_ns", "i8"),
@@ -90,9 +90,7 @@ class StopProfile:
     average_s: float = 0.02
 
 
-def rules(
-    limits: SafetyLimits, profile: StopProfile, body: NDArray[np.void], arm: ArmLimits = FR3
-) -> NDArray[np.void]:
+def rules(limits: SafetyLimits, profile: StopProfile, body: NDArray[np.void], arm: ArmLimits = FR3) -> NDArray[np.void]:
     """Return the RULES (1,), read-only."""
     record = np.zeros(1, RULES)
     rule = record[0]

@@ -1,4 +1,4 @@
-"""The stop: each joint's velocity goes to zero at its braking around a torque that holds what was held; then it stays."""
+"""The stop: each joint's velocity goes to zero at its braking around a torque that holds what was held; then stays."""
 
 import math
 

@@ -14,6 +14,9 @@ from hal.limits import FR3
 from rtstack.safety.judge import Base, Reason, SafetyJudge, Verdict
 from rtstack.safety.limits import HARDWARE
 
+# run as plain Python, numpy remarks on inf - inf; compiled code does not
+pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")
+
 NONE = np.zeros(7)
 TURNED = Base((-0.4, 0.5, 0.1), (0.8, 0.1, -0.3, 0.5))
 
@@ -39,7 +42,9 @@ def test_each_joint_line_is_exactly_where_its_definition_says(joint):
         "dq": HARDWARE.dq_max[joint],
     }
     reasons = dict(
-        zip(lines, (Reason.MEASURED_TORQUE, Reason.EXTERNAL_TORQUE, Reason.RESIDUAL, Reason.JOINT_VELOCITY), strict=True)
+        zip(
+            lines, (Reason.MEASURED_TORQUE, Reason.EXTERNAL_TORQUE, Reason.RESIDUAL, Reason.JOINT_VELOCITY), strict=True
+        )
     )
     for name, line in lines.items():
         for sign in (1.0, -1.0):
@@ -204,9 +209,7 @@ def _joint_values(draw, lower, upper):
 @settings(max_examples=150, derandomize=True)
 def test_the_judge_says_what_the_definitions_say(q, dq, tau_J, tau_ext, desired, residual, slow):
     limits = replace(HARDWARE, ee_upper=(0.5, 0.5, 0.9), ee_speed_max=0.8, power_max=60.0)
-    sample = arm_sample(
-        q=q, dq=slow * dq, tau_J=tau_J, tau_ext_hat_filtered=tau_ext, tau_desired=desired
-    )
+    sample = arm_sample(q=q, dq=slow * dq, tau_J=tau_J, tau_ext_hat_filtered=tau_ext, tau_desired=desired)
     expected = joint_reason(sample, residual, limits)
     if expected[0] is Reason.NONE:
         reason, margin = arm_reason(sample, TURNED, limits)

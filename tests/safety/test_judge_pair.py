@@ -15,6 +15,9 @@ from rtstack.safety.geometry import arm_distance, segment_distance
 from rtstack.safety.judge import Base, Reason, SafetyJudge, Tool, Verdict, pair_of_judges
 from rtstack.safety.limits import HARDWARE
 
+# run as plain Python, numpy remarks on inf - inf; compiled code does not
+pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")
+
 LEFT, RIGHT = Base((-0.4, 0.5, 0.0)), Base((-0.4, -0.5, 0.0), (0.9, 0.1, 0.2, -0.1))
 CLOSE = 0.9  # m between two bases: the arms' reach overlaps
 
@@ -96,7 +99,10 @@ def test_where_one_arm_stops_the_other_one_does_in_its_next_tick():
     assert (judges[0].interventions, judges[1].interventions) == (0, 1)
     assert judges[0].explanation == Reason.OTHER_ARM.text
     # what somebody asks for, and what is wrong with the arm itself, come first
-    for demand, dq, reason in ((Reason.COMMANDED, 0.0, demand_reason := Reason.COMMANDED), (Reason.COMMANDED, 9.0, None)):
+    for demand, dq, reason in (
+        (Reason.COMMANDED, 0.0, demand_reason := Reason.COMMANDED),
+        (Reason.COMMANDED, 9.0, None),
+    ):
         judges = _pair()
         judges[1].judge(arm_sample(1, tau_desired=np.nan))
         judges[0].judge(arm_sample(1, dq=dq), demand)

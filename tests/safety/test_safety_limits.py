@@ -53,7 +53,9 @@ def test_a_limit_is_taken_at_its_bound_and_inside_and_refused_one_step_beyond(na
 
 
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("bad", [nan, inf, -inf, "1.0", None, True, {}, [], [1.0, 2.0], [True] * 7, [nan] * 7, ["x"] * 7])
+@pytest.mark.parametrize(
+    "bad", [nan, inf, -inf, "1.0", None, True, {}, [], [1.0, 2.0], [True] * 7, [nan] * 7, ["x"] * 7]
+)
 def test_nonsense_is_refused(name, bad):
     with pytest.raises(LimitWidened, match=f"safety.{name}"):
         HARDWARE.tightened({name: bad})
