@@ -86,6 +86,7 @@ class Plant:
         self._jacobian = np.zeros((3, self.model.nv))
         data = self.data
         data.qpos[:JOINTS], data.qpos[JOINTS : 2 * JOINTS] = scene.left.home, scene.right.home
+        self._object_place = data.qpos[2 * JOINTS :].copy()
         mujoco.mj_forward(self.model, data)
         self.joints, self.motors = np.zeros(2, JOINT_RECORD), np.zeros(2, MOTOR_RECORD)
         self._tau_command, self._holding = self.motors["tau_command"], self.motors["holding"]
@@ -170,6 +171,19 @@ class Plant:
             dofs = slice(JOINTS * side, JOINTS * (side + 1))
             self.motors[side]["tau_applied"] = self._jacobian[:, dofs].T @ self._pad_force[side]
         self._pad_pushed = bool(self._pad_force.any())
+
+    def put_object_back(self) -> bool:
+        """Put the object where it began, at rest, unless a pad is in the way. Returns whether it is there now."""
+        data, first = self.data, 2 * JOINTS
+        was = data.qpos[first:].copy(), data.qvel[first:].copy()
+        data.qpos[first:], data.qvel[first:] = self._object_place, 0.0
+        mujoco.mj_forward(self.model, data)
+        pairs = self.model.geom_bodyid[data.contact.geom]
+        touched = (pairs == self._object_body).any(axis=1) & np.isin(pairs, self._pad_bodies).any(axis=1)
+        if touched.any():
+            data.qpos[first:], data.qvel[first:] = was
+            mujoco.mj_forward(self.model, data)
+        return not touched.any()
 
     def object_pose(self) -> tuple[Array, Array]:
         """Return the object's centre in the world (3,) m and its quaternion wxyz (4,), copied."""

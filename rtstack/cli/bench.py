@@ -47,6 +47,7 @@ def loop(cell_kind: str, seconds: float, log_path: Path | None, json: bool) -> N
     from rtstack.trials.record import open_log
     from rtstack.trials.run import run_demonstration
     from rtstack.trials.specification import DemonstrationSpecification
+    from rtstack.trials.start_motion import start_motion
 
     if log_path is not None:
         check_log_path(log_path)
@@ -56,10 +57,11 @@ def loop(cell_kind: str, seconds: float, log_path: Path | None, json: bool) -> N
         path = log_path or Path(folder) / "loop.mcap"
         cell = open_cell(cell_kind, specification.object, 0.0, specification.seed, description)
         try:
+            way = start_motion(cell, description, specification.object)
             with interruptible() as stop:
                 log = open_log(path, specification, description, cell_kind, source)
                 result = run_demonstration(
-                    specification, description, cell, log=log, stop=stop, script=long_grab(seconds)
+                    specification, description, cell, log=log, stop=stop, way=way, script=long_grab(seconds)
                 )
         finally:
             cell.close()

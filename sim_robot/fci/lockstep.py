@@ -47,6 +47,7 @@ class Lockstep:
         self._rest_ms = 0  # how long the plant has been left alone since the last motion
         self._resting = False
         self._idle_due_s = 0.0
+        self._tidied_s = time.monotonic()
         self._were_moving = (False, False)
 
     def run(self, stopped: Callable[[], bool]) -> None:
@@ -155,4 +156,8 @@ class Lockstep:
                 if not station.moving:
                     station.show()
             self._server.show_grippers()
+            if not any(station.moving for station in stations):
+                self._server.repeat_pose()
+            self._server.tidy(now - self._tidied_s)
+            self._tidied_s = now
             self._idle_due_s = now + IDLE_PERIOD_S

@@ -97,6 +97,7 @@ class Realtime:
                 server.advance()
                 if self.ticks % 100 == 0:
                     server.show_grippers()
+                    server.tidy(0.1)
             else:
                 right.box.sample()
                 right.settle_outcome()
@@ -111,7 +112,11 @@ class Realtime:
             f"{1e-6 * self.slipped_ns:.1f} ms slipped"
         )
         arms = zip(SIDES, self._server.stations, strict=True)
-        return "\n".join([pace, *(f"{side}: {station.answers.report()}" for side, station in arms)])
+        lines = (
+            f"{side}: {station.answers.report()}; {int(station.motion['beyond'])} targets beyond the published limits"
+            for side, station in arms
+        )
+        return "\n".join([pace, *lines])
 
     def _wait(self, due: _BoxClock) -> None:
         """Take answers and requests until the deadline; when late, only until its moving arms have answered."""

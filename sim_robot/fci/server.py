@@ -17,6 +17,8 @@ from sim_robot.plant_parameters import PlantParameters
 from sim_robot.proximity import Proximity
 from sim_robot.scene import Scene
 
+TIDY_AFTER_S = 1.0
+
 
 class Server:
     """The stations of both arms, and the one way in which the plant goes on."""
@@ -33,6 +35,7 @@ class Server:
         self._collisions = np.zeros(2, dtype=np.int64)
         self._deferred: list[tuple[int, Command, int, tuple]] = []
         self.deferring = False  # True: motions and recoveries wait until the plant is at rest
+        self._alone_s, self._tidy = 0.0, True
         self._proximity = Proximity(cell.plant)
         self._feed: TrackerFeed | None = None
         stations = []
@@ -101,6 +104,15 @@ class Server:
             station.judge(int(self._collisions[side]), int(self._proximity.masks[side]))
         self._publish_pose()
 
+    def tidy(self, elapsed_s: float) -> None:
+        """Put the object back once nobody has been connected for TIDY_AFTER_S, as a person would between two trials."""
+        if any(station.link.client is not None for station in self.stations):
+            self._alone_s, self._tidy = 0.0, False
+        elif not self._tidy:
+            self._alone_s += elapsed_s
+            if self._alone_s >= TIDY_AFTER_S:
+                self._tidy, self._alone_s = self.cell.plant.put_object_back(), 0.0
+
     def feed_tracker(self, feed: TrackerFeed) -> None:
         """Publish what the motion capture sees, from now on."""
         self._feed = feed
@@ -109,8 +121,17 @@ class Server:
     def _publish_pose(self) -> None:
         """Send a new pose before the states of the same ms go out, stamped as they will be."""
         if self._feed is not None:
-            shown = [station for station in self.stations if station.moving] or self.stations
-            self._feed.publish((max(station.message_id for station in shown) + 1) * 1_000_000)
+            self._feed.publish(self._next_stamp_ns())
+
+    def repeat_pose(self) -> None:
+        """Send the last pose again, while the plant stands still and somebody may begin to listen."""
+        if self._feed is not None:
+            self._feed.repeat(self._next_stamp_ns())
+
+    def _next_stamp_ns(self) -> int:
+        """The time that the next states will carry: of the arms that move, else of both, the one that is ahead."""
+        shown = [station for station in self.stations if station.moving] or self.stations
+        return (max(station.message_id for station in shown) + 1) * 1_000_000
 
     def close(self) -> None:
         """Close every socket."""

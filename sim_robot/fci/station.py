@@ -251,7 +251,8 @@ class Station:
         self._reason = 0
         self.answered, self.joined = False, request.asynchronous
         self.repeats, self.repeat_due_s = 0, 0.0
-        self.first_id = self.message_id + 1
+        if not self.patient:  # the plant has stood still since: an answer to a state from before Move is as good
+            self.first_id = self.message_id + 1
         self.motion["watching"] = 1
         largest_velocity = request.largest_velocity if request.asynchronous else None
         self.box.begin(Controller(controller), Generator(generator), largest_velocity)
@@ -266,6 +267,7 @@ class Station:
         except RecoveryRefused:
             return RecoveryStatus.MANUAL_REQUIRED
         self.motion["joint_collision"], self.motion["cartesian_collision"] = 0.0, 0.0
+        self._rest()  # the place where the reflex came may lie beyond a limit
         return RecoveryStatus.SUCCESS
 
     def _set(self, command: Command, values: tuple) -> SetStatus:

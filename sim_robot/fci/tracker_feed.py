@@ -31,6 +31,10 @@ class TrackerFeed:
             return
         self._sent_t_ns = t_ns
         self._datagram[:] = pose
+        self.repeat(robot_t_ns)
+
+    def repeat(self, robot_t_ns: int) -> None:
+        """Send the last pose again, with another time."""
         self._datagram["t_ns"] = robot_t_ns
         with contextlib.suppress(OSError):
             self._socket.send(self._datagram.data)

@@ -1,0 +1,29 @@
+"""Two arms in one loop that reads both before it answers either: no start may end with both sides waiting."""
+
+import random
+import time
+
+import numpy as np
+from fci_raw import RawClient
+from fci_server import Served
+
+# around the server's repeats of the first state, 1, 50 and 100 ms
+DELAYS_S = (0.0, 0.0005, 0.002, 0.0495, 0.0505, 0.1, 0.15)
+
+
+def test_two_arms_that_are_read_before_they_are_answered(lockstep: Served) -> None:
+    rng = random.Random(1)
+    for _ in range(30):
+        with RawClient(lockstep.left) as left, RawClient(lockstep.right) as right:
+            both = (left, right)
+            for client in both:
+                client.connect()
+            for client in both:
+                client.move()
+                time.sleep(rng.choice(DELAYS_S))
+            for _ in range(20):
+                states = [client.state() for client in both]
+                for client, state in zip(both, states, strict=True):
+                    client.command(state, tau_J_d=np.zeros(7))
+            for client, state in zip(both, [client.state() for client in both], strict=True):
+                client.command(state, torque_command_finished=1)
