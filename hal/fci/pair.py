@@ -1,6 +1,5 @@
 """Two arms in one loop: started together, and each awaited by its own socket."""
 
-import select
 import time
 from collections.abc import Callable
 
@@ -12,6 +11,7 @@ from hal.errors import ConnectionLost, RecoveryRefused
 from hal.fci.arm import FciArm
 from hal.fci.motion import move
 from hal.fci.setup import CollisionBehaviour, Tool
+from hal.fci.watch import StateWatch
 from hal.joint_path import JointSpeed
 
 # A robot without commands stops itself after 20 ms; five times that without a state is no hiccup of a network any more.
@@ -30,9 +30,7 @@ class FciPair:
         self.left, self.right = left, right
         self._shared_clock = shared_clock
         self._stale_s = STALE_IN_LOCKSTEP_S if shared_clock else STALE_S
-        self._epoll = select.epoll()
-        self._epoll.register(left.socket, select.EPOLLIN)
-        self._epoll.register(right.socket, select.EPOLLIN)
+        self._watch = StateWatch((left.socket, right.socket))
         self._sides = {left.socket: LEFT, right.socket: RIGHT}
         self._arms = {LEFT: left, RIGHT: right}
         self._silent_s = {LEFT: 0.0, RIGHT: 0.0}  # how long we have waited without a state of that arm
@@ -94,10 +92,10 @@ class FciPair:
             return LEFT * self.left.unread | RIGHT * self.right.unread
         began_s = time.monotonic()
         # a second look: where this process itself was held up, the states are there by now
-        events = self._epoll.poll(self._stale_s) or self._epoll.poll(LONGEST_WAIT_S)
-        waited_s = min(time.monotonic() - began_s, LONGEST_WAIT_S) if events else self._stale_s
+        ready = self._watch.wait(self._stale_s) or self._watch.wait(LONGEST_WAIT_S)
+        waited_s = min(time.monotonic() - began_s, LONGEST_WAIT_S) if ready else self._stale_s
         mask = 0
-        for descriptor, _ in events:
+        for descriptor in ready:
             mask |= self._sides[descriptor]
         for side, silent_s in self._silent_s.items():
             self._silent_s[side] = 0.0 if mask & side else silent_s + waited_s
@@ -113,7 +111,7 @@ class FciPair:
 
     def close(self) -> None:
         """Stop both arms and disconnect."""
-        self._epoll.close()
+        self._watch.close()
         self.left.close()
         self.right.close()
 

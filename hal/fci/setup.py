@@ -7,6 +7,7 @@ import pylibfranka as franka
 from numpy.typing import NDArray
 
 from hal.errors import HardwareError
+from hal.limits import COLLISION_TORQUES
 
 Array = NDArray[np.float64]
 
@@ -50,7 +51,7 @@ class CollisionBehaviour:
     """
 
     contact_torques: tuple[float, ...] = (20.0, 20.0, 18.0, 18.0, 16.0, 14.0, 12.0)
-    collision_torques: tuple[float, ...] = (100.0, 100.0, 100.0, 100.0, 60.0, 60.0, 60.0)
+    collision_torques: tuple[float, ...] = COLLISION_TORQUES
     contact_forces: tuple[float, ...] = (20.0, 20.0, 20.0, 25.0, 25.0, 25.0)
     collision_forces: tuple[float, ...] = (250.0, 250.0, 250.0, 80.0, 80.0, 80.0)
 

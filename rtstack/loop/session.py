@@ -18,6 +18,7 @@ from hal.errors import HardwareError
 from hal.state import ARM_STATE
 from rtstack.control.records import WORKSPACE
 from rtstack.control.tick import DualArmController
+from rtstack.loop.echo import largest_difference
 from rtstack.loop.low_pass import low_pass, low_pass_share
 from rtstack.loop.publisher import Publisher
 from rtstack.loop.timeline import TICK_NS, Timeline
@@ -27,7 +28,7 @@ from rtstack.samples import ARM_SAMPLE, SIDES, Level, Mode, QpStatus
 REST_DQ = 0.02  # rad/s: below it for REST_TICKS the arms are at rest
 REST_TICKS = 50
 SAME_TORQUE_NM = 1e-3  # the wire rounds to float32: 4e-6 Nm at 87 Nm
-_SIDES = ((), (0,), (1,), (0, 1))  # arms of a mask of LEFT and RIGHT
+_FIRST = ((), (0,), (1,), (0,))  # the arm to serve of a mask of LEFT and RIGHT
 STOP_TICKS = 1000  # a stop from the velocity limit takes 0.5 s at 10 rad/s^2; after twice that the session ends anyhow
 
 
@@ -189,9 +190,12 @@ class Session:
         return not (machine.mode is Mode.STOPPING and 0 in sides and self._at_rest())
 
     def _receive(self) -> tuple[int, ...]:
-        """Read the arms whose states have arrived, both where they share a clock; return which."""
+        """Read both arms where they share a clock, else one whose state has arrived: the other one's turn is next.
+
+        Answered together, the first one would wait for the second one's tick.
+        """
         cell = self._cell
-        sides = _SIDES[cell.link.wait()] if cell.own_clocks and cell.link is not None else (0, 1)
+        sides = _FIRST[cell.link.wait()] if cell.own_clocks and cell.link is not None else (0, 1)
         for k in sides:
             self._states[k][:] = self._arms[k].read().record.view(np.uint8)
         return sides
@@ -211,7 +215,7 @@ class Session:
         held the arm with: no start for ours.
         """
         applied, tau_J_d, tau_previous = self._torques_known[k]
-        difference = np.abs(tau_J_d - applied).max()
+        difference = largest_difference(tau_J_d, applied)
         if not SAME_TORQUE_NM < difference < np.inf:  # the same, or no number at all
             self._echoed[k] = self._echoed[k] or self._time.elapsed_ns[k] > 0
             return

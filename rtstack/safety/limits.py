@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields, replace
 from math import inf, isfinite
 from typing import Any
 
-from hal.limits import FR3, ArmLimits
+from hal.limits import COLLISION_TORQUES, FR3, ArmLimits
 
 Seven = tuple[float, float, float, float, float, float, float]
 Three = tuple[float, float, float]
@@ -92,7 +92,7 @@ def hardware_limits(arm: ArmLimits = FR3) -> SafetyLimits:
         dq_max=seven(arm.dq_max * VELOCITY_FRACTION),
         tau_max=seven(arm.tau_max),
         tau_J_max=seven(arm.tau_max),
-        tau_ext_max=seven(arm.tau_max),
+        tau_ext_max=COLLISION_TORQUES,
         tau_rate_max=float(arm.tau_rate_max),
         power_max=float(arm.tau_max @ arm.dq_max),
     )

@@ -6,6 +6,7 @@ connection. Only one client has the arm; others are turned away when they say Co
 
 import contextlib
 import socket
+import struct
 from collections.abc import Callable
 
 import numpy as np
@@ -27,6 +28,9 @@ MOST_SESSIONS = 8  # connections that have not said Connect yet, and the client
 BACKLOG = 128  # connections that wait in the kernel to be taken
 ACCEPT_PERIOD_S = 0.5e-3  # one connection at a time, so that a flood costs the loop two a millisecond
 LARGEST_OUTBOX = 1 << 20  # a client that asks and never reads
+_SO_TIMESTAMPNS = 35  # asm-generic/socket.h: each datagram carries when the kernel got it, a timespec
+_TIMESPEC = struct.Struct("qq")
+_ANCILLARY_BYTES = socket.CMSG_SPACE(_TIMESPEC.size)
 MOST_DATAGRAMS = 32  # read at a time, so that a flood cannot hold the loop
 
 
@@ -60,6 +64,8 @@ class Link:
         self._command = np.zeros(1, ROBOT_COMMAND)
         self._command_bytes = self._command.view(np.uint8).data
         self._overlong = bytearray(ROBOT_COMMAND.itemsize + 1)  # one more byte shows a datagram that is too long
+        self._buffers = (self._overlong,)
+        self.arrived_ns = 0  # when the command that `on_command` gets came in, by the kernel's word, ns of time.time_ns
         self._listener = socket.create_server((address, PORT), backlog=BACKLOG)
         self._listener.setblocking(False)
         poller.watch(self._listener, self._accept)
@@ -149,6 +155,7 @@ class Link:
             return
         self._udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._udp.setblocking(False)
+        self._udp.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
         self._udp.bind((self.address, 0))
         try:
             self._udp.connect((session.address, udp_port))  # the kernel drops what others send
@@ -196,7 +203,7 @@ class Link:
             if self._udp is None:
                 return
             try:
-                size = self._udp.recv_into(self._overlong)
+                size, ancillary, _, _ = self._udp.recvmsg_into(self._buffers, _ANCILLARY_BYTES)
             except BlockingIOError:
                 return
             except OSError:  # the client's port is closed: its TCP connection tells
@@ -205,6 +212,9 @@ class Link:
                 self.refused += 1
                 continue
             self._command_bytes[:] = self._overlong[:size]
+            if ancillary:
+                seconds, nanoseconds = _TIMESPEC.unpack(ancillary[0][2])
+                self.arrived_ns = seconds * 1_000_000_000 + nanoseconds
             self._on_command(self._command[0])
 
     def close(self) -> None:

@@ -19,6 +19,10 @@ PERIOD_NS = 1_000_000
 # while the server is behind its own clock, a client still gets its whole millisecond to answer a state: what is caught
 # up is what the client does not need
 LONGEST_ANSWER_NS = PERIOD_NS
+# of each ms, so that states go out on time: what timers and wake-ups may take
+AWAKE_NS = 120_000
+# the plant is not advanced before its time when somebody's states are due sooner than this
+LONGEST_ADVANCE_NS = 300_000
 # further behind than this, the robot's time slips instead of being caught up
 LARGEST_LAG_NS = 50_000_000
 
@@ -62,6 +66,8 @@ class Realtime:
         """Without a right_clock, or with one that is exactly the left one's, both arms share one."""
         self._server = server
         self._right = None if right_clock == RightClock() else right_clock
+        self._plant_clock = _BoxClock(server.stations, 0, PERIOD_NS)
+        self._ahead = False  # the plant has gone on already, and what it shows waits for its time
         self.ticks = self.overruns = 0
         self.slipped_ns = self.worst_lateness_ns = 0
 
@@ -71,11 +77,11 @@ class Realtime:
         left, right = server.stations
         start = clock()
         if self._right is None:
-            plant_clock = _BoxClock((left, right), start, PERIOD_NS)
+            self._plant_clock = plant_clock = _BoxClock((left, right), start, PERIOD_NS)
             clocks = [plant_clock]
         else:
             right.box.own_clock = True
-            plant_clock = _BoxClock((left,), start, PERIOD_NS)
+            self._plant_clock = plant_clock = _BoxClock((left,), start, PERIOD_NS)
             clocks = [
                 plant_clock,
                 _BoxClock((right,), start + round(1e3 * self._right.phase_us), self._right.period_ns),
@@ -94,7 +100,9 @@ class Realtime:
             due.ticks += 1
             if due is plant_clock:
                 self.ticks += 1
-                server.advance()
+                if not self._ahead:
+                    server.advance()
+                self._ahead = False
                 if self.ticks % 100 == 0:
                     server.show_grippers()
                     server.tidy(0.1)
@@ -118,6 +126,14 @@ class Realtime:
         )
         return "\n".join([pace, *lines])
 
+    def _look_ahead(self, left_ns: int) -> None:
+        """Advance the plant as soon as nothing can change its next ms any more: its states then go out on time."""
+        stations = self._plant_clock.stations
+        if self._ahead or left_ns < LONGEST_ADVANCE_NS or any(station.awaited for station in stations):
+            return
+        self._server.advance()
+        self._ahead = True
+
     def _wait(self, due: _BoxClock) -> None:
         """Take answers and requests until the deadline; when late, only until its moving arms have answered."""
         server, clock = self._server, time.monotonic_ns
@@ -129,4 +145,6 @@ class Realtime:
                 if left <= 0 or not any(station.awaited for station in due.stations):
                     server.poller.serve(0.0)
                     return
-            server.poller.serve(left * 1e-9)
+            # the last of it awake: a thread that sleeps is woken late
+            self._look_ahead(left)
+            server.poller.serve(max(0, due.deadline_ns - clock() - AWAKE_NS) * 1e-9)

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.limits import COLLISION_TORQUES
 from sim_robot.arm_description import JOINTS, fr3_description
 from sim_robot.scene import Pad
 
@@ -35,7 +36,6 @@ SETTINGS_RECORD = np.dtype(
 # SetCollisionBehavior is not published; an ordinary grab at 0.4 m/s passes, see tests/fci.
 CONTACT_TORQUES = (20.0, 20.0, 18.0, 18.0, 16.0, 14.0, 12.0)
 CONTACT_FORCES = (20.0, 20.0, 20.0, 25.0, 25.0, 25.0)
-COLLISION_TORQUES = (100.0, 100.0, 100.0, 100.0, 60.0, 60.0, 60.0)
 COLLISION_FORCES = (250.0, 250.0, 250.0, 80.0, 80.0, 80.0)
 LARGEST_JOINT_STIFFNESS = 14250.0  # Nm/rad, SetJointImpedance of the interface
 LARGEST_TRANSLATION_STIFFNESS, LARGEST_ROTATION_STIFFNESS = 3000.0, 300.0  # SetCartesianImpedance

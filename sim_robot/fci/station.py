@@ -116,7 +116,7 @@ class Station:
         if self.patient:
             self.first_id = int(command["message_id"]) + 1
         self.answered = self.joined = True
-        self.answers.note(time.monotonic_ns() - self._shown_ns)
+        self.answers.note(max(0, self.link.arrived_ns - self._shown_ns))
         if finished:
             self._finish(MoveStatus.SUCCESS)
             return
@@ -210,7 +210,7 @@ class Station:
         self.answered = False
         if not (self.patient or self.asynchronous):
             self.first_id = self.message_id + 1
-        self._shown_ns = time.monotonic_ns()
+        self._shown_ns = time.time_ns()
         self.show()
 
     # requests

@@ -257,7 +257,7 @@ def test_a_stop_lasts_and_its_evidence_with_it():
 def test_a_stop_is_recovered_from_when_its_cause_is_gone_and_not_before():
     judges = _pair()
     _both(judges, 0)
-    bad = arm_sample(1, tau_ext_hat_filtered=90.0)
+    bad = arm_sample(1, tau_ext_hat_filtered=110.0)
     judges[0].judge(bad)
     judges[1].judge(arm_sample(1))
     assert judges[0].recover(bad) is Reason.EXTERNAL_TORQUE

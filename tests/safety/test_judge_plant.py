@@ -128,7 +128,7 @@ def test_a_stop_keeps_hold_of_the_box_without_throwing_it(recorded, judges, caus
         if k == HELD_TICK:
             assert samples["q"][:, 0].tobytes() == trial.arms["q"][:, k].tobytes()
             if cause == "external torque":
-                samples["tau_ext_hat_filtered"][0, 0, 2] = -88.0
+                samples["tau_ext_hat_filtered"][0, 0, 2] = -110.0
             else:
                 samples["tau_desired"][1 if cause == "other arm" else 0, 0, 3] = np.nan
         for side, arm in enumerate(arms):

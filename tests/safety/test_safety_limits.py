@@ -20,7 +20,7 @@ def test_the_hardware_s_limits_are_those_of_hal_and_a_margin_inside():
     np.testing.assert_allclose(HARDWARE.q_lower, FR3.q_lower + 0.005)
     np.testing.assert_allclose(HARDWARE.q_upper, FR3.q_upper - 0.005)
     np.testing.assert_allclose(HARDWARE.dq_max, 0.98 * FR3.dq_max)
-    for name in ("tau_max", "tau_J_max", "tau_ext_max"):
+    for name in ("tau_max", "tau_J_max"):
         assert getattr(HARDWARE, name) == tuple(FR3.tau_max)
     assert HARDWARE.tau_rate_max == 1000.0
     assert HARDWARE.power_max == pytest.approx(4 * 87 * 2.62 + 12 * (5.26 + 4.18 + 5.26))
