@@ -31,6 +31,12 @@ class Obtained:
         return {name: str(value) for name, value in asdict(self).items()}
 
 
+def robot_cpu() -> int:
+    """Return the CPU for a simulated robot on this host: the first one, away from the loop; ANY_CPU where there is one."""
+    cpus = os.sched_getaffinity(0)
+    return min(cpus) if len(cpus) > 1 else ANY_CPU
+
+
 @contextmanager
 def realtime_thread(priority: int = PRIORITY, cpu: int | None = None) -> Iterator[Obtained]:
     """Make the calling thread a real-time one as far as the host allows; take everything back at the end.

@@ -1,8 +1,7 @@
 """The dual-arm tick, its parts, and the same tick in plain numpy, turn by turn in one run on the same states.
 
-The states come from a walk around the cell's home pose. In every other constrained tick the torque limit of one joint
-is
-lowered below what it carries, so that the solver has to answer.
+The states come from a walk around the cell's home pose. In every other constrained tick the torque limit of one
+joint is lowered below what it carries, so that the solver has to answer.
 """
 
 import time
@@ -18,9 +17,8 @@ from rtstack.control.records import POINT
 from rtstack.control.tick import ArmController, DualArmController
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
-from rtstack.safety.judge import SafetyJudge
 from rtstack.samples import Mode, QpSolver, QpStatus
-from rtstack.trials.assembly import Parameters, arm_controllers
+from rtstack.trials.assembly import Parameters, arm_controllers, safety_judges
 
 Array = NDArray[np.floating]
 WARM_UP = 200  # ticks that are not counted
@@ -66,7 +64,7 @@ class _Pair:
         machine = ModeMachine(Strategy.PROPOSED, parameters.control, 1e9)
         machine.begin(Mode.ANTE_IMPACT)
         self.controller = DualArmController(*self.arms, machine)
-        self.judges = (SafetyJudge(), SafetyJudge())
+        self.judges = safety_judges(description)
         mountings = (description.left, description.right)
         self.plain = tuple(
             PlainArm(
@@ -104,6 +102,7 @@ class _Pair:
                     # less than the joint needs to carry the arm: the torque row is active whatever is wanted
                     implementation.tau_max[1] = 0.5 * abs(arm.model.g[1])
             sample = arm.sample
+            sample["t_ns"][0] = k * 1_000_000
             sample["q"][0], sample["dq"][0], sample["tau_J"][0] = q, dq, state.tau_J
             sample["O_F_ext_hat_K"][0] = state.O_F_ext_hat_K
             states.append(state)
@@ -128,7 +127,7 @@ class _Pair:
             worst = max(worst, arm.command(Mode.ANTE_IMPACT))
         self.controller.finish()
         for arm, judge in zip(self.arms, self.judges, strict=True):
-            judge.judge(arm.sample)
+            judge.judge(arm.sample, residual=arm.control["momentum_residual"][0])
             arm.applied()
         elapsed = time.perf_counter_ns() - began
         return elapsed, [arm.sample["tau_desired"][0].copy() for arm in self.arms], worst
@@ -214,7 +213,7 @@ def _parts(pair: _Pair, ticks: int) -> dict[str, float]:
             arm.command(Mode.ANTE_IMPACT)
         marks.append(time.perf_counter_ns())
         for arm, judge in zip(arms, pair.judges, strict=True):
-            judge.judge(arm.sample)
+            judge.judge(arm.sample, residual=arm.control["momentum_residual"][0])
             arm.applied()
         marks.append(time.perf_counter_ns())
         for name, began, ended in zip(parts, marks, marks[1:], strict=False):

@@ -123,13 +123,21 @@ def sim(
     phase_us: Annotated[float, typer.Option(help="How much later the right arm's clock ticks.")] = 0.0,
     drift_ppm: Annotated[float, typer.Option(help="How much faster the right arm's clock runs.")] = 0.0,
     priority: Annotated[int, typer.Option(help="SCHED_FIFO priority, 0 for none.", min=0, max=99)] = 80,
-    cpu: Annotated[int, typer.Option(help="CPU to stay on, -1 for any.", min=-1)] = -1,
+    cpu: Annotated[
+        int | None,
+        typer.Option(help="CPU to stay on, -1 for any; by default the first, the loop takes the last.", min=-1),
+    ] = None,
 ) -> None:
     """Serve the simulated arms at their addresses, as robots would be, until Ctrl-C."""
+    from hal.realtime import robot_cpu
     from rtstack.cli.simulator import serve as run
 
     arguments = [f"--scene={scene}", f"--seed={seed}", f"--tracker={tracker}", f"--phase-us={phase_us!r}"]
-    arguments += [f"--drift-ppm={drift_ppm!r}", f"--priority={priority}", f"--cpu={cpu}"]
+    arguments += [
+        f"--drift-ppm={drift_ppm!r}",
+        f"--priority={priority}",
+        f"--cpu={robot_cpu() if cpu is None else cpu}",
+    ]
     arguments += ["--lockstep"] * lockstep + ([f"--faults={faults}"] if faults is not None else [])
     run(arguments, left, right, object_name, displacement_mm)
 

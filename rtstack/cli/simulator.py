@@ -13,6 +13,7 @@ from collections.abc import Iterator
 import typer
 
 from hal.errors import HardwareError
+from hal.realtime import robot_cpu
 from hal.tracker_link import TrackerLink
 
 _FCI_PORT = 1337
@@ -32,7 +33,7 @@ class Simulator:
         said: str | None = None
         host, port = self.tracker.address
         # away from the loop, which takes the last CPU: server and loop together fill most of a period
-        pace = ["--lockstep"] if lockstep else ["--cpu", str(min(os.sched_getaffinity(0)))]
+        pace = ["--lockstep"] if lockstep else ["--cpu", str(robot_cpu())]
         for self.left, self.right in _free_pairs():
             command = [
                 sys.executable, "-m", "sim_robot.fci", "--tracker", f"{host}:{port}",

@@ -122,6 +122,7 @@ class Session:
             for judge, a in zip(judges, controller.arms, strict=True)
         )
         self._records = tuple((a.sample, a.control) for a in controller.arms)
+        self._residuals = tuple(a.control["momentum_residual"][0] for a in controller.arms)
         self._end = End.COMPLETED
         self._detail = ""
         self._time = Timeline(publisher.timing, cell.own_clocks)
@@ -262,7 +263,7 @@ class Session:
             demand = Reason.CONTROLLER
         for k in sides:
             arm = self._controller.arms[k]
-            self._judges[k].judge(arm.sample, demand)
+            self._judges[k].judge(arm.sample, demand, self._residuals[k])
             arm.applied()
         if not stopping and any(judge.stopping for judge in self._judges):
             self._explain_stop(status)
@@ -272,7 +273,7 @@ class Session:
         if judge.reason is Reason.CONTROLLER:
             self._finish(End.QP, status.name.lower())
         else:
-            self._finish(End.SAFETY, f"{side} joint {judge.joint}: {judge.reason.name.lower()}")
+            self._finish(End.SAFETY, f"{side}: {judge.explanation}")
         self._publisher.event(self._time.t_ns, Level.ERROR, "safety", f"{self._end}: {self._detail}")
 
     def _at_rest(self) -> bool:

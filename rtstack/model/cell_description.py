@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from pydantic.dataclasses import dataclass as checked
 
 from rtstack.configuration import STRICT, ConfigurationError, load_toml
 from rtstack.model.rotation import rotation_from_quaternion
+from rtstack.safety.limits import HARDWARE, LimitWidened
 
 
 @checked(frozen=True, slots=True, config=STRICT)
@@ -86,7 +87,7 @@ class TorqueFilter:
 
 @checked(frozen=True, slots=True, config=STRICT)
 class CellDescription:
-    """A cell, as its TOML describes it (deploy/cells)."""
+    """A cell, as its TOML describes it (deploy/cells). safety: the limits that it tightens (rtstack.safety.limits)."""
 
     name: str
     simulated: bool
@@ -98,6 +99,7 @@ class CellDescription:
     tracker: TrackerAddress = field(default_factory=TrackerAddress)
     start_motion: StartMotionLimits = field(default_factory=StartMotionLimits)
     torque_filter: TorqueFilter = field(default_factory=TorqueFilter)
+    safety: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,4 +122,8 @@ def load_cell_description(path: Path) -> CellDescription:
     for side, mounting in (("left", description.left), ("right", description.right)):
         if not np.linalg.norm(mounting.base_orientation_wxyz) > 1e-6:
             raise ConfigurationError(f"{path}: key {side}.base_orientation_wxyz: not a quaternion")
+    try:
+        HARDWARE.tightened(description.safety)
+    except LimitWidened as error:
+        raise ConfigurationError(f"{path}: key {error}") from None
     return description

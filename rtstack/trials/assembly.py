@@ -10,7 +10,8 @@ from rtstack.control.records import POINT
 from rtstack.control.tick import ArmController, DualArmController
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
-from rtstack.safety.judge import SafetyJudge
+from rtstack.safety.judge import Base, SafetyJudge, Tool, pair_of_judges
+from rtstack.safety.limits import HARDWARE
 from rtstack.samples import Mode, QpSolver
 from rtstack.trials.specification import Controller
 
@@ -54,6 +55,13 @@ def arm_controllers(cell: CellDescription, parameters: Parameters) -> tuple[ArmC
     return left, right
 
 
+def safety_judges(cell: CellDescription) -> tuple[SafetyJudge, SafetyJudge]:
+    """Return the left and the right arm's judges, within the hardware's limits as the cell tightens them."""
+    left, right = (Base(m.base_position, m.base_orientation_wxyz) for m in (cell.left, cell.right))
+    tool = Tool(cell.pad.size, cell.pad.flange_to_face)
+    return pair_of_judges(HARDWARE.tightened(cell.safety), left, right, tool)
+
+
 def dual_arm_controller(
     cell: CellDescription, parameters: Parameters, strategy: Strategy, nominal_impact_s: float
 ) -> DualArmController:
@@ -66,7 +74,8 @@ def dual_arm_controller(
 
 def _warm_up(controller: DualArmController, cell: CellDescription) -> None:
     point = np.zeros(1, POINT)
-    for arm, mounting in zip(controller.arms, (cell.left, cell.right), strict=True):
+    judges = safety_judges(cell)
+    for arm, mounting, judge in zip(controller.arms, (cell.left, cell.right), judges, strict=True):
         arm.sample["q"][0] = mounting.home
         arm.observe()
         point["position"][0] = arm.workspace["position"][0]
@@ -78,5 +87,5 @@ def _warm_up(controller: DualArmController, cell: CellDescription) -> None:
         # the solver's first call allocates: have it done, with limits that cannot hold
         arm.tau_max[:] = 1e-3
         arm.command(Mode.ANTE_IMPACT)
-        SafetyJudge().judge(arm.sample)
+        judge.judge(arm.sample, residual=arm.control["momentum_residual"][0])
     controller.finish()

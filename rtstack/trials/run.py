@@ -20,7 +20,6 @@ from rtstack.model.cell_description import CellDescription
 from rtstack.references.demonstration import Grab, grab, scripted_targets
 from rtstack.references.recording import ReferenceError, load_recording
 from rtstack.references.spreading import ExtendedReference, extend
-from rtstack.safety.judge import SafetyJudge
 from rtstack.samples import Level, Mode
 from rtstack.trials.assembly import (
     STRATEGIES,
@@ -28,6 +27,7 @@ from rtstack.trials.assembly import (
     arm_controllers,
     default_parameters,
     dual_arm_controller,
+    safety_judges,
 )
 from rtstack.trials.errors import TrialError
 from rtstack.trials.record import TrialLog
@@ -189,7 +189,7 @@ class _Run:
         controller = dual_arm_controller(self._description, self._parameters, strategy, nominal_impact_s)
         rings = [*([self._live] if self._live else []), *([self._log.rings] if self._log else [])]
         publisher = Publisher(rings, self.history)
-        judges = (SafetyJudge(), SafetyJudge())
+        judges = safety_judges(self._description)
         session = Session(
             cell, controller, judges, publisher, self._plan, self._stop, self._between_ticks,
             self._description.torque_filter.cutoff_hz,
