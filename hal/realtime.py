@@ -32,7 +32,7 @@ class Obtained:
 
 
 def robot_cpu() -> int:
-    """Return the CPU for a simulated robot on this host: the first one, away from the loop; ANY_CPU where it is alone."""
+    """Return the CPU for a simulated robot on this host: the first, away from the loop; ANY_CPU where there is one."""
     cpus = os.sched_getaffinity(0)
     return min(cpus) if len(cpus) > 1 else ANY_CPU
 
