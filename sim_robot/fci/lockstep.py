@@ -40,7 +40,7 @@ class Lockstep:
     def __init__(self, server: Server, longest_wait_s: float = LONGEST_WAIT_S) -> None:
         """A client that moves an arm is waited for so long at most."""
         self._server, self._longest_wait_s = server, longest_wait_s
-        self._heard_s = time.monotonic()  # when everybody who is waited for had answered last
+        self._heard_s = time.monotonic()  # since when somebody who is waited for owes an answer
         self._hung: list[Station] = []
         for station in server.stations:
             station.patient = True
@@ -96,6 +96,7 @@ class Lockstep:
             station.hold_replies = self._resting
         for station, now, before in zip(self._server.stations, moving, self._were_moving, strict=True):
             if now and not before:
+                self._heard_s = time.monotonic()  # nobody owed an answer before
                 others = [other for other in self._server.stations if other.moving and other is not station]
                 jump = 0 if others else JUMP
                 station.message_id = max(

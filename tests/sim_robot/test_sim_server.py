@@ -1,20 +1,33 @@
 """A server in this process: what it compiles once it serves, and how long lockstep waits."""
 
+import contextlib
 import itertools
 import os
 import socket
 import struct
 import threading
+import time
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
 from numba.core import event
 
+from hal.state import RobotMode
 from sim_robot.cell import simulated_cell
 from sim_robot.fci.drive import DrivenBox
 from sim_robot.fci.lockstep import Lockstep
-from sim_robot.fci.protocol import HEADER, PORT, ROBOT_COMMAND, ROBOT_STATE, VERSION, Command, Controller, Generator
+from sim_robot.fci.protocol import (
+    HEADER,
+    PORT,
+    ROBOT_COMMAND,
+    ROBOT_STATE,
+    VERSION,
+    Command,
+    Controller,
+    Generator,
+    MoveStatus,
+)
 from sim_robot.fci.server import Server
 from sim_robot.plant_parameters import load_plant_parameters
 from sim_robot.scene import load_scene
@@ -134,36 +147,62 @@ class Client:
             self.udp.sendto(command.tobytes(), source)
         return state
 
+    def __enter__(self) -> "Client":
+        return self
 
-def test_lockstep_does_not_wait_for_a_client_that_hangs(server: Server, addresses: tuple[str, str]) -> None:
-    """Its arm loses 20 packets and stops; what the other arm's client answers goes on to count."""
+    def __exit__(self, *_: object) -> None:
+        self.tcp.close()
+        self.udp.close()
+
+
+@contextlib.contextmanager
+def served(server: Server, longest_wait_s: float) -> Iterator[None]:
+    """Let a thread serve in lockstep."""
     ended = threading.Event()
-    serving = threading.Thread(target=Lockstep(server, longest_wait_s=1.0).run, args=(ended.is_set,))
+    serving = threading.Thread(target=Lockstep(server, longest_wait_s).run, args=(ended.is_set,))
     serving.start()
-    clients = []
     try:
-        clients += [Client(address) for address in addresses]
-        for client in clients:
-            client.request(Command.MOVE, struct.pack("<II3d3dB7d", *move_values(2, 4)))
-            assert client.reply() == b"\x01"
-        hanging, alive = clients
-        for _ in range(3):
-            hanging.state(answer=True)
-        while (state := alive.state(answer=True))["robot_mode"] != 2:
-            continue
-        rates = []
-        for _ in range(300):
-            state = alive.state(answer=True)
-            rates.append(state["control_command_success_rate"])
-            if server.stations[0].box.errors:
-                break
-        assert server.stations[0].box.error_names == ("communication_constraints_violation",)
-        assert hanging.reply() == b"\x08"  # aborted by the reflex
-        assert state["robot_mode"] == 2
-        assert min(rates) > 0.9  # a few ms pass until it is known who hangs; 20 would be a reflex
+        yield
     finally:
         ended.set()
         serving.join()
-        for client in clients:
-            client.tcp.close()
-            client.udp.close()
+
+
+def start_torque_control(client: Client) -> None:
+    client.request(Command.MOVE, struct.pack("<II3d3dB7d", *move_values(2, 4)))
+    assert client.reply() == bytes((MoveStatus.MOTION_STARTED,))
+
+
+def test_lockstep_does_not_wait_for_a_client_that_hangs(server: Server, addresses: tuple[str, str]) -> None:
+    """Its arm loses 20 packets and stops; the other arm's client loses none."""
+    with served(server, 1.0), Client(addresses[0]) as hanging, Client(addresses[1]) as alive:
+        for client in (hanging, alive):
+            start_torque_control(client)
+        for _ in range(3):  # by turns: who has not answered yet is waited for, and would be taken for hanging
+            for client in (hanging, alive):
+                client.state(answer=True)
+        rates = []
+        for _ in range(300):
+            state = alive.state(answer=True)
+            if state["robot_mode"] == RobotMode.MOVE:  # older ones may wait to be read
+                rates.append(state["control_command_success_rate"])
+            if server.stations[0].box.errors:
+                break
+        assert server.stations[0].box.error_names == ("communication_constraints_violation",)
+        assert hanging.reply() == bytes((MoveStatus.REFLEX_ABORTED,))
+        assert state["robot_mode"] == RobotMode.MOVE
+        assert set(rates) == {1.0}
+
+
+def test_lockstep_waits_from_the_beginning_of_a_motion_on(server: Server, addresses: tuple[str, str]) -> None:
+    """However long the robot stood idle before: nobody owed it an answer then."""
+    with served(server, longest_wait_s := 1.0), Client(addresses[0]) as client:
+        time.sleep(longest_wait_s + 0.1)  # the fault itself
+        start_torque_control(client)
+        time.sleep(0.1)  # 20 lost packets take the plant some 5 ms
+        while (state := client.state(answer=True))["robot_mode"] == RobotMode.IDLE:
+            continue
+        for _ in range(30):
+            state = client.state(answer=True)
+        assert state["robot_mode"] == RobotMode.MOVE
+        assert state["control_command_success_rate"] == 1.0
