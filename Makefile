@@ -3,9 +3,11 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+# without the plant: uncompiled, a trial takes minutes
+SAFETY_TESTS := $(filter-out %_plant.py,$(wildcard tests/safety/test_*.py))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test realtime check bench clean
+.PHONY: help setup run test realtime check bench coverage mutate explore clean
 
 help:  ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-8s %s\n", $$1, $$2}'
@@ -32,6 +34,16 @@ check: setup  ## lint, types, import rules
 
 bench: setup  ## the tick, measured beside its plain numpy version
 	$(BIN)/rtstack bench tick
+
+coverage: setup  ## the judge and the permit: every branch run by their tests
+	NUMBA_DISABLE_JIT=1 $(BIN)/coverage run --branch --source=rtstack/safety -m pytest -q -p no:cacheprovider $(SAFETY_TESTS)
+	$(BIN)/coverage report --show-missing --fail-under=100
+
+mutate: setup  ## change the judge in one place at a time: do its tests notice? (resumes, .mutants/)
+	$(BIN)/python tests/safety/mutate.py --minutes 120 --jobs 2
+
+explore: setup  ## 10000 sequences of events: no motion without arming, no way out of a fault but recovery
+	RTSTACK_SEQUENCES=10000 $(BIN)/python -m pytest --timeout=0 tests/safety/test_permit.py
 
 clean:  ## remove what was installed and built
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .ruff_cache .hypothesis

@@ -4,13 +4,16 @@
 
 Own code, because the known tools cannot see it: mutmut leaves decorated functions alone, and all that counts here is
 under `njit`; cosmic-ray rewrites the sources in place, under a stack that may be running them. Here the compiled
-functions run as the plain Python that they are (NUMBA_DISABLE_JIT), a mutant is an import hook in a forked process, and
-nothing is written. Prints killed / total; exit status 1 where a survivor is not listed in mutation_survivors.txt.
+functions run as the plain Python that they are (NUMBA_DISABLE_JIT), and a mutant is an import hook in a forked process.
+
+What became of each mutant is kept in .mutants/, in a file a version of the judge: the next run goes on from there.
+Survivors are run again where the tests have changed. Prints killed / total; exit status 1 where a survivor is not
+listed in mutation_survivors.txt, or not all have been run.
 """
 
 import argparse
 import ast
-import copy
+import hashlib
 import importlib.abc
 import importlib.util
 import os
@@ -18,8 +21,11 @@ import random
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+
+from mutants import mutants
 
 os.environ["NUMBA_DISABLE_JIT"] = "1"
 
@@ -33,110 +39,8 @@ TESTS = [
 # what needs many runs of the judge says nothing about a mutant that the others do not; it runs with the compiled judge
 SLOW = "not from_any_state and not masses_that and not whatever_is_wanted and not definitions and not no_chain"
 SURVIVORS = HERE / "mutation_survivors.txt"
+RESULTS = ROOT / ".mutants"
 PATIENCE_S = 120
-
-COMPARISONS = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq}
-ARITHMETIC = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.FloorDiv: ast.Mult}
-FUNCTIONS = {"min": "max", "max": "min", "abs": "float", "all": "any"}
-
-Change = tuple[str, Callable[[ast.AST], None]]
-
-
-def _constant(value: object) -> Callable[[ast.AST], None]:
-    def change(node: ast.AST) -> None:
-        node.value = value
-
-    return change
-
-
-def _become(kind: type[ast.AST], **fields: object) -> Callable[[ast.AST], None]:
-    def change(node: ast.AST) -> None:
-        node.__class__ = kind
-        for name, value in fields.items():
-            setattr(node, name, value)
-
-    return change
-
-
-def _test(value: bool) -> Callable[[ast.AST], None]:
-    def change(node: ast.AST) -> None:
-        node.test = ast.copy_location(ast.Constant(value), node.test)
-
-    return change
-
-
-def changes(node: ast.AST) -> Iterator[Change]:
-    """Yield what can be changed at a node: a description and a function that changes a copy in place."""
-    if isinstance(node, ast.Compare):
-        for k, op in enumerate(node.ops):
-            if type(op) in COMPARISONS:
-                other = COMPARISONS[type(op)]
-
-                def compare(n: ast.AST, k: int = k, other: type = other) -> None:
-                    n.ops[k] = other()
-
-                yield f"{type(op).__name__} -> {other.__name__}", compare
-    elif isinstance(node, ast.BinOp | ast.AugAssign) and type(node.op) in ARITHMETIC:
-        other = ARITHMETIC[type(node.op)]
-
-        def operate(n: ast.AST, other: type = other) -> None:
-            n.op = other()
-
-        yield f"{type(node.op).__name__} -> {other.__name__}", operate
-    elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.Not):
-        yield "sign or not dropped", _become(ast.BoolOp, op=ast.And(), values=[node.operand, node.operand])
-    elif isinstance(node, ast.BoolOp):
-        swapped = ast.Or() if isinstance(node.op, ast.And) else ast.And()
-        yield "and <-> or", lambda n: setattr(n, "op", swapped)
-    elif isinstance(node, ast.Constant) and isinstance(node.value, int | float):
-        if isinstance(node.value, bool):
-            yield f"{node.value} -> {not node.value}", _constant(not node.value)
-        else:
-            yield f"{node.value} -> {node.value + 1}", _constant(node.value + 1)
-    elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in FUNCTIONS:
-        name = FUNCTIONS[node.func.id]
-        yield (
-            f"{node.func.id} -> {name}",
-            lambda n: setattr(n, "func", ast.copy_location(ast.Name(name, ast.Load()), n)),
-        )
-    if isinstance(node, ast.If | ast.IfExp):
-        yield "if -> if True", _test(True)
-        yield "if -> if False", _test(False)
-    if isinstance(node, ast.Assign | ast.AugAssign) or (
-        isinstance(node, ast.Expr) and isinstance(node.value, ast.Call)
-    ):
-        yield "statement removed", _become(ast.Expr, value=ast.copy_location(ast.Constant(None), node))
-
-
-def _mutable(tree: ast.Module) -> Iterator[int]:
-    """Yield the indices in ast.walk of what may be changed: not decorators, annotations, nor the presence of names."""
-    skipped: set[int] = set()
-    for node in ast.walk(tree):
-        parts = [
-            *getattr(node, "decorator_list", []),
-            getattr(node, "annotation", None),
-            getattr(node, "returns", None),
-        ]
-        for part in filter(None, parts):
-            skipped.update(id(inner) for inner in ast.walk(part))
-    for node in tree.body:
-        if isinstance(node, ast.Assign | ast.Expr):
-            skipped.add(id(node))
-    return (i for i, node in enumerate(ast.walk(tree)) if id(node) not in skipped)
-
-
-def mutants(module: str) -> Iterator[tuple[str, ast.Module]]:
-    """Yield every mutant of a module: its name (module, function, line's text, change), and its tree."""
-    source = (PACKAGE / f"{module}.py").read_text()
-    tree = ast.parse(source)
-    nodes = list(ast.walk(tree))
-    lines = source.splitlines()
-    for index in _mutable(tree):
-        for description, change in changes(nodes[index]):
-            mutated = copy.deepcopy(tree)
-            change(list(ast.walk(mutated))[index])
-            line, column = nodes[index].lineno, nodes[index].col_offset
-            yield f"{module}:{column}: {lines[line - 1].strip()} | {description}", mutated
 
 
 class Import(importlib.abc.MetaPathFinder, importlib.abc.Loader):
@@ -175,10 +79,55 @@ def start(module: str, tree: ast.Module) -> int:
         os._exit(0 if status == 0 else 1)
 
 
+def _digest(paths: list[Path]) -> str:
+    return hashlib.sha256(b"".join(path.read_bytes() for path in paths)).hexdigest()[:12]
+
+
+class Results:
+    """What became of the mutants of this version of the judge: lines of status, the tests' digest, and the key.
+
+    A mutant's key is its name and the how manyth of that name it is: the same line may stand in two functions.
+    """
+
+    def __init__(self) -> None:
+        RESULTS.mkdir(exist_ok=True)
+        (RESULTS / ".gitignore").write_text("*\n")
+        self._path = RESULTS / f"{_digest([PACKAGE / f'{module}.py' for module in MODULES])}.tsv"
+        self._tests = _digest([*map(Path, TESTS), HERE / "judge_oracle.py", HERE / "judge_samples.py"])
+        self.killed: dict[str, bool] = {}
+        self.by_other_tests: set[str] = set()
+        for line in self._path.read_text().splitlines() if self._path.exists() else ():
+            status, tests, key = line.split("\t")
+            if tests == self._tests or status == "killed":
+                self.killed[key] = status == "killed"
+            if tests != self._tests:
+                self.by_other_tests.add(key)
+
+    def keep(self, key: str, killed: bool) -> None:
+        """Remember a result, on disk at once."""
+        self.killed[key] = killed
+        self.by_other_tests.discard(key)
+        with self._path.open("a") as file:
+            file.write(f"{'killed' if killed else 'survived'}\t{self._tests}\t{key}\n")
+
+
+def _keyed(modules: Iterable[str]) -> Iterator[tuple[str, str, ast.Module]]:
+    """Yield key, module and tree of every mutant."""
+    seen: Counter[str] = Counter()
+    for module in modules:
+        for name, tree in mutants(PACKAGE / f"{module}.py"):
+            seen[name] += 1
+            yield f"{name} ({seen[name]})", module, tree
+
+
+def _name(key: str) -> str:
+    return key.rpartition(" (")[0]
+
+
 def main() -> int:
-    """Run all mutants within the time; return the exit status."""
+    """Run what has not been run yet, within the time; return the exit status."""
     arguments = argparse.ArgumentParser(description="Mutation testing of the safety judge.")
-    arguments.add_argument("--minutes", type=float, default=30.0, help="stop after this long; what was not run is told")
+    arguments.add_argument("--minutes", type=float, default=30.0, help="stop after this long; the next run goes on")
     arguments.add_argument("--jobs", type=int, default=1)
     arguments.add_argument("--module", choices=MODULES, action="append")
     options = arguments.parse_args()
@@ -197,28 +146,44 @@ def main() -> int:
     if os.wait()[1] != 0:
         print("the tests fail on the judge as it is: see to that first", file=sys.stderr)
         return 2
-    waiting = [(m, name, tree) for m in options.module or MODULES for name, tree in mutants(m)]
+    results = Results()
+    all_of_them = list(_keyed(options.module or MODULES))
+    waiting = [mutant for mutant in all_of_them if mutant[0] not in results.killed]
+    total = len(all_of_them)
+    print(f"{total} mutants, {total - len(waiting)} of them known from earlier runs", flush=True)
     random.Random(0).shuffle(waiting)
-    total, done, survivors = len(waiting), 0, []
     running: dict[int, str] = {}
+    left = len(waiting)
     end = time.monotonic() + 60.0 * options.minutes
     while running or (waiting and time.monotonic() < end):
         while waiting and len(running) < options.jobs and time.monotonic() < end:
-            module, name, tree = waiting.pop()
-            running[start(module, tree)] = name
+            key, module, tree = waiting.pop()
+            running[start(module, tree)] = key
         child, status = os.wait()
-        name = running.pop(child)
-        done += 1
+        key = running.pop(child)
+        if os.WIFSIGNALED(status) and os.WTERMSIG(status) != signal.SIGALRM:
+            continue  # somebody ended it: it says nothing
+        results.keep(key, status != 0)
+        left -= 1
         if status == 0:
-            survivors.append(name)
-            print(f"survived  {name}", flush=True)
-        elif done % 50 == 0:
-            print(f"          {done} of {total}", flush=True)
+            print(f"survived  {key}", flush=True)
+        elif left % 50 == 0:
+            print(f"          {left} of {total} are left", flush=True)
+    return report([key for key, _, _ in all_of_them], results)
+
+
+def report(keys: list[str], results: Results) -> int:
+    """Print killed / total, and the survivors that nobody has listed; return the exit status."""
+    done = [key for key in keys if key in results.killed]
+    survivors = [key for key in done if not results.killed[key]]
     listed = {line.split(" # ")[0] for line in SURVIVORS.read_text().splitlines() if " # " in line}
-    unlisted = [name for name in survivors if name not in listed]
-    print(f"killed {done - len(survivors)} / {done}, of {total} mutants; {len(survivors)} survivors, "
-          f"{len(unlisted)} of them not listed in {SURVIVORS.name}; not run: {total - done}")  # fmt: skip
-    return 1 if unlisted or done < total else 0
+    unlisted = [key for key in survivors if _name(key) not in listed]
+    for key in unlisted:
+        print(f"survived and not listed: {key}")
+    print(f"killed {len(done) - len(survivors)} / {len(keys)} mutants, "
+          f"{len(results.by_other_tests.intersection(done))} of them by earlier tests; {len(survivors)} survivors, "
+          f"{len(unlisted)} of them not listed in {SURVIVORS.name}; not run: {len(keys) - len(done)}")  # fmt: skip
+    return 1 if unlisted or len(done) < len(keys) else 0
 
 
 if __name__ == "__main__":

@@ -1,0 +1,87 @@
+"""Trials with the judge wired in: nothing in a good one, and what a limit in reach makes of it."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hal.limits import COLLISION_TORQUES
+from rtstack.cli.cells import default_cell_file, open_cell
+from rtstack.configuration import ConfigurationError
+from rtstack.log.reader import read_log
+from rtstack.model.cell_description import load_cell_description
+from rtstack.trials.assembly import default_parameters
+from rtstack.trials.review import log_columns
+from rtstack.trials.run import prepare_trial, run_trial
+from rtstack.trials.specification import Controller, TrialSpecification
+
+
+@pytest.mark.parametrize(
+    ("controller", "displacement_mm"), list(zip(Controller, (-30.0, 30.0, 0.0, -30.0), strict=True))
+)
+def test_the_judge_changes_nothing_in_a_good_trial(runner, controller, displacement_mm):
+    result = runner.run(controller, displacement_mm)
+    assert result.success, result.failure_reason
+    assert result.safety_interventions == 0
+
+
+@pytest.mark.parametrize(
+    ("limit", "value", "said"),
+    [
+        ("ee_upper", [0.2, 0.4, 0.4], r"(left|right): the end effector has left its box \(0\.400\d* m, allowed 0\.4\)"),
+        ("ee_lower", [-0.2, -0.3, 0.25], r"right: the end effector has left its box \(-0\.3\d* m, allowed -0\.3\)"),
+        ("ee_speed_max", 0.3, r"(left|right): the end effector is too fast \(0\.3\d* m/s, allowed 0\.3\)"),
+        ("power_max", 10.0, r"(left|right): the mechanical power is too large \(-?1\d(\.\d+)? W, allowed 10\)"),
+        ("arm_distance_min", 0.4, r"(left|right): the arms are too close to each other \(0\.39\d* m, allowed 0\.4\)"),
+        ("tau_ext_max", [8.0] * 7, r"(left|right): joint \d: the (momentum residual|estimated external torque) is too"),
+    ],
+)
+def test_a_limit_in_reach_stops_every_trial_and_says_which(runner, tmp_path, limit, value, said):
+    tightened = replace(runner, cell=replace(runner.cell, safety={limit: value}))
+    for controller in (Controller.PROPOSED, Controller.NO_REFERENCE_SPREADING):
+        path = tmp_path / f"{controller}.mcap"
+        result = tightened.run(controller, log=path)
+        assert not result.success
+        assert result.safety_interventions >= 1
+        reason = str(result.failure_reason)
+        assert re.match(f"safety stop: {said}", reason), reason
+        log = read_log(path)
+        assert reason.encode() in log.topic("/events")["text"].tolist()
+        assert np.abs(log_columns(log).arm["dq"][:, -1]).max() < 0.02
+
+
+def test_the_controllers_residual_is_judged_too(runner, tmp_path):
+    """With a nervous observer, which nothing else listens to, it leaves limits that the robot's estimate keeps."""
+    path = tmp_path / "good.mcap"
+    assert runner.run(log=path).success
+    highest = np.abs(log_columns(read_log(path)).arm["tau_ext_hat_filtered"]).max(axis=(0, 1))
+    cell = replace(runner.cell, safety={"tau_ext_max": np.minimum(1.01 * highest, COLLISION_TORQUES).tolist()})
+    parameters = default_parameters()
+    nervous = replace(parameters, inertia=replace(parameters.inertia, observer_gain_hz=1500.0))
+    prepared = prepare_trial(TrialSpecification(str(runner.reference), seed=1), cell, nervous)
+    opened = open_cell("direct", "rice_box", 0.0, 1)
+    result = run_trial(prepared, opened, log=None)
+    opened.close()
+    assert "the momentum residual is too large" in str(result.failure_reason)
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        ("[safety]\nee_speed_max = 3.5", "key safety.ee_speed_max = 3.5: may only tighten"),
+        ("[safety]\nspeed = 1.0", "key safety.speed: no such limit; there are arm_distance_min"),
+        ("[safety]\nee_lower = [0.0, 0.0]", "key safety.ee_lower = .*must be a list of 3 numbers"),
+        ("safety = 3", "key safety: "),
+    ],
+)
+def test_a_table_that_cannot_be_taken_is_one_line_with_file_and_key(tmp_path, table, said):
+    text = default_cell_file().read_text()
+    path = tmp_path / "cell.toml"
+    own = text[text.index("[safety]") : text.index("[tracker]")]
+    rest = text.replace(own, "")
+    path.write_text(f"{table}\n{rest}" if table.startswith("safety") else rest + "\n" + table)
+    with pytest.raises(ConfigurationError, match=said) as refused:
+        load_cell_description(path)
+    assert str(refused.value).startswith(f"{path}: ")
+    assert "\n" not in str(refused.value)
