@@ -144,7 +144,9 @@ class Fuzzer:
         rng = self._rng
         try:
             rng.choice(self._attacks)(rng.choice((self._served.left, self._served.right)))
-        except (ConnectionError, BrokenPipeError):
+        except TimeoutError:
+            raise  # the server hangs
+        except OSError:  # reset, broken pipe, or not connected any more
             self.outcome.closed_by_server += 1
 
     def _client(self, address: str) -> RawClient:

@@ -85,6 +85,8 @@ def test_datagrams_that_are_no_commands_are_dropped(lockstep: Served) -> None:
     with RawClient(lockstep.left) as raw, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
         raw.connect()
         raw.move()
+        while raw.state()["robot_mode"] != franka.RobotMode.Move.value:
+            continue  # states from before Move
         for tick in range(50):
             state = raw.state()
             assert state["robot_mode"] == franka.RobotMode.Move.value
