@@ -82,10 +82,11 @@ class StopProfile:
     """
 
     reaction_s: float = 2e-3
-    # stiff enough to stay, damped critically with the smallest inertia that a joint can have (wrist: B_theta 0.067 and
-    # a link of some 0.02 kg m^2), so that it does not ring with the joints' elasticity. Nm/rad, Nms/rad
+    # stiff enough to stay; the wrist damped critically with the smallest inertia that it can have (B_theta 0.067 and a
+    # link of some 0.02 kg m^2). Shoulder and elbow between what rings on (20) and what excites the joints' elasticity:
+    # at 50, arms that were stopped in an impact swung at 51 Hz for ever, at 35 and below they did not. Nm/rad, Nms/rad
     stiffness: tuple[float, ...] = (600.0, 600.0, 600.0, 600.0, 100.0, 80.0, 40.0)
-    damping: tuple[float, ...] = (50.0, 50.0, 50.0, 50.0, 6.0, 5.5, 4.0)
+    damping: tuple[float, ...] = (30.0, 30.0, 30.0, 30.0, 6.0, 5.5, 4.0)
     # the torque that is held through a stop is the mean of about this long
     average_s: float = 0.02
 

@@ -87,7 +87,7 @@ def test_the_profile_is_the_one_that_is_stated():
 def test_the_hold_s_numbers_are_the_stated_ones():
     profile = StopProfile()
     assert profile.stiffness == (600.0, 600.0, 600.0, 600.0, 100.0, 80.0, 40.0)
-    assert profile.damping == (50.0, 50.0, 50.0, 50.0, 6.0, 5.5, 4.0)
+    assert profile.damping == (30.0, 30.0, 30.0, 30.0, 6.0, 5.5, 4.0)
     assert (profile.reaction_s, profile.average_s) == (0.002, 0.02)
 
 
