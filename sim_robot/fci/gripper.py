@@ -21,6 +21,7 @@ _PAYLOADS = {_CONNECT: 4, 1: 0, 2: 40, 3: 16, 4: 0}
 _STOP = 4
 _SUCCESS, _FAIL, _INCOMPATIBLE = 0, 1, 1
 MOST_CLIENTS = 4
+BACKLOG, ACCEPT_PERIOD_S = 128, 0.5e-3  # as in link.py: who waits in the kernel is taken one at a time
 
 
 class Gripper:
@@ -29,7 +30,7 @@ class Gripper:
     def __init__(self, poller: Poller, address: str) -> None:
         """Listen. Raises OSError."""
         self._poller, self._address = poller, address
-        self._listener = socket.create_server((address, GRIPPER_PORT), backlog=MOST_CLIENTS)
+        self._listener = socket.create_server((address, GRIPPER_PORT), backlog=BACKLOG)
         self._listener.setblocking(False)
         # each client: what it sent so far, and where its states go once it has said Connect
         self._inboxes: dict[socket.socket, bytearray] = {}
@@ -42,13 +43,18 @@ class Gripper:
         poller.watch(self._listener, self._accept)
 
     def _accept(self) -> None:
+        self._poller.rest(self._listener, ACCEPT_PERIOD_S)
         try:
             tcp, _ = self._listener.accept()
         except OSError:
             return
         if len(self._inboxes) >= MOST_CLIENTS:
-            tcp.close()
-            return
+            # who has been silent for longest, if anybody: a client says Connect at once
+            silent = next((one for one in self._inboxes if one not in self._targets), None)
+            if silent is None:
+                tcp.close()
+                return
+            self._drop(silent)
         tcp.setblocking(False)
         self._inboxes[tcp] = bytearray()
         self._poller.watch(tcp, self._server_of(tcp))

@@ -8,6 +8,9 @@ import numpy as np
 
 from sim_robot.fci.protocol import HEADER, PORT, ROBOT_COMMAND, ROBOT_STATE, VERSION, Command
 
+Deviation = tuple[float, float, float]  # translation m, rotation rad, elbow rad
+ANYWHERE = (10.0, 3.12, 6.29)  # what a client says that does not care; libfranka: 2 pi for the elbow
+
 
 class RawClient:
     """One TCP connection and one UDP socket. Every receive ends after five seconds."""
@@ -46,10 +49,11 @@ class RawClient:
         self.send(Command.CONNECT, struct.pack("<HH", version, self.udp.getsockname()[1]))
         return self.answer()[2]
 
-    def move(self, controller: int = 2, generator: int = 4) -> int:
-        """Ask for a motion and return the status of the first answer."""
-        deviation = (10.0, 3.12, 6.28)
-        payload = struct.pack("<II3d3dB7d", controller, generator, *deviation, *deviation, 0, *(0.0,) * 7)
+    def move(
+        self, controller: int = 2, generator: int = 4, path: Deviation = ANYWHERE, goal: Deviation = ANYWHERE
+    ) -> int:
+        """Ask for a motion, off by at most path and goal, and return the status of the first answer."""
+        payload = struct.pack("<II3d3dB7d", controller, generator, *path, *goal, 0, *(0.0,) * 7)
         self.send(Command.MOVE, payload)
         return self.answer()[2][0]
 
