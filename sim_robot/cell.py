@@ -117,8 +117,8 @@ class SimulatedCell:
         self.tracker = tracker if self.faults is None else self.faults.tracker(tracker)
         self.left, self.right = SimulatedArm(self, 0), SimulatedArm(self, 1)
         # views of single fields: looking a field up costs more than writing it
-        self._modes, self._errors, self._rates = (
-            self.states[name] for name in ("robot_mode", "current_errors", "control_command_success_rate")
+        self._modes, self._errors, self._rates, self._tau_J_d = (
+            self.states[name] for name in ("robot_mode", "current_errors", "control_command_success_rate", "tau_J_d")
         )
         self._observe()
 
@@ -150,6 +150,8 @@ class SimulatedCell:
         for side, box in enumerate(self.boxes):
             self._modes[side], self._errors[side] = box.mode, box.errors
             self._rates[side] = box.success_rate
+            if not box.desires_torque:  # what holds the arm is nobody's command
+                self._tau_J_d[side] = 0.0
 
     def recover(self, side: int) -> None:
         """Clear the reflex of arm 0 (left) or 1 (right). Raises RecoveryRefused while its cause persists."""

@@ -22,6 +22,7 @@ class ControlBox:
         self._plant, self._side, self._timeout_ms = plant, side, timeout_ms
         self._tau = np.zeros(7)  # the last torque taken, zero before the first one
         self._waiting = False  # a torque that the plant has not felt yet
+        self._felt = False  # the plant has felt a command of this motion
         self._lost = 0
         self._arrived = _ALL_ARRIVED
         reflexes.judge_command(self._tau, self._tau)  # compile, or load from the cache, before a clock runs
@@ -35,6 +36,11 @@ class ControlBox:
     def success_rate(self) -> float:
         """Share of the last 100 ms that had a command; 0 when not moving."""
         return self._arrived.bit_count() / RATE_WINDOW if self.mode == RobotMode.MOVE else 0.0
+
+    @property
+    def desires_torque(self) -> bool:
+        """False while tau_J_d is zero: an idle robot's is, and so is that of torque control before the first torque."""
+        return self.mode == RobotMode.MOVE and self._felt
 
     def start(self) -> None:
         """Begin torque control before the first torque: from now on every ms without one is lost."""
@@ -55,7 +61,7 @@ class ControlBox:
         if self._waiting and on_time:
             if self.mode != RobotMode.MOVE:
                 self.mode, self._arrived = RobotMode.MOVE, _ALL_ARRIVED
-            self._waiting, self._lost = False, 0
+            self._waiting, self._lost, self._felt = False, 0, True
             self._arrived = (self._arrived << 1 | 1) & _ALL_ARRIVED
             self._apply()
         elif self.mode == RobotMode.MOVE:
@@ -94,4 +100,4 @@ class ControlBox:
             self._plant.hold(self._side)
         self.mode = mode
         self._tau[:] = 0.0
-        self._waiting, self._lost = False, 0
+        self._waiting, self._lost, self._felt = False, 0, False

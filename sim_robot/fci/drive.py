@@ -43,6 +43,12 @@ class DrivenBox(ControlBox):
         generators.take_target(spare, command)
         generators.approach_target(spare)
 
+    @property
+    def desires_torque(self) -> bool:
+        """True from Move on where the torque is the robot's own controller's."""
+        own = self.mode == RobotMode.MOVE and self._controller != Controller.EXTERNAL
+        return own or super().desires_torque
+
     def begin_millisecond(self, on_time: bool) -> None:
         """Begin a ms of the plant, which is one of this box's too unless it has its own clock."""
         if not self.own_clock:

@@ -260,7 +260,7 @@ class Station:
         self._refresh()
 
     def _recover(self) -> RecoveryStatus:
-        if self.proximity.too_near(self._side):
+        if self.proximity.too_near(self._side) or self._pushed():
             return RecoveryStatus.MANUAL_REQUIRED
         try:
             self._cell.recover(self._side)
@@ -269,6 +269,13 @@ class Station:
         self.motion["joint_collision"], self.motion["cartesian_collision"] = 0.0, 0.0
         self._rest()  # the place where the reflex came may lie beyond a limit
         return RecoveryStatus.SUCCESS
+
+    def _pushed(self) -> bool:
+        """True while what was a collision lasts, by the thresholds at constant velocity."""
+        wire, record, errors = self._wire[0], self.settings.record, self.box.errors
+        torque = np.any(np.abs(wire["tau_ext_hat_filtered"]) > record["torque_thresholds"][3])
+        force = np.any(np.abs(wire["K_F_ext_hat_K"]) > record["force_thresholds"][3])
+        return bool((errors & JOINT_REFLEX and torque) or (errors & CARTESIAN_REFLEX and force))
 
     def _set(self, command: Command, values: tuple) -> SetStatus:
         settings = self.settings
@@ -279,6 +286,7 @@ class Station:
             Command.SET_EE_TO_K: settings.set_EE_T_K,
             Command.SET_NE_TO_EE: settings.set_NE_T_EE,
             Command.SET_LOAD: settings.set_load,
+            # says which axes a hand may guide; no hand guides a simulated arm, so the mode Guiding never comes
             Command.SET_GUIDING_MODE: lambda guided: None,
         }
         try:

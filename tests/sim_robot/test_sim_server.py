@@ -3,18 +3,24 @@
 import contextlib
 import itertools
 import os
+import re
 import socket
 import struct
 import threading
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from numba.core import event
 
+import sim_robot
+from hal.robot_errors import ROBOT_ERRORS
 from hal.state import RobotMode
 from sim_robot.cell import simulated_cell
+from sim_robot.fci import protocol
 from sim_robot.fci.drive import DrivenBox
 from sim_robot.fci.lockstep import Lockstep
 from sim_robot.fci.protocol import (
@@ -29,6 +35,7 @@ from sim_robot.fci.protocol import (
     MoveStatus,
 )
 from sim_robot.fci.server import Server
+from sim_robot.fci.station import Station
 from sim_robot.plant_parameters import load_plant_parameters
 from sim_robot.scene import load_scene
 
@@ -118,6 +125,94 @@ def test_nothing_is_compiled_once_the_clock_runs(server: Server) -> None:
             left.handle(command, 1, values)
         advance(server, 2)
     assert listener.names == []
+
+
+def errors(station: Station) -> tuple[str, ...]:
+    return station.box.error_names
+
+
+def assert_recovery(server: Server, refused: bool) -> None:
+    """Ask the left arm to end its motion, which clears nothing, and to recover."""
+    station = server.stations[0]
+    reasons = errors(station)
+    station.handle(Command.STOP_MOVE, 1, ())
+    advance(server, 2)
+    assert errors(station) == reasons
+    station.handle(Command.AUTOMATIC_ERROR_RECOVERY, 1, ())
+    advance(server, 2)
+    assert errors(station) == (reasons if refused else ())
+
+
+def test_a_push_that_lasts_refuses_the_recovery(server: Server) -> None:
+    left, wire = server.stations[0], server.stations[0]._wire[0]
+    thresholds = np.concatenate([[8.0] * 7, [80.0] * 7] * 2 + [[8.0] * 6, [20.0] * 6] * 2)
+    left.handle(Command.SET_COLLISION_BEHAVIOR, 1, tuple(thresholds))
+    left.handle(Command.MOVE, 1, move_values(Controller.EXTERNAL, Generator.NONE))
+    server.cell.apply_pad_force(0, np.array([0.0, 0.0, 30.0]))
+    advance(server, 100)
+    assert errors(left) == ("cartesian_reflex",)
+    assert wire["cartesian_contact"].max() == wire["cartesian_collision"].max() == 1.0
+    assert_recovery(server, refused=True)
+    server.cell.apply_pad_force(0, np.zeros(3))
+    advance(server, 500)
+    assert wire["cartesian_contact"].max() == 0.0
+    assert wire["cartesian_collision"].max() == 1.0  # latched
+    assert_recovery(server, refused=False)
+    assert wire["cartesian_collision"].max() == 0.0
+
+
+def test_an_arm_that_stays_too_near_refuses_the_recovery(server: Server) -> None:
+    """The hand's link next to the table, put there: the arm stops before it gets so near by itself."""
+    plant, left = server.cell.plant, server.stations[0]
+    home, q = plant.data.qpos[:7].copy(), plant.data.qpos[:7].copy()
+
+    def put(posture: np.ndarray) -> None:
+        motor = plant.motors[0]
+        for name in ("theta", "theta_hold"):
+            motor[name] += posture - plant.data.qpos[:7]
+        plant.data.qpos[:7], plant.data.qvel[:] = posture, 0.0
+        mujoco.mj_forward(plant.model, plant.data)
+
+    way = np.array([-0.28, -0.03, -0.19, -2.88, -1.35, 0.76, 1.09]) - home
+    while not left.proximity.too_near(0):
+        q += 2e-3 * way
+        put(q)
+        for _ in range(100):  # the gears wind up anew
+            server.advance()
+    left.handle(Command.MOVE, 1, move_values(Controller.EXTERNAL, Generator.NONE))
+    advance(server, 2)
+    assert errors(left) == ("self_collision_avoidance_violation",)
+    assert_recovery(server, refused=True)
+    put(home)
+    advance(server, 100)
+    assert_recovery(server, refused=False)
+
+
+def test_torque_control_desires_nothing_before_its_first_torque(server: Server) -> None:
+    left, wire, tau = server.stations[0], server.stations[0]._wire[0], np.full(7, 0.5)
+    advance(server, 5)
+    assert not wire["tau_J_d"].any()  # idle: what holds the arm is nobody's command
+    left.handle(Command.MOVE, 1, move_values(Controller.EXTERNAL, Generator.NONE))
+    for _ in range(3):
+        server.advance()
+        left.show_new()
+        assert left.moving
+        assert not wire["tau_J_d"].any()
+    advance(server, 2, tau_J_d=tau)
+    assert np.array_equal(wire["tau_J_d"], tau)
+    left.handle(Command.STOP_MOVE, 1, ())
+    left.handle(Command.MOVE, 1, move_values(Controller.JOINT_IMPEDANCE, Generator.JOINT_POSITION))
+    advance(server, 2)
+    assert wire["tau_J_d"].any()  # of the robot's own controller
+
+
+def test_every_error_is_raised_or_said_never_to_be() -> None:
+    sources = {path: path.read_text() for path in Path(sim_robot.__file__).parent.rglob("*.py")}
+    raised = {name for name in ROBOT_ERRORS if any(f'error_bit("{name}")' in text for text in sources.values())}
+    never = {name for name in ROBOT_ERRORS if re.search(rf"\b{name}\b", protocol.__doc__ or "")}
+    assert not raised & never
+    assert raised | never == set(ROBOT_ERRORS)
+    assert (len(raised), len(never)) == (27, 14)  # as the docstring says
 
 
 class Client:
