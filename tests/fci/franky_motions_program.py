@@ -50,6 +50,7 @@ class Program:
 
     def elbow(self) -> None:
         pose = self.robot.current_cartesian_state.pose
+        assert pose.elbow_state is not None
         joint_3 = pose.elbow_state.joint_3_pos + 0.1
         self.robot.move(franky.CartesianMotion(franky.RobotPose(pose.end_effector_pose, franky.ElbowState(joint_3))))
         assert abs(self.robot.current_joint_state.position[2] - joint_3) < 3e-3

@@ -5,7 +5,6 @@ After each, a recovery with the real client and a motion.
 
 import select
 import socket
-import time
 from collections.abc import Callable
 
 import mujoco
@@ -288,14 +287,12 @@ def test_a_motion_that_cannot_be_followed(
 
 
 @pytest.mark.realtime
-@pytest.mark.parametrize("stall_s", [0.025, 0.3])
-def test_a_client_that_stalls(realtime: Served, stall_s: float) -> None:
-    """The vendor's 20 packets, counted in states of the robot's own clock."""
+@pytest.mark.parametrize("stall_ms", [25, 300])
+def test_a_client_that_stalls(realtime: Served, stall_ms: int) -> None:
+    """The vendor's 20 packets, in ms of the robot's clock: one that the host holds up blames the client for no ms."""
 
-    def law(tick: int, state: np.void) -> dict:
-        if tick == WARM_UP:
-            time.sleep(stall_s)  # the fault itself
-        return {"tau_J_d": np.zeros(7)}
+    def law(tick: int, state: np.void) -> dict | None:
+        return None if WARM_UP <= tick < WARM_UP + stall_ms else {"tau_J_d": np.zeros(7)}
 
     with RawClient(realtime.right) as raw:
         states = until_reflex(raw, law, 400)

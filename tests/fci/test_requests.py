@@ -116,6 +116,18 @@ def test_settings_are_refused_while_the_arm_moves(lockstep: Served) -> None:
         assert raw.answer()[2] == b"\x00"
 
 
+def test_guiding_is_accepted_at_rest_and_refused_while_the_arm_moves(lockstep: Served) -> None:
+    """Nobody takes a simulated arm by the hand: it goes on to hold its place."""
+    with RawClient(lockstep.left) as raw:
+        raw.connect()
+        raw.send(Command.SET_GUIDING_MODE, bytes((1,) * 7))
+        assert raw.answer()[2] == bytes((SetStatus.SUCCESS,))
+        assert raw.state()["robot_mode"] == franka.RobotMode.Idle.value
+        raw.move()
+        raw.send(Command.SET_GUIDING_MODE, bytes(7))
+        assert raw.answer()[2] == bytes((SetStatus.NOT_POSSIBLE,))
+
+
 def test_the_model_is_that_of_the_arm(lockstep: Served) -> None:
     robot = connect(lockstep.left)
     model, state = robot.load_model(), robot.read_once()
