@@ -275,12 +275,13 @@ def _serves(served: Served) -> bool:
     """A real client recovers each arm, controls it and leaves it idle."""
     for address in (served.left, served.right):
         robot = connect(address)
-        robot.automatic_error_recovery()
-        # requests that were in order have been carried out: thresholds of zero, a load that is not there
+        # requests that were in order have been carried out: thresholds of zero, which refuse a recovery, or a load that
+        # is not there
         robot.set_collision_behavior([20.0] * 7, [100.0] * 7, [20.0] * 6, [250.0] * 6)
         robot.set_load(0.0, [0.0] * 3, [0.0] * 9)
         for set_frame in (robot.set_EE, robot.set_K):
             set_frame([float(number % 5 == 0) for number in range(16)])
+        robot.automatic_error_recovery()
         q_hold = np.array(robot.read_once().q)
         torque_control(robot, 50, lambda tick, state, q_hold=q_hold: hold(state, q_hold))
     return True
