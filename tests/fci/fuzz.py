@@ -200,6 +200,9 @@ class Fuzzer:
             raw.connect()
             controller = rng.randrange(3)
             generator = 4 if controller == 2 else rng.randrange(4)
+            # others have set thresholds of zero, with which no arm recovers or moves
+            raw.send(Command.SET_COLLISION_BEHAVIOR, struct.pack("<52d", *[100.0] * 52))
+            raw.answer()
             for _ in range(rng.randrange(1, 20)):
                 raw.send(Command.AUTOMATIC_ERROR_RECOVERY)
                 raw.answer()
