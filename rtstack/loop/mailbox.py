@@ -2,7 +2,7 @@
 
 The loop only loads words, so that no writer can make it wait, whatever happens to that writer. A word has one
 meaning and is written whole; a block of several words (a teleoperation target) is to be appended behind a sequence
-word of its own, odd while it is being written, and a heartbeat is one more word: host's monotonic time, ns.
+word of its own, odd while it is being written. A sign of life is one word: the host's time.monotonic_ns, 0 for never.
 """
 
 import mmap
@@ -19,9 +19,11 @@ class _Word(IntEnum):
 
     MAGIC = 0
     STOP = 1
+    CONSOLE_BEAT = 2
+    OPERATOR_BEAT = 3
 
 
-_SIZE_BYTES = 4096  # a page: room for targets and heartbeats
+_SIZE_BYTES = 4096  # a page: room for targets
 
 
 class MailboxError(Exception):
@@ -86,6 +88,24 @@ class Mailbox:
     def clear_stop(self) -> None:
         """Forget the request. Only for the process that owns the robot, at the moment when it accepts a new job."""
         self._words[_Word.STOP] = 0
+
+    def console_beat(self, now_ns: int) -> None:
+        """Give the console's sign of life. now_ns: time.monotonic_ns() of this host."""
+        self._words[_Word.CONSOLE_BEAT] = now_ns
+
+    def operator_beat(self, now_ns: int) -> None:
+        """Pass on a sign of life of the operator who has the robot. now_ns: time.monotonic_ns() of this host."""
+        self._words[_Word.OPERATOR_BEAT] = now_ns
+
+    @property
+    def console_beat_ns(self) -> int:
+        """When the console gave its last sign of life, 0 for never."""
+        return self._words[_Word.CONSOLE_BEAT]
+
+    @property
+    def operator_beat_ns(self) -> int:
+        """When the operator gave the last sign of life, 0 for never."""
+        return self._words[_Word.OPERATOR_BEAT]
 
     def close(self) -> None:
         """Let go of the memory; the owner also removes the name. May be called twice."""

@@ -5,9 +5,8 @@ The robot is the clock: `read` blocks until the next state. Nothing here sleeps,
 
 import gc
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Protocol
 
 import numpy as np
@@ -19,9 +18,11 @@ from hal.state import ARM_STATE
 from rtstack.control.records import WORKSPACE
 from rtstack.control.tick import DualArmController
 from rtstack.loop.echo import largest_difference
+from rtstack.loop.end import End
 from rtstack.loop.low_pass import low_pass, low_pass_share
 from rtstack.loop.publisher import Publisher
 from rtstack.loop.timeline import TICK_NS, Timeline
+from rtstack.loop.watchdogs import Watchdog
 from rtstack.safety.judge import Reason, SafetyJudge
 from rtstack.samples import ARM_SAMPLE, SIDES, Level, Mode, QpStatus
 
@@ -30,17 +31,6 @@ REST_TICKS = 50
 SAME_TORQUE_NM = 1e-3  # the wire rounds to float32: 4e-6 Nm at 87 Nm
 _FIRST = ((), (0,), (1,), (0,))  # the arm to serve of a mask of LEFT and RIGHT
 STOP_TICKS = 1000  # a stop from the velocity limit takes 0.5 s at 10 rad/s^2; after twice that the session ends anyhow
-
-
-class End(StrEnum):
-    """How a session ended."""
-
-    COMPLETED = "completed"
-    STOP_REQUESTED = "stop requested by the operator"
-    NO_IMPACT = "no impact was detected"
-    SAFETY = "safety stop"
-    QP = "the QP was not solved"
-    HARDWARE = "the robot left torque control"
 
 
 class StopSignal(Protocol):
@@ -86,7 +76,7 @@ class SessionOutcome:
 class Session:
     """Runs a plan on a cell. `between_ticks` is called after the answers are out (progress, room in the log).
 
-    cutoff_hz: of the low-pass of the desired torque, 0 for none.
+    cutoff_hz: of the low-pass of the desired torque, 0 for none. watchdogs: asked once a tick, beside `stop`.
     """
 
     def __init__(
@@ -99,6 +89,7 @@ class Session:
         stop: StopSignal | None = None,
         between_ticks: Callable[[int], None] | None = None,
         cutoff_hz: float = 0.0,
+        watchdogs: Sequence[Watchdog] = (),
     ) -> None:
         self._cell = cell
         self._controller = controller
@@ -107,6 +98,7 @@ class Session:
         self._plan = plan
         self._stop = stop
         self._between_ticks = between_ticks
+        self._watchdogs = tuple(watchdogs)
         self._share = low_pass_share(cutoff_hz)
         if self._share < 1.0:  # compile it before the robot is armed
             low_pass(np.zeros(1, ARM_SAMPLE), np.zeros(1, WORKSPACE), self._share)
@@ -242,6 +234,12 @@ class Session:
         machine = self._controller.machine
         if machine.mode is Mode.STOPPING:
             return
+        for watchdog in self._watchdogs:
+            trip = watchdog.trip()
+            if trip is not None:
+                self._finish(trip.end, trip.detail)
+                self._publisher.event(self._time.t_ns, trip.level, "watchdog", f"{trip.end}: {trip.detail}")
+                return
         if self._stop is not None and self._stop.stop_requested:
             self._finish(End.STOP_REQUESTED, "")
         elif machine.patience_over:

@@ -1,6 +1,6 @@
 """Runs a trial or a demonstration on a cell and writes its log. One process, one MCAP file."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,9 +13,11 @@ from hal.errors import HardwareError
 from hal.realtime import realtime_thread
 from rtstack.control.modes import Strategy
 from rtstack.log.ring import Rings
+from rtstack.loop.end import End
 from rtstack.loop.history import History
 from rtstack.loop.publisher import Publisher
-from rtstack.loop.session import End, Plan, Session, SessionOutcome, StopSignal
+from rtstack.loop.session import Plan, Session, SessionOutcome, StopSignal
+from rtstack.loop.watchdogs import Watchdog
 from rtstack.model.cell_description import CellDescription
 from rtstack.references.demonstration import Grab, grab, scripted_targets
 from rtstack.references.recording import ReferenceError, load_recording
@@ -88,16 +90,18 @@ def run_trial(
     stop: StopSignal | None = None,
     progress: Progress | None = None,
     way: StartMotion | None = None,
+    watchdogs: Sequence[Watchdog] = (),
 ) -> TrialResult:
     """Run a prepared trial on an open cell. The caller closes the cell; the log is closed here, with the result in it.
 
-    live: rings of whoever watches. way: to where the reference begins, gone before its first tick.
+    live: rings of whoever watches. way: to where the reference begins, gone before its first tick. watchdogs: what has
+    to give signs of life meanwhile.
     A log that could not be finished fails the trial, and the reason says so.
     """
     specification, reference = prepared.specification, prepared.reference
     control = prepared.parameters.control
     plan = Plan(reference.ante, reference.post, Mode.ANTE_IMPACT, control.stiffness, reference.period_s)
-    run = _Run(prepared.description, prepared.parameters, plan, log, live, stop, progress, way)
+    run = _Run(prepared.description, prepared.parameters, plan, log, live, stop, progress, way, watchdogs)
     with _log_of(log):
         outcome = run.follow(cell, STRATEGIES[specification.controller], reference.nominal_impact_s)
         values = score(
@@ -121,6 +125,7 @@ def run_demonstration(
     parameters: Parameters | None = None,
     script: Grab | None = None,
     way: StartMotion | None = None,
+    watchdogs: Sequence[Watchdog] = (),
 ) -> DemonstrationResult:
     """Run a scripted demonstration through the teleoperation path on an open cell. Closes the log, not the cell.
 
@@ -139,7 +144,7 @@ def run_demonstration(
         period_s,
     )
     plan = Plan(targets, targets, Mode.TELEOPERATION, parameters.control.stiffness_teleoperation, period_s)
-    run = _Run(description, parameters, plan, log, live, stop, progress, way)
+    run = _Run(description, parameters, plan, log, live, stop, progress, way, watchdogs)
     with _log_of(log):
         outcome = run.follow(cell, Strategy.PROPOSED, 0.0)
         result = _demonstration_result(specification, cell.name, outcome, run, log)
@@ -172,6 +177,7 @@ class _Run:
     def __init__(
         self, description: CellDescription, parameters: Parameters, plan: Plan, log: TrialLog | None,
         live: Rings | None, stop: StopSignal | None, progress: Progress | None, way: StartMotion | None,
+        watchdogs: Sequence[Watchdog],
     ) -> None:  # fmt: skip
         self._description = description
         self._parameters = parameters
@@ -181,6 +187,7 @@ class _Run:
         self._stop = stop
         self._progress = progress
         self._way = way
+        self._watchdogs = tuple(watchdogs)
         self.history = History(plan.ticks + SPARE_TICKS)
         self.first_impact_s: float | None = None
 
@@ -192,7 +199,7 @@ class _Run:
         judges = safety_judges(self._description)
         session = Session(
             cell, controller, judges, publisher, self._plan, self._stop, self._between_ticks,
-            self._description.torque_filter.cutoff_hz,
+            self._description.torque_filter.cutoff_hz, self._watchdogs,
         )  # fmt: skip
         if self._log is not None:
             self._log.wait_ready()

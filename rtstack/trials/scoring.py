@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.limits import FR3
+from rtstack.loop.end import End
 from rtstack.loop.history import Columns
-from rtstack.loop.session import End
 from rtstack.samples import Mode
 
 Array = NDArray[np.floating]

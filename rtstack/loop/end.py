@@ -1,0 +1,20 @@
+"""How a session ended: the one line that the operator, the result and the log read first."""
+
+from enum import StrEnum
+
+
+class End(StrEnum):
+    """How a session ended."""
+
+    COMPLETED = "completed"
+    STOP_REQUESTED = "stop requested by the operator"
+    NO_IMPACT = "no impact was detected"
+    SAFETY = "safety stop"
+    QP = "the QP was not solved"
+    HARDWARE = "the robot left torque control"
+    CONSOLE_GONE = "the console has gone"
+    OPERATOR_GONE = "the operator has gone"
+    LOG_FAILED = "the log is not being written"
+    TICK_OVERRUN = "the tick takes longer than its period"
+    CONTROLLER_EXCEPTION = "the controller has raised an exception"
+    PARENT_GONE = "the process that started this one has gone"
