@@ -31,6 +31,7 @@ from rtstack.trials.assembly import (
     dual_arm_controller,
     safety_judges,
 )
+from rtstack.trials.attendant import Attendant
 from rtstack.trials.errors import TrialError
 from rtstack.trials.record import TrialLog
 from rtstack.trials.result import DemonstrationResult, TrialResult
@@ -91,17 +92,18 @@ def run_trial(
     progress: Progress | None = None,
     way: StartMotion | None = None,
     watchdogs: Sequence[Watchdog] = (),
+    attendant: Attendant | None = None,
 ) -> TrialResult:
     """Run a prepared trial on an open cell. The caller closes the cell; the log is closed here, with the result in it.
 
     live: rings of whoever watches. way: to where the reference begins, gone before its first tick. watchdogs: what has
-    to give signs of life meanwhile.
+    to give signs of life meanwhile. attendant: whose remarks go into the log, and who learns how the session ended.
     A log that could not be finished fails the trial, and the reason says so.
     """
     specification, reference = prepared.specification, prepared.reference
     control = prepared.parameters.control
     plan = Plan(reference.ante, reference.post, Mode.ANTE_IMPACT, control.stiffness, reference.period_s)
-    run = _Run(prepared.description, prepared.parameters, plan, log, live, stop, progress, way, watchdogs)
+    run = _Run(prepared.description, prepared.parameters, plan, log, live, stop, progress, way, watchdogs, attendant)
     with _log_of(log):
         outcome = run.follow(cell, STRATEGIES[specification.controller], reference.nominal_impact_s)
         values = score(
@@ -126,6 +128,7 @@ def run_demonstration(
     script: Grab | None = None,
     way: StartMotion | None = None,
     watchdogs: Sequence[Watchdog] = (),
+    attendant: Attendant | None = None,
 ) -> DemonstrationResult:
     """Run a scripted demonstration through the teleoperation path on an open cell. Closes the log, not the cell.
 
@@ -144,7 +147,7 @@ def run_demonstration(
         period_s,
     )
     plan = Plan(targets, targets, Mode.TELEOPERATION, parameters.control.stiffness_teleoperation, period_s)
-    run = _Run(description, parameters, plan, log, live, stop, progress, way, watchdogs)
+    run = _Run(description, parameters, plan, log, live, stop, progress, way, watchdogs, attendant)
     with _log_of(log):
         outcome = run.follow(cell, Strategy.PROPOSED, 0.0)
         result = _demonstration_result(specification, cell.name, outcome, run, log)
@@ -177,7 +180,7 @@ class _Run:
     def __init__(
         self, description: CellDescription, parameters: Parameters, plan: Plan, log: TrialLog | None,
         live: Rings | None, stop: StopSignal | None, progress: Progress | None, way: StartMotion | None,
-        watchdogs: Sequence[Watchdog],
+        watchdogs: Sequence[Watchdog], attendant: Attendant | None,
     ) -> None:  # fmt: skip
         self._description = description
         self._parameters = parameters
@@ -188,6 +191,8 @@ class _Run:
         self._progress = progress
         self._way = way
         self._watchdogs = tuple(watchdogs)
+        self._attendant = attendant
+        self._publisher: Publisher | None = None
         self.history = History(plan.ticks + SPARE_TICKS)
         self.first_impact_s: float | None = None
 
@@ -195,7 +200,7 @@ class _Run:
         """Follow the plan on the cell to its end."""
         controller = dual_arm_controller(self._description, self._parameters, strategy, nominal_impact_s)
         rings = [*([self._live] if self._live else []), *([self._log.rings] if self._log else [])]
-        publisher = Publisher(rings, self.history)
+        publisher = self._publisher = Publisher(rings, self.history)
         judges = safety_judges(self._description)
         session = Session(
             cell, controller, judges, publisher, self._plan, self._stop, self._between_ticks,
@@ -207,6 +212,9 @@ class _Run:
             outcome = self._go_to_start(cell, publisher) or session.run()
         if controller.first_impact_s >= 0.0:
             self.first_impact_s = controller.first_impact_s
+        self._pass_on_remarks()
+        if self._attendant is not None:
+            self._attendant.ended(outcome.end, outcome.detail)
         return outcome
 
     def _go_to_start(self, cell: Cell, publisher: Publisher) -> SessionOutcome | None:
@@ -230,6 +238,14 @@ class _Run:
             self._log.wait_for_room()
         if self._progress is not None and index % PROGRESS_TICKS == 0:
             self._progress(min(1.0, index / self._plan.ticks))
+        self._pass_on_remarks()
+
+    def _pass_on_remarks(self) -> None:
+        if self._attendant is None or self._publisher is None:
+            return
+        for remark in self._attendant.remarks():
+            t_ns = int(self._publisher.timing["t_ns"][0])
+            self._publisher.event(t_ns, remark.level, remark.name, remark.text)
 
 
 def _demonstration_result(
