@@ -53,7 +53,7 @@ class SimulatedArm:
         self._seen_tick = self._cell.plant.ticks
         self._bytes[:] = self._source
         if self._cell.faults is not None:
-            self._cell.faults.freeze(self._side, self._state.record, "t_ns")
+            self._cell.faults.distort(self._side, self._state.record, "t_ns", 1_000_000)
         self._check_no_reflex()
         return self._state
 

@@ -29,21 +29,35 @@ def load_description(path: Path | None) -> tuple[CellDescription, Path]:
 
 
 def open_cell(
-    kind: str, object_name: str, displacement_m: float, seed: int, description: CellDescription | None = None
-) -> Cell:
+    kind: str, object_name: str, displacement_m: float, seed: int, description: CellDescription | None = None,
+    faults: Path | None = None,
+) -> Cell:  # fmt: skip
     """Open a cell with the object in its place. Raises TrialError for an unknown kind, HardwareError from the cell.
 
     kind: direct (the plant in this process, deterministic); lockstep and realtime (a simulated robot in a process of
     its own, over the wire: it waits for answers, or keeps 1 kHz); fci:LEFT,RIGHT (robots at these addresses).
+    faults: a script for a simulated robot, as for `rtstack sim --faults`.
     """
     if kind == "direct":
-        from sim_robot.cell import simulated_cell
-
-        return simulated_cell(object_name, displacement_m, seed).as_cell(kind)
+        return _direct_cell(object_name, displacement_m, seed, faults)
     description = description or load_description(None)[0]
     if kind in ("lockstep", "realtime"):
-        return _simulator_cell(kind, object_name, displacement_m, seed, _tool(description))
+        return _simulator_cell(kind, object_name, displacement_m, seed, _tool(description), faults)
+    if faults is not None:
+        raise TrialError(f"cell {kind!r}: only a simulated robot has scripted faults: rtstack sim --faults")
     return _fci_cell(kind, description)
+
+
+def _direct_cell(object_name: str, displacement_m: float, seed: int, faults: Path | None) -> Cell:
+    from sim_robot.cell import simulated_cell
+    from sim_robot.faults.file import load_faults
+    from sim_robot.strict_toml import BadParameterFile
+
+    try:
+        script = () if faults is None else load_faults(faults)
+        return simulated_cell(object_name, displacement_m, seed, faults=script).as_cell("direct")
+    except BadParameterFile as error:
+        raise TrialError(str(error)) from None
 
 
 def fci_addresses(kind: str) -> tuple[str, str]:
@@ -115,8 +129,10 @@ class _SimulatorLink:
             print(f"simulated robot: {self._simulator.report}", file=sys.stderr)
 
 
-def _simulator_cell(kind: str, object_name: str, displacement_m: float, seed: int, tool: Tool) -> Cell:
-    simulator = Simulator(object_name, displacement_m, seed, lockstep=kind == "lockstep")
+def _simulator_cell(
+    kind: str, object_name: str, displacement_m: float, seed: int, tool: Tool, faults: Path | None
+) -> Cell:
+    simulator = Simulator(object_name, displacement_m, seed, lockstep=kind == "lockstep", faults=faults)
     try:
         pair = open_pair(simulator.left, simulator.right, tool, shared_clock=kind == "lockstep")
     except BaseException:

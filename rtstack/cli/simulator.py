@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import typer
 
@@ -26,8 +27,10 @@ _libc = ctypes.CDLL(None)
 class Simulator:
     """A running simulated robot. `report` is what it said about its own pace, once it has been closed."""
 
-    def __init__(self, object_name: str, displacement_m: float, seed: int, *, lockstep: bool) -> None:
-        """Start it, and wait until it serves. Raises HardwareError with what it says."""
+    def __init__(
+        self, object_name: str, displacement_m: float, seed: int, *, lockstep: bool, faults: Path | None = None
+    ) -> None:
+        """Start it, and wait until it serves. faults: a script of them. Raises HardwareError with what it says."""
         self.tracker = TrackerLink()
         self.report = ""
         said: str | None = None
@@ -39,6 +42,7 @@ class Simulator:
                 sys.executable, "-m", "sim_robot.fci", "--tracker", f"{host}:{port}",
                 "--left", self.left, "--right", self.right, "--object", object_name,
                 f"--displacement-mm={displacement_m * 1e3!r}", "--seed", str(seed),
+                *([] if faults is None else ["--faults", str(faults)]),
             ]  # fmt: skip
             # a group of its own: Ctrl-C is for the loop, which brakes first. If we are killed, the kernel ends it.
             self._process = subprocess.Popen(

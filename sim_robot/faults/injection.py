@@ -5,7 +5,7 @@ import numpy as np
 from hal.robot_errors import error_bit
 from hal.state import RobotMode
 from sim_robot.control_box import ControlBox
-from sim_robot.faults.kinds import Fault, Reflex, StateFrozen, TrackerFrozen, TrackerLost, UserStop
+from sim_robot.faults.kinds import Fault, Reflex, StateFrozen, StateNan, TimeBack, TrackerFrozen, TrackerLost, UserStop
 from sim_robot.faults.plant import PlantFaults
 from sim_robot.faults.schedule import Schedule
 from sim_robot.faults.tracker import FaultyTracker
@@ -69,8 +69,17 @@ class Injection:
             mask |= error_bit(effect.error)
         return mask
 
-    def freeze(self, side: int, state: np.ndarray, time: str) -> None:
-        """Repeat the first state of this arm that was shown since it froze, but for the field `time`. state: (1,)."""
+    def distort(self, side: int, state: np.ndarray, time: str, millisecond: int) -> None:
+        """Make of this arm's state, (1,), what the faults show. time: the field of its stamp, in which one ms is
+        `millisecond`."""
+        self._freeze(side, state, time)
+        for effect in self.schedule.effects(StateNan, side):
+            state[effect.field] = np.nan
+        for effect in self.schedule.effects(TimeBack, side):
+            state[time] -= min(round(effect.back_ms) * millisecond, int(state[time][0]))
+
+    def _freeze(self, side: int, state: np.ndarray, time: str) -> None:
+        """Repeat the first state of this arm that was shown since it froze, but for the field `time`."""
         if not self.schedule.effects(StateFrozen, side):
             self._frozen[side] = None
             return

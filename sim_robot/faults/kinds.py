@@ -11,6 +11,8 @@
 | reflex           | error           | the vendor's error of that name; recovery is refused for `duration_s`           |
 | user_stop        | -               | the external activation device is pressed: the arm brakes, and refuses Move     |
 | state_frozen     | -               | the same state again and again, under rising time                               |
+| state_nan        | field           | this value of the state is no number: q, dq, tau_J, ... (all of its elements)   |
+| time_back        | back_ms         | the states' time stamps are set back by so much                                 |
 | states_lost +    | -               | the arm's client is sent no state                                               |
 | answers_lost +   | -               | the commands of the arm's client are dropped, as if they had come too late      |
 | disconnect +     | -               | the TCP connection of the arm's client is closed                                |
@@ -33,6 +35,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from hal.robot_errors import ROBOT_ERRORS
+from hal.state import ARM_STATE
 from sim_robot.plant_parameters import Joints
 from sim_robot.scene import Vector3
 
@@ -135,6 +138,27 @@ class StateFrozen:
 
 
 @dataclass(frozen=True, slots=True)
+class StateNan:
+    """The robot reports nonsense."""
+
+    field: str
+
+    def __post_init__(self) -> None:
+        if self.field not in ARM_STATE.names or ARM_STATE[self.field].base.kind != "f":
+            raise ValueError(f"field {self.field!r} is none of the state's numbers: see hal/state.py")
+
+
+@dataclass(frozen=True, slots=True)
+class TimeBack:
+    """The robot's clock jumps back. libfranka takes no notice of a state that is older than the last one."""
+
+    back_ms: float
+
+    def __post_init__(self) -> None:
+        _within("back_ms", (self.back_ms,), 1.0, LARGEST_STALL_MS)
+
+
+@dataclass(frozen=True, slots=True)
 class StatesLost:
     """The way to the client is cut."""
 
@@ -161,7 +185,7 @@ class TrackerFrozen:
 
 Effect = (
     Push | JointPush | Slip | FrictionChange | TauSensorBias | Reflex | Stall | ObjectLost | UserStop | StateFrozen
-    | StatesLost | AnswersLost | Disconnect | TrackerLost | TrackerFrozen
+    | StateNan | TimeBack | StatesLost | AnswersLost | Disconnect | TrackerLost | TrackerFrozen
 )  # fmt: skip
 
 KINDS: dict[str, type[Effect]] = {
@@ -174,6 +198,8 @@ KINDS: dict[str, type[Effect]] = {
     "reflex": Reflex,
     "user_stop": UserStop,
     "state_frozen": StateFrozen,
+    "state_nan": StateNan,
+    "time_back": TimeBack,
     "states_lost": StatesLost,
     "answers_lost": AnswersLost,
     "disconnect": Disconnect,

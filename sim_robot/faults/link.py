@@ -15,7 +15,7 @@ from sim_robot.fci.station import Station
 
 
 class FaultyLink(Link):
-    """A link that loses states, repeats an old one, or hangs up."""
+    """A link that loses states, distorts them, or hangs up."""
 
     def __init__(self, *arguments, injection: Injection, side: int, **callbacks) -> None:
         super().__init__(*arguments, **callbacks)
@@ -29,9 +29,9 @@ class FaultyLink(Link):
         return bool(self._injection.schedule.effects(StatesLost, self._side))
 
     def send_state(self, state: memoryview) -> None:
-        """Send one state, unless it is lost; an old one while the robot is frozen."""
+        """Send one state as the faults show it, unless it is lost."""
         self._sent_bytes[:] = state
-        self._injection.freeze(self._side, self._sent, "message_id")
+        self._injection.distort(self._side, self._sent, "message_id", 1)
         if not self.deaf:
             super().send_state(self._sent_bytes)
 

@@ -192,6 +192,18 @@ def test_a_frozen_state_repeats_itself_under_rising_time() -> None:
     assert len(np.unique(states["dq"], axis=0)) == 300 - 49
 
 
+def test_a_state_shows_what_is_no_number_and_the_plant_goes_on() -> None:
+    states = hold(faulty_cell(at("state_nan", duration_s=0.005, field="dtau_J")), 200)[:, 0]
+    assert np.isnan(states["dtau_J"][101:106]).all()
+    assert np.isfinite(np.delete(states["dtau_J"], np.s_[101:106], axis=0)).all()
+    assert np.isfinite(states["q"]).all()
+
+
+def test_a_clock_that_is_set_back_goes_on_from_there() -> None:
+    t_ns = hold(faulty_cell(at("time_back", duration_s=0.005, back_ms=7.0)), 200)[:, 0]["t_ns"]
+    assert np.array_equal(np.diff(t_ns)[99:107], [1e6, -6e6, *[1e6] * 4, 8e6, 1e6])
+
+
 def poses(cell: SimulatedCell, milliseconds: int) -> np.ndarray:
     seen = []
     for _ in range(milliseconds):
