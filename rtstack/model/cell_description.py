@@ -11,7 +11,8 @@ from pydantic.dataclasses import dataclass as checked
 
 from rtstack.configuration import STRICT, ConfigurationError, load_toml
 from rtstack.model.rotation import rotation_from_quaternion
-from rtstack.safety.limits import HARDWARE, LimitWidened
+from rtstack.safety.body import Base, Tool
+from rtstack.safety.limits import HARDWARE
 
 
 @checked(frozen=True, slots=True, config=STRICT)
@@ -119,11 +120,16 @@ def base_frame(mounting: ArmMounting) -> Frame:
 def load_cell_description(path: Path) -> CellDescription:
     """Read and check a cell description. Raises ConfigurationError with one line that names the key."""
     description = load_toml(path, CellDescription)
-    for side, mounting in (("left", description.left), ("right", description.right)):
-        if not np.linalg.norm(mounting.base_orientation_wxyz) > 1e-6:
-            raise ConfigurationError(f"{path}: key {side}.base_orientation_wxyz: not a quaternion")
-    try:
-        HARDWARE.tightened(description.safety)
-    except LimitWidened as error:
-        raise ConfigurationError(f"{path}: key {error}") from None
+    left, right, pad = description.left, description.right, description.pad
+    checks = {
+        "left.": lambda: Base(left.base_position, left.base_orientation_wxyz),
+        "right.": lambda: Base(right.base_position, right.base_orientation_wxyz),
+        "pad.": lambda: Tool(pad.size, pad.flange_to_face),
+        "": lambda: HARDWARE.tightened(description.safety),
+    }
+    for key, check in checks.items():
+        try:
+            check()
+        except ValueError as error:
+            raise ConfigurationError(f"{path}: key {key}{error}") from None
     return description

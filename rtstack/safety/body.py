@@ -36,18 +36,33 @@ BODY = np.dtype(
 
 @dataclass(frozen=True, slots=True)
 class Base:
-    """Where an arm stands in the world: m, and a quaternion wxyz."""
+    """Where an arm stands in the world: m, and a quaternion wxyz. Raises ValueError for what is no place: no line of
+    the judge would be crossed there."""
 
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
     orientation_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
 
+    def __post_init__(self) -> None:
+        """Check it."""
+        if not all(map(math.isfinite, self.position)):
+            raise ValueError(f"base_position = {list(self.position)}: must be finite")
+        if not 1e-6 < math.hypot(*self.orientation_wxyz) < math.inf:
+            raise ValueError(f"base_orientation_wxyz = {list(self.orientation_wxyz)}: not a quaternion")
+
 
 @dataclass(frozen=True, slots=True)
 class Tool:
-    """The pad on the flange: a box, m, whose outer face is `flange_to_face` away from the flange."""
+    """The pad on the flange: a box, m, whose outer face is `flange_to_face` away from the flange. Raises ValueError."""
 
     size: tuple[float, float, float] = (0.1, 0.1, 0.03)
     flange_to_face: float = 0.03
+
+    def __post_init__(self) -> None:
+        """Check it."""
+        if not all(0.0 < length < math.inf for length in self.size):
+            raise ValueError(f"size = {list(self.size)}: must be positive and finite")
+        if not math.isfinite(self.flange_to_face):
+            raise ValueError(f"flange_to_face = {self.flange_to_face}: must be finite")
 
 
 def arm_body(base: Base, tool: Tool) -> NDArray[np.void]:

@@ -44,18 +44,21 @@ def braking_torque(sample, rule, memory):
         memory["q_hold"][i] = following
         memory["dq_hold"][i] = velocity
         tau = memory["tau_hold"][i]
-        position_error = following - sample["q"][i]
-        velocity_error = velocity - sample["dq"][i]
-        if math.isfinite(position_error):
-            tau += rule["stiffness"][i] * position_error
-        if math.isfinite(velocity_error):
-            tau += rule["damping"][i] * velocity_error
+        spring = rule["stiffness"][i] * (following - sample["q"][i])
+        damper = rule["damping"][i] * (velocity - sample["dq"][i])
+        if math.isfinite(spring):
+            tau += spring
+        if math.isfinite(damper):
+            tau += damper
         sample["tau_applied"][i] = tau
 
 
 @njit(cache=True, error_model="numpy")
 def clip(sample, rule, memory, wanted):
-    """Bring `wanted` (7,) inside torque and torque rate, write it to tau_applied; return the reason for a change."""
+    """Bring `wanted` (7,) inside torque and torque rate, write it to tau_applied; return the reason for a change.
+
+    The torque's bound comes first, even where the robot says that it was commanded more.
+    """
     reason = 0
     for i in range(7):
         tau = wanted[i]
@@ -64,7 +67,7 @@ def clip(sample, rule, memory, wanted):
             note(memory, i, tau, bound)
             tau = min(max(tau, -bound), bound)
             reason = TORQUE
-        last = memory["tau_applied"][i]
+        last = min(max(memory["tau_applied"][i], -bound), bound)
         lowest, highest = last - rule["tau_step"], last + rule["tau_step"]
         if tau < lowest or tau > highest:
             if reason == 0:

@@ -183,6 +183,16 @@ def test_a_limit_of_torque_is_told_before_one_of_its_rate():
     assert (judge.limited, judge.interventions) == (1, 1)
 
 
+@pytest.mark.parametrize("joint", range(7))
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_torque_s_bound_comes_first_where_the_robot_was_commanded_more(joint, sign):
+    for told in (200.0, 1e9, 1.7e308):
+        judge, sample = SafetyJudge(), arm_sample()
+        judge.memory["tau_applied"][0, joint] = sign * told
+        assert judge.judge(sample) is Verdict.LIMITED
+        assert sample["tau_applied"][0, joint] == sign * (HARDWARE.tau_max[joint] - (1.0 - 1e-4))
+
+
 _NASTY = st.sampled_from([0.0, -0.0, 5e-324, -5e-324, 1.0, -1.0, inf, -inf, nan])
 
 

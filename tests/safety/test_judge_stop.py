@@ -153,6 +153,23 @@ def test_an_arm_that_was_never_seen_is_held_where_it_first_shows():
     np.testing.assert_allclose(sample["tau_applied"][0], np.maximum(expected, -(1.0 - 1e-4)), atol=1e-9)
 
 
+@pytest.mark.parametrize("huge", [1e155, 1e300, 1.7e308, -1.7e308])
+@pytest.mark.parametrize("opposed", [1.0, -1.0])
+def test_a_stop_s_torque_is_a_number_whatever_finite_nonsense_the_state_says(huge, opposed):
+    for joint in range(7):
+        judge = SafetyJudge()
+        judge.judge(arm_sample(0, tau_desired=0.5), Reason.COMMANDED)
+        for t_ms in (1, 2, 3):
+            sample = arm_sample(t_ms)
+            sample["q"][0, joint], sample["dq"][0, joint] = huge, opposed * huge
+            judge.judge(sample)
+            assert np.isfinite(sample["tau_applied"]).all()
+            assert np.abs(sample["tau_applied"]).max() <= t_ms
+        sample = arm_sample(4)
+        judge.judge(sample)
+        assert np.abs(sample["tau_applied"]).max() <= 4.0
+
+
 def test_masses_that_do_what_they_are_told_stop_in_about_the_ideal_distance():
     judge = SafetyJudge()
     inertia = np.array([1.2, 1.2, 0.8, 0.8, 0.1, 0.1, 0.08])

@@ -9,7 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hal.limits import FR3
-from rtstack.safety.judge import SafetyJudge
+from rtstack.cli.cells import default_cell_file
+from rtstack.configuration import ConfigurationError
+from rtstack.model.cell_description import load_cell_description
+from rtstack.safety.judge import Base, SafetyJudge, Tool
 from rtstack.safety.limits import HARDWARE, LimitWidened, SafetyLimits
 
 NAMES = [field.name for field in fields(SafetyLimits)]
@@ -101,3 +104,41 @@ def test_nothing_writes_to_limits_afterwards():
         HARDWARE.power_max = 1e9  # type: ignore[misc]
     with pytest.raises(ValueError, match="read-only"):
         SafetyJudge()._rules["power_max"] = 1e9
+
+
+@pytest.mark.parametrize("bad", [nan, inf, -inf])
+def test_a_base_or_a_tool_that_is_nowhere_is_refused(bad):
+    """Where a place is not a number, no line is ever crossed."""
+    for i in range(3):
+        place, size = [0.1, 0.2, 0.3], [0.1, 0.2, 0.3]
+        place[i] = size[i] = bad
+        with pytest.raises(ValueError, match=r"base_position = .*must be finite"):
+            Base(tuple(place))
+        for length in (bad, 0.0, -0.1):
+            size[i] = length
+            with pytest.raises(ValueError, match=r"size = .*must be positive and finite"):
+                Tool(tuple(size))
+    for wxyz in ((bad, 0, 0, 0), (0, 0, 0, bad), (0, 0, 0, 0), (0, 1e-6, 0, 0)):
+        with pytest.raises(ValueError, match=r"base_orientation_wxyz = .*not a quaternion"):
+            Base((0, 0, 0), wxyz)
+    with pytest.raises(ValueError, match=r"flange_to_face = .*must be finite"):
+        Tool(flange_to_face=bad)
+    assert Base((0, 0, 0), (0, 2e-6, 0, 0)).position == (0, 0, 0)
+    assert Tool((5e-324,) * 3, -1.0).size == (5e-324,) * 3
+
+
+@pytest.mark.parametrize(
+    ("good", "bad", "said"),
+    [
+        ("base_position = [-0.4, 0.5, 0.0]", "base_position = [nan, 0.5, 0.0]", "left.base_position = .*finite"),
+        ("base_position = [-0.4, -0.5, 0.0]", "base_position = [-0.4, inf, 0.0]", "right.base_position = .*finite"),
+        ("size = [0.1, 0.1, 0.03]", "size = [0.1, 0.0, 0.03]", "pad.size = .*positive"),
+    ],
+)
+def test_a_cell_s_file_cannot_blind_the_judge(tmp_path, good, bad, said):
+    path, text = tmp_path / "cell.toml", default_cell_file().read_text()
+    assert text.count(good) == 1
+    path.write_text(text.replace(good, bad))
+    with pytest.raises(ConfigurationError, match=said) as refused:
+        load_cell_description(path)
+    assert "\n" not in str(refused.value)
