@@ -93,6 +93,7 @@ def run_trial(
     way: StartMotion | None = None,
     watchdogs: Sequence[Watchdog] = (),
     attendant: Attendant | None = None,
+    criterion: SuccessCriterion | None = None,
 ) -> TrialResult:
     """Run a prepared trial on an open cell. The caller closes the cell; the log is closed here, with the result in it.
 
@@ -108,7 +109,7 @@ def run_trial(
         outcome = run.follow(cell, STRATEGIES[specification.controller], reference.nominal_impact_s)
         values = score(
             run.history.columns(), outcome.start_t_ns, reference.nominal_impact_s, reference.release_s,
-            run.first_impact_s, SuccessCriterion(),
+            run.first_impact_s, criterion or SuccessCriterion(),
         )  # fmt: skip
         result = _trial_result(prepared, cell.name, outcome, values, log)
         incomplete = log.close(result.as_dict()) if log is not None else None
