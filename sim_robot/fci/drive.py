@@ -58,6 +58,12 @@ class DrivenBox(ControlBox):
         """Begin a ms of this box's own clock: what it applies, the plant feels from its next ms on."""
         self._begin(on_time=True)
 
+    @property
+    def sampled_torque(self) -> np.ndarray | None:
+        """The client's torque (7,) that counts by this box's own clock; None without one of either."""
+        client = self.own_clock and self._controller == Controller.EXTERNAL and self.desires_torque
+        return self._tau if client else None
+
     def _begin(self, on_time: bool) -> None:
         if self._motion["asynchronous"] and self.mode == RobotMode.MOVE:  # nobody owes it a command each ms
             generators.approach_target(self._motion)

@@ -192,6 +192,9 @@ class Station:
         wire["controller_mode"], wire["motion_generator_mode"] = self._mode_shown
         wire["robot_mode"] = box.mode
         wire["control_command_success_rate"] = box.success_rate
+        sampled = box.sampled_torque
+        if sampled is not None:  # the plant's last ms may have been before this torque came
+            wire["tau_J_d"] = sampled
         if box.errors != self._shown_errors:
             self._shown_errors = box.errors
             wire["errors"] = _flags(box.errors)

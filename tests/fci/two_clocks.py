@@ -21,12 +21,17 @@ STATE_TIMEOUT_S = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """Per arm (left, right), each (ticks,): ids, success rates, when the state came, ns until it was answered."""
+    """Per arm (left, right), each (ticks,): ids, success rates, when the state came, ns until it was answered.
+
+    Besides, (ticks, 7) each: the torque that the state showed as desired, and the one that answered it.
+    """
 
     message_ids: tuple[np.ndarray, np.ndarray]
     success_rates: tuple[np.ndarray, np.ndarray]
     came_ns: tuple[np.ndarray, np.ndarray]
     answer_ns: tuple[np.ndarray, np.ndarray]
+    shown: tuple[np.ndarray, np.ndarray]
+    answered: tuple[np.ndarray, np.ndarray]
 
 
 def _sockets() -> set[int]:
@@ -61,6 +66,8 @@ def hold_both(served: Served, ticks: int) -> Record:
     rates: tuple[list, list] = ([], [])
     came: tuple[list, list] = ([], [])
     answers: tuple[list, list] = ([], [])
+    shown: tuple[list, list] = ([], [])
+    answered: tuple[list, list] = ([], [])
     controls = [robot.start_torque_control() for robot in robots]
     with select.epoll() as epoll:
         for descriptor in descriptors:
@@ -73,17 +80,20 @@ def hold_both(served: Served, ticks: int) -> Record:
             for descriptor, _ in events:
                 side, ready_ns = descriptors.index(descriptor), time.perf_counter_ns()
                 state, _ = controls[side].readOnce()
-                command = franka.Torques(list(hold(state, q_hold[side])))
+                torque = hold(state, q_hold[side])
+                command = franka.Torques(list(torque))
                 command.motion_finished = len(ids[side]) == ticks - 1
                 controls[side].writeOnce(command)
                 came[side].append(ready_ns)
                 answers[side].append(time.perf_counter_ns() - ready_ns)
                 ids[side].append(round(1e3 * state.time.to_sec()))
                 rates[side].append(state.control_command_success_rate)
+                shown[side].append(state.tau_J_d)
+                answered[side].append(torque)
                 if len(ids[side]) == ticks:
                     epoll.unregister(descriptor)
                     open_sides.remove(side)
-    arrays = [(np.array(both[0]), np.array(both[1])) for both in (ids, rates, came, answers)]
+    arrays = [(np.array(both[0]), np.array(both[1])) for both in (ids, rates, came, answers, shown, answered)]
     return Record(*arrays)
 
 
