@@ -154,6 +154,23 @@ def check(
     run(left, right, json)
 
 
+@app.command()
+def campaign(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="A plan in deploy/campaigns, such as reference-spreading.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where references, logs, results and report go.")],
+    quick: Annotated[bool, typer.Option("--quick", help="A sample of it, that ends in two minutes.")] = False,
+    workers: Annotated[int | None, typer.Option(help="Processes on this machine; one a CPU.", min=1, max=256)] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="tcp://HOST:PORT", help="Use the workers of this Dask scheduler.")
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with what is missing in DIR.")] = False,
+) -> None:
+    """Run many trials and write what they show: figures, tables, and each claim with a verdict."""
+    from rtstack.cli.campaign import campaign as run
+
+    run(name, out, quick, workers, scheduler, resume)
+
+
 @bench_app.command("tick")
 def bench_tick(
     ticks: Annotated[int, typer.Option(help="Ticks of each kind.", min=100)] = 3000,
