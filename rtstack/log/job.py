@@ -29,6 +29,14 @@ class LogJob:
     cell: CellFrames | None
 
 
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """What a run leaves behind that ended in a fault: a metadata record `fault`, and files."""
+
+    fault: dict[str, str]
+    attachments: tuple[Attachment, ...]
+
+
 def put_job(file: BinaryIO, job: LogJob) -> None:
     """Write the job; called once, before the process starts."""
     data = pickle.dumps(job)
@@ -41,16 +49,16 @@ def get_job(descriptor: int) -> LogJob:
     return pickle.loads(_read(descriptor, _HEADER, _job_size(descriptor)))
 
 
-def put_result(file: BinaryIO, result: dict[str, str]) -> None:
-    """Write the result behind the job; called once, before the process is told to finish."""
-    os.pwrite(file.fileno(), pickle.dumps(result), _HEADER + _job_size(file.fileno()))
+def put_result(file: BinaryIO, result: dict[str, str], evidence: Evidence | None = None) -> None:
+    """Write the result and the evidence behind the job; called once, before the process is told to finish."""
+    os.pwrite(file.fileno(), pickle.dumps((result, evidence)), _HEADER + _job_size(file.fileno()))
 
 
-def get_result(descriptor: int) -> dict[str, str]:
-    """Read the result, empty where the parent gave none."""
+def get_result(descriptor: int) -> tuple[dict[str, str], Evidence | None]:
+    """Read the result, empty where the parent gave none, and the evidence."""
     start = _HEADER + _job_size(descriptor)
     size = os.fstat(descriptor).st_size - start
-    return pickle.loads(_read(descriptor, start, size)) if size > 0 else {}
+    return pickle.loads(_read(descriptor, start, size)) if size > 0 else ({}, None)
 
 
 def _job_size(descriptor: int) -> int:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from hal.description import fr3_urdf
 from rtstack.log.frames import FrameTree
-from rtstack.log.job import LogJob, get_job, get_result
+from rtstack.log.job import Evidence, LogJob, get_job, get_result
 from rtstack.log.ring import LogState, Rings
 from rtstack.log.schema import TOPIC_MESSAGES
 from rtstack.log.sink import McapSink
@@ -65,11 +65,15 @@ class LogWriter:
         poses = batches["/object/pose"]
         return self._frames.update({side: batches[f"/{side}/arm"] for side in SIDES}, poses[poses["seen"] != 0])
 
-    def finish(self, result: dict[str, str], ended: str) -> None:
-        """Write what is left, the result and the account of what was lost, and finish the file."""
+    def finish(self, result: dict[str, str], ended: str, evidence: Evidence | None = None) -> None:
+        """Write what is left, result, evidence and the account of what was lost, and finish the file."""
         self.step(final=True)
         lost = {topic: reader.lost for topic, reader in self._readers.items()}
         counts = {topic: {"messages": n, "lost": lost.get(topic, 0)} for topic, n in self._sink.messages.items()}
+        if evidence is not None:
+            for attachment in evidence.attachments:
+                self._sink.attach(attachment.name, attachment.media_type, attachment.data)
+            self._sink.write_metadata("fault", evidence.fault)
         if result:
             self._sink.write_metadata("result", result)
         account = {
@@ -100,7 +104,8 @@ def run(job_descriptor: int, log_descriptor: int, parent: int) -> None:
                 writer.step()
                 time.sleep(POLL_S)
             if rings.closing:
-                writer.finish(get_result(job_descriptor), "closed")
+                result, evidence = get_result(job_descriptor)
+                writer.finish(result, "closed", evidence)
             else:
                 writer.finish({}, "the program died")
         rings.state = LogState.FINISHED

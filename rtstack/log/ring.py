@@ -236,8 +236,13 @@ class Rings:
         log process to wait for (it failed or finished) there is always room.
         """
         if self._control["state"][0] >= LogState.FAILED:
-            return int(self._capacities.min())
+            return self.capacity
         return max(0, int((self._consumed - self._heads + self._capacities).min()))
+
+    @property
+    def capacity(self) -> int:
+        """Records that the smallest ring holds."""
+        return int(self._capacities.min())
 
     def published(self, topic: str) -> int:
         """Return how many records were pushed to a topic."""

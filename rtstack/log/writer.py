@@ -13,11 +13,11 @@ from typing import BinaryIO
 
 from rtstack.log.errors import LogError
 from rtstack.log.frames import CellFrames
-from rtstack.log.job import Attachment, LogJob, put_job, put_result
+from rtstack.log.job import Attachment, Evidence, LogJob, put_job, put_result
 from rtstack.log.ring import LogState, Rings
 from rtstack.samples import TOPICS
 
-__all__ = ["Attachment", "CellFrames", "LogProcess", "LogSummary", "check_log_path"]
+__all__ = ["Attachment", "CellFrames", "Evidence", "LogProcess", "LogSummary", "check_log_path"]
 
 _POLL_S = 0.002
 
@@ -112,9 +112,20 @@ class LogProcess:
         """Process id of the log process."""
         return self._process.pid
 
+    @property
+    def trouble(self) -> str:
+        """Why the log is not being written any more, empty while it is. Never waits."""
+        if self._rings.state is not LogState.FAILED and self._process.poll() is None:
+            return ""
+        reason = self._rings.error
+        code = self._process.poll()
+        if reason or code is None:
+            return reason
+        return f"its process was killed by signal {-code}" if code < 0 else self._last_error() or f"exit {code}"
+
     def check(self) -> None:
         """Raise LogError if the log process has failed or died."""
-        if self._rings.state is LogState.FAILED or self._process.poll() is not None:
+        if self.trouble:
             raise LogError(self._reason())
 
     def wait_ready(self, timeout_s: float = 10.0) -> None:
@@ -136,14 +147,16 @@ class LogProcess:
                 raise LogError(f"the log {self.path} does not keep up: no room for {records} records")
             time.sleep(_POLL_S)
 
-    def close(self, result: dict[str, str] | None = None, timeout_s: float = 60.0) -> LogSummary:
-        """Write `result` as metadata, finish the file and wait for it.
+    def close(
+        self, result: dict[str, str] | None = None, evidence: Evidence | None = None, timeout_s: float = 60.0
+    ) -> LogSummary:
+        """Write `result` as metadata and the evidence of a fault, finish the file and wait for it.
 
         Raises LogError if the file is not complete: the process failed (its reason), died, or does not end.
         """
         try:
-            if result:
-                put_result(self._job, result)
+            if result or evidence:
+                put_result(self._job, result or {}, evidence)
             self._rings.request_close()
             try:
                 self._process.wait(timeout_s)
@@ -163,17 +176,12 @@ class LogProcess:
             self.close()
 
     def _reason(self) -> str:
-        reason = self._rings.error
-        if not reason and self._process.poll() is not None:
-            code = self._process.returncode
-            reason = f"its process was killed by signal {-code}" if code < 0 else self._last_error() or f"exit {code}"
         recovery = f": recover it with `rtstack recover {self.path}`"
-        return f"the log {self.path} is incomplete: {reason}{recovery if self.path.exists() else ''}"
+        return f"the log {self.path} is incomplete: {self.trouble}{recovery if self.path.exists() else ''}"
 
     def _last_error(self) -> str:
         if self._errors.closed:
             return ""
-        self._errors.seek(0)
         self._errors.seek(0)
         lines = self._errors.read().decode("utf-8", "replace").strip().splitlines()
         return lines[-1] if lines else ""

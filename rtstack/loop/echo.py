@@ -1,6 +1,12 @@
 """What the robot says it was commanded, beside what it was sent."""
 
+import numpy as np
 from numba import njit
+
+from rtstack.control.tick import ArmController
+from rtstack.safety.judge import SafetyJudge
+
+SAME_TORQUE_NM = 1e-3  # the wire rounds to float32: 4e-6 Nm at 87 Nm
 
 
 @njit("float64(float64[::1], float64[::1])", cache=True, error_model="numpy")
@@ -14,3 +20,40 @@ def largest_difference(tau_J_d, tau_applied):
             if difference != difference:
                 return difference
     return largest
+
+
+class Echo:
+    """Where an arm's next torque starts from. `lost`: answers that came too late."""
+
+    def __init__(self, judge: SafetyJudge, arm: ArmController) -> None:
+        sample = arm.sample[0]
+        self._judged = judge.memory["tau_applied"][0]  # what the judge let through last
+        self._applied, self._tau_J_d = sample["tau_applied"], sample["tau_J_d"]
+        self._desired = sample["tau_desired"]
+        self._previous = arm.workspace["tau_previous"][0]  # what the controller starts from
+        self._seen = False  # the robot has shown a torque of ours
+        self.lost = 0
+
+    def agree(self, begun: bool) -> None:
+        """Start from the torque that the robot has: an answer that came too late was dropped.
+
+        Torque control begins at zero. Until our first torque has come back, tau_J_d is what the robot's own controller
+        held the arm with: no start for ours. begun: the arm has shown a state before this one.
+        """
+        difference = largest_difference(self._tau_J_d, self._judged)
+        if not SAME_TORQUE_NM < difference < np.inf:  # the same, or no number at all
+            self._seen = self._seen or begun
+            return
+        self.lost += begun
+        if self._seen:
+            self._judged[:] = self._previous[:] = self._tau_J_d
+        else:
+            self._judged[:] = self._previous[:] = 0.0
+
+    def sent(self) -> None:
+        """Remember what the judge let through."""
+        self._previous[:] = self._applied
+
+    def desire_nothing_new(self) -> None:
+        """Desire the last torque: nobody is asked for another one."""
+        self._desired[:] = self._previous

@@ -14,7 +14,13 @@ class End(StrEnum):
     HARDWARE = "the robot left torque control"
     CONSOLE_GONE = "the console has gone"
     OPERATOR_GONE = "the operator has gone"
+    PARENT_GONE = "the process that started this one has gone"
     LOG_FAILED = "the log is not being written"
     TICK_OVERRUN = "the tick takes longer than its period"
-    CONTROLLER_EXCEPTION = "the controller has raised an exception"
-    PARENT_GONE = "the process that started this one has gone"
+    CONTROLLER_EXCEPTION = "an exception in the control loop"
+    NOT_AT_REST = "the arms did not come to rest"
+
+    @property
+    def is_fault(self) -> bool:
+        """Whether something went wrong with the machine: a trial that finds no impact is none."""
+        return self not in (End.COMPLETED, End.STOP_REQUESTED, End.NO_IMPACT)

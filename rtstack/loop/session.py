@@ -17,20 +17,18 @@ from hal.errors import HardwareError
 from hal.state import ARM_STATE
 from rtstack.control.records import WORKSPACE
 from rtstack.control.tick import DualArmController
-from rtstack.loop.echo import largest_difference
+from rtstack.loop.echo import Echo
 from rtstack.loop.end import End
+from rtstack.loop.fault import Fault, FaultNotes
 from rtstack.loop.low_pass import low_pass, low_pass_share
 from rtstack.loop.publisher import Publisher
+from rtstack.loop.rest import REST_DQ, STOP_TICKS, Rest
 from rtstack.loop.timeline import TICK_NS, Timeline
-from rtstack.loop.watchdogs import Watchdog
+from rtstack.loop.watchdogs import TickOverrun, Trip, Watchdog
 from rtstack.safety.judge import Reason, SafetyJudge
 from rtstack.samples import ARM_SAMPLE, SIDES, Level, Mode, QpStatus
 
-REST_DQ = 0.02  # rad/s: below it for REST_TICKS the arms are at rest
-REST_TICKS = 50
-SAME_TORQUE_NM = 1e-3  # the wire rounds to float32: 4e-6 Nm at 87 Nm
 _FIRST = ((), (0,), (1,), (0,))  # the arm to serve of a mask of LEFT and RIGHT
-STOP_TICKS = 1000  # a stop from the velocity limit takes 0.5 s at 10 rad/s^2; after twice that the session ends anyhow
 
 
 class StopSignal(Protocol):
@@ -60,7 +58,7 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class SessionOutcome:
-    """end: how it ended; detail: which limit, error or QP status, empty where all went well.
+    """end: how it ended; detail: which limit, error or QP status, empty where all went well; fault: the evidence.
 
     real_time_factor: robot's seconds over the host's, from the first tick to the last.
     """
@@ -71,10 +69,14 @@ class SessionOutcome:
     missed_deadlines: int
     safety_interventions: int
     real_time_factor: float
+    fault: Fault | None = None
 
 
 class Session:
     """Runs a plan on a cell. `between_ticks` is called after the answers are out (progress, room in the log).
+
+    Whatever ends it, the judge brakes the arms; what is said about it is said once the torque is out. Once the
+    controller has raised, or takes too long, it is not asked again: the judge needs nobody to stop.
 
     cutoff_hz: of the low-pass of the desired torque, 0 for none. watchdogs: asked once a tick, beside `stop`.
     """
@@ -98,7 +100,6 @@ class Session:
         self._plan = plan
         self._stop = stop
         self._between_ticks = between_ticks
-        self._watchdogs = tuple(watchdogs)
         self._share = low_pass_share(cutoff_hz)
         if self._share < 1.0:  # compile it before the robot is armed
             low_pass(np.zeros(1, ARM_SAMPLE), np.zeros(1, WORKSPACE), self._share)
@@ -108,79 +109,73 @@ class Session:
         self._states = tuple(a.sample.view(np.uint8)[: ARM_STATE.itemsize] for a in controller.arms)
         self._stamps = tuple(a.sample["t_ns"] for a in controller.arms)
         self._torques = tuple(a.sample["tau_applied"][0] for a in controller.arms)
-        # what the judge let through last, what the robot says it was, what the controller starts from
-        self._torques_known = tuple(
-            (judge.memory["tau_applied"][0], a.sample["tau_J_d"][0], a.workspace["tau_previous"][0])
-            for judge, a in zip(judges, controller.arms, strict=True)
-        )
+        self._echoes = tuple(Echo(judge, arm) for judge, arm in zip(judges, controller.arms, strict=True))
         self._records = tuple((a.sample, a.control) for a in controller.arms)
         self._residuals = tuple(a.control["momentum_residual"][0] for a in controller.arms)
-        self._end = End.COMPLETED
-        self._detail = ""
         self._time = Timeline(publisher.timing, cell.own_clocks)
         self._compute_us = publisher.timing["compute_us"]
+        self._overrun = TickOverrun()
+        self._watchdogs = (*watchdogs, self._overrun) if cell.own_clocks else tuple(watchdogs)
+        self._notes = FaultNotes()
+        self._speaker = ""  # who has something to say about the end
+        self._alone = False  # the controller is not asked any more
         self._unpublished = 0
-        self._lost = 0
-        self._echoed = [False, False]  # the robot has shown a torque of ours
-        self._rest = 0
-        self._stopping_ticks = 0
+        self._rest = Rest([a.sample["dq"][0] for a in controller.arms])
         self._mode = Mode.IDLE
 
     def run(self) -> SessionOutcome:
-        """Follow the plan to its end, brake, and leave torque control. Never raises for what a robot does."""
+        """Follow the plan to its end, brake, and leave torque control. Never raises for what a robot or a controller
+        does."""
         collecting = gc.isenabled()
         gc.disable()  # a collection in the middle of a tick is a tick that waits
         try:
             self._cell.start()
             while self._tick():
-                if self._between_ticks is not None:
-                    self._between_ticks(self._time.now_ns // TICK_NS)
+                pass
         except HardwareError as error:
-            self._finish(End.HARDWARE, str(error))
+            self._tell_end()
+            self._end(Trip(End.HARDWARE, str(error)))
             self._publisher.event(self._time.t_ns, Level.ERROR, "robot", str(error))
         finally:
             for arm in self._arms:
                 arm.stop()
             if collecting:
                 gc.enable()
+        self._tell_end()
         self._controller.machine.rest()
         self._say_mode()
         self._say_link()
+        trip = self._notes.trip
         return SessionOutcome(
-            end=self._end,
-            detail=self._detail,
+            end=trip.end,
+            detail=trip.detail,
             start_t_ns=self._time.start_ns,
             missed_deadlines=self._time.missed,
             safety_interventions=sum(judge.interventions for judge in self._judges),
             real_time_factor=self._time.real_time_factor,
+            fault=self._notes.fault(),
         )
 
     def _tick(self) -> bool:
         """One tick of the arms whose states have arrived. Returns whether to go on."""
-        controller = self._controller
-        machine = controller.machine
         sides = self._receive()
         began_ns = time.perf_counter_ns()
         self._take_time(sides, began_ns)
-        for k in sides:
-            controller.arms[k].observe()
-        now_ns = self._time.now_ns
-        controller.decide(now_ns * 1e-9)
-        self._look_for_an_end(now_ns // TICK_NS)
-        self._say_mode()
-        status = QpStatus.NOT_USED
-        for k in sides:
-            arm = controller.arms[k]
-            arm.choose(self._plan.ante[k], self._plan.post[k], self._time.elapsed_ns[k] // TICK_NS, machine)
-            status = max(status, arm.command(machine.mode))
-            if self._share < 1.0:
-                low_pass(arm.sample, arm.workspace, self._share)
-        controller.finish()
+        status = self._ask_for_torques(sides)
         self._judge(sides, status)
         for k in sides:
             self._arms[k].write(self._torques[k])
-        self._publish(sides, (time.perf_counter_ns() - began_ns) * 1e-3)
-        return not (machine.mode is Mode.STOPPING and 0 in sides and self._at_rest())
+        self._look_at_judges(status)
+        try:
+            self._say_mode()
+            self._publish(sides, (time.perf_counter_ns() - began_ns) * 1e-3)
+            self._tell_end()
+            self._overrun.take(time.perf_counter_ns() - began_ns)
+            if self._between_ticks is not None and not self._alone:
+                self._between_ticks(self._time.now_ns // TICK_NS)
+        except Exception as error:
+            self._go_on_alone(sides, error)
+        return not (self._controller.machine.mode is Mode.STOPPING and 0 in sides and self._at_rest())
 
     def _receive(self) -> tuple[int, ...]:
         """Read both arms where they share a clock, else one whose state has arrived: the other one's turn is next.
@@ -199,24 +194,49 @@ class Session:
         for k in sides:
             self._time.take(k, self._stamps[k], host_ns)
             if self._cell.own_clocks:
-                self._agree_on_the_past(k)
+                self._echoes[k].agree(self._time.elapsed_ns[k] > 0)
 
-    def _agree_on_the_past(self, k: int) -> None:
-        """Start from the torque that the robot has: an answer that came too late was dropped.
+    def _ask_for_torques(self, sides: tuple[int, ...]) -> QpStatus:
+        """Have the controller write what it desires. What it raises ends the session, and the controller."""
+        if not self._alone:
+            try:
+                return self._control(sides)
+            except Exception as error:
+                self._go_on_alone(sides, error)
+        for k in sides:
+            sample, control = self._records[k]
+            self._echoes[k].desire_nothing_new()
+            control["t_ns"] = sample["t_ns"]
+            control["mode"] = self._controller.machine.mode
+        return QpStatus.NOT_USED
 
-        Torque control begins at zero. Until our first torque has come back, tau_J_d is what the robot's own controller
-        held the arm with: no start for ours.
-        """
-        applied, tau_J_d, tau_previous = self._torques_known[k]
-        difference = largest_difference(tau_J_d, applied)
-        if not SAME_TORQUE_NM < difference < np.inf:  # the same, or no number at all
-            self._echoed[k] = self._echoed[k] or self._time.elapsed_ns[k] > 0
-            return
-        self._lost += self._time.elapsed_ns[k] > 0
-        if self._echoed[k]:
-            applied[:] = tau_previous[:] = tau_J_d
-        else:
-            applied[:] = tau_previous[:] = 0.0
+    def _control(self, sides: tuple[int, ...]) -> QpStatus:
+        controller, machine = self._controller, self._controller.machine
+        for k in sides:
+            controller.arms[k].observe()
+        now_ns = self._time.now_ns
+        controller.decide(now_ns * 1e-9)
+        if self._look_for_an_end(now_ns // TICK_NS):
+            return self._ask_for_torques(sides)
+        status = QpStatus.NOT_USED
+        for k in sides:
+            arm = controller.arms[k]
+            arm.choose(self._plan.ante[k], self._plan.post[k], self._time.elapsed_ns[k] // TICK_NS, machine)
+            found = arm.command(machine.mode)
+            if found > QpStatus.SOLVED:
+                self._notes.take_qp(k, arm)
+            status = max(status, found)
+            if self._share < 1.0:
+                low_pass(arm.sample, arm.workspace, self._share)
+        controller.finish()
+        return status
+
+    def _go_on_alone(self, sides: tuple[int, ...], error: Exception) -> None:
+        """Stop without the controller: it has raised, or somebody who was called between two ticks has."""
+        if self._notes.error is None:
+            self._notes.error = error
+        self._alone = True
+        self._end(Trip(End.CONTROLLER_EXCEPTION, f"{type(error).__name__}: {error}"), "controller")
 
     def _publish(self, sides: tuple[int, ...], compute_us: float) -> None:
         """Publish once both arms were served; where one was served twice, with the other one's last tick."""
@@ -230,28 +250,31 @@ class Session:
         else:
             self._unpublished |= served
 
-    def _look_for_an_end(self, index: int) -> None:
+    def _look_for_an_end(self, index: int) -> bool:
+        """Ask everybody who may end the session. Returns whether the controller must not be asked any more."""
         machine = self._controller.machine
         if machine.mode is Mode.STOPPING:
-            return
+            return False
         for watchdog in self._watchdogs:
             trip = watchdog.trip()
             if trip is not None:
-                self._finish(trip.end, trip.detail)
-                self._publisher.event(self._time.t_ns, trip.level, "watchdog", f"{trip.end}: {trip.detail}")
-                return
+                self._end(trip, "watchdog")
+                self._alone = trip.end is End.TICK_OVERRUN
+                return self._alone
         if self._stop is not None and self._stop.stop_requested:
-            self._finish(End.STOP_REQUESTED, "")
+            self._end(Trip(End.STOP_REQUESTED, ""))
         elif machine.patience_over:
-            self._finish(End.NO_IMPACT, f"within {machine.parameters.impact_patience_s} s of the nominal impact")
+            patience_s = machine.parameters.impact_patience_s
+            self._end(Trip(End.NO_IMPACT, f"within {patience_s} s of the nominal impact"))
         elif index >= self._plan.ticks:
-            self._finish(End.COMPLETED, "")
+            self._end(Trip(End.COMPLETED, ""))
+        return False
 
-    def _finish(self, end: End, detail: str) -> None:
-        if self._controller.machine.mode is not Mode.STOPPING:
-            self._end = end
-            self._detail = detail
-            self._controller.machine.stop()
+    def _end(self, trip: Trip, speaker: str = "") -> None:
+        """Stop from now on, for this reason unless there was one before."""
+        if self._notes.take(trip, self._time.t_ns, self._time.now_ns):
+            self._speaker = speaker
+        self._controller.machine.stop()
 
     def _judge(self, sides: tuple[int, ...], status: QpStatus) -> None:
         """Let the judges see their arms; where one of them stops, the other one's next tick stops too."""
@@ -260,25 +283,38 @@ class Session:
         if status > QpStatus.SOLVED and not stopping:
             demand = Reason.CONTROLLER
         for k in sides:
-            arm = self._controller.arms[k]
-            self._judges[k].judge(arm.sample, demand, self._residuals[k])
-            arm.applied()
-        if not stopping and any(judge.stopping for judge in self._judges):
-            self._explain_stop(status)
+            self._judges[k].judge(self._records[k][0], demand, self._residuals[k])
+            self._echoes[k].sent()
 
-    def _explain_stop(self, status: QpStatus) -> None:
-        side, judge = next((s, j) for s, j in zip(SIDES, self._judges, strict=True) if j.stopping)
-        if judge.reason is Reason.CONTROLLER:
-            self._finish(End.QP, status.name.lower())
-        else:
-            self._finish(End.SAFETY, f"{side}: {judge.explanation}")
-        self._publisher.event(self._time.t_ns, Level.ERROR, "safety", f"{self._end}: {self._detail}")
+    def _look_at_judges(self, status: QpStatus) -> None:
+        """Notice a stop of a judge's own, and when both arms stop."""
+        stopping = [judge.stopping for judge in self._judges]
+        if any(stopping) and self._controller.machine.mode is not Mode.STOPPING:
+            k = stopping.index(True)
+            judge = self._judges[k]
+            if judge.reason is Reason.CONTROLLER:
+                trip = Trip(End.QP, status.name.lower(), side=SIDES[k])
+            else:
+                value, bound = float(judge.memory["value"][0]), float(judge.memory["bound"][0])
+                detail = f"{SIDES[k]}: {judge.explanation}"
+                trip = Trip(End.SAFETY, detail, value=value, bound=bound, side=SIDES[k], joint=judge.joint)
+            self._end(trip, "safety")
+        if all(stopping) and self._notes.reaction_ticks is None and self._notes.trip.end.is_fault:
+            self._notes.reaction_ticks = round((self._time.now_ns - self._notes.now_ns) / TICK_NS)
 
     def _at_rest(self) -> bool:
-        self._stopping_ticks += 1
-        moving = max(float(np.max(np.abs(a.sample["dq"][0]))) for a in self._controller.arms)
-        self._rest = self._rest + 1 if moving < REST_DQ else 0
-        return self._rest >= REST_TICKS or self._stopping_ticks >= STOP_TICKS
+        if not self._rest.over():
+            return False
+        if not self._rest.reached:
+            detail = f"still {self._rest.fastest:.3g} rad/s after {STOP_TICKS} ticks"
+            self._end(Trip(End.NOT_AT_REST, detail, value=self._rest.fastest, bound=REST_DQ), "safety")
+        return True
+
+    def _tell_end(self) -> None:
+        """Say once, loudly, what no operator asked for."""
+        if self._speaker:
+            trip, speaker, self._speaker = self._notes.trip, self._speaker, ""
+            self._publisher.event(self._notes.t_ns, trip.level, speaker, trip.text)
 
     def _say_mode(self) -> None:
         machine = self._controller.machine
@@ -303,6 +339,7 @@ class Session:
     def _say_link(self) -> None:
         """Where two clocks were served: what the link lost, and how far the clocks drifted apart."""
         if self._cell.own_clocks:
-            text = f"{self._lost} answers came too late, {self._time.missed} states missed, "
+            lost = sum(echo.lost for echo in self._echoes)
+            text = f"{lost} answers came too late, {self._time.missed} states missed, "
             text += f"the arms' states were {self._time.skew_ns * 1e-6:g} ms apart at most"
             self._publisher.event(self._time.t_ns, Level.INFO, "link", text)

@@ -1,32 +1,49 @@
 """What has to give a sign of life while the arms move. A session asks each watchdog once a tick, beside STOP.
 
 A watchdog loads a word and compares: it never waits, opens, logs or raises. What it finds ends the session through the
-judge's stop.
+judge's stop. rtstack/watchdogs.py lists all of them, with the ones outside of the loop.
 """
 
+import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import nan
 from typing import Protocol
 
+from hal.limits import CONTROL_PERIOD_S
 from rtstack.loop.end import End
+from rtstack.safety.limits import LARGEST_GAP_S
 from rtstack.safety.permit import LEASE_S
 from rtstack.samples import Level
 
 CONSOLE_S = 1.0  # the console beats ten times a second; a page that it renders may keep it busy for some tenths
 OPERATOR_S = LEASE_S
+# The robot itself gives up after 20 answers in a row that came too late. Half of them leave the other half for the
+# stop. A machine that stalls, for 3 to 20 ms now and then, makes one tick long and not the ten after each other.
+OVERRUN_TICKS = round(LARGEST_GAP_S / CONTROL_PERIOD_S) // 2
+_PERIOD_NS = round(CONTROL_PERIOD_S * 1e9)
 
 
 @dataclass(frozen=True, slots=True)
 class Trip:
-    """Why a watchdog ends a session. value and bound: what was found and what was allowed, where it is a number."""
+    """Why a session ends. value and bound: what was found and what was allowed, where it is a number.
+
+    side: left or right, empty where it is not of one arm; joint: 1 to 7, 0 where it is of none.
+    """
 
     end: End
     detail: str
     level: Level = Level.ERROR
     value: float = nan
     bound: float = nan
+    side: str = ""
+    joint: int = 0
+
+    @property
+    def text(self) -> str:
+        """One line for people."""
+        return f"{self.end}: {self.detail}" if self.detail else str(self.end)
 
 
 class Watchdog(Protocol):
@@ -53,8 +70,42 @@ class Heartbeat:
         """See Watchdog."""
         last_ns = self._read_ns()
         silent_ns = time.monotonic_ns() - last_ns
-        if silent_ns <= self._limit_ns:
+        if silent_ns <= self._limit_ns and last_ns:
             return None
-        silent_s = silent_ns * 1e-9
+        silent_s = silent_ns * 1e-9 if last_ns else nan
         what = f"no sign of life for {silent_s:.3g} s" if last_ns else "it never gave a sign of life"
         return Trip(self._end, f"{what}, allowed {self._limit_s:g} s", value=silent_s, bound=self._limit_s)
+
+
+class Parent:
+    """Trips where the process that started this one has ended: nobody waits for the result any more."""
+
+    def __init__(self) -> None:
+        self._pid = os.getppid()
+
+    def trip(self) -> Trip | None:
+        """See Watchdog."""
+        if os.getppid() == self._pid:
+            return None
+        return Trip(End.PARENT_GONE, f"process {self._pid} has ended")
+
+
+class TickOverrun:
+    """Trips after OVERRUN_TICKS ticks in a row that took longer than a period: only where the robot does not wait."""
+
+    def __init__(self) -> None:
+        self._long_ticks = 0
+        self._took_ns = 0
+
+    def take(self, took_ns: int) -> None:
+        """Take the time that a tick took, from its state to its end, without the wait for the state."""
+        self._took_ns = took_ns
+        self._long_ticks = self._long_ticks + 1 if took_ns > _PERIOD_NS else 0
+
+    def trip(self) -> Trip | None:
+        """See Watchdog."""
+        if self._long_ticks < OVERRUN_TICKS:
+            return None
+        took_s = self._took_ns * 1e-9
+        detail = f"{OVERRUN_TICKS} ticks in a row, the last one {1e3 * took_s:.3g} ms"
+        return Trip(End.TICK_OVERRUN, detail, value=took_s, bound=CONTROL_PERIOD_S)

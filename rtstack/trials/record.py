@@ -10,8 +10,10 @@ import numpy as np
 from hal.description import fr3_urdf
 from hal.realtime import obtainable
 from rtstack.log.errors import LogError
-from rtstack.log.ring import Rings
-from rtstack.log.writer import Attachment, CellFrames, LogProcess
+from rtstack.log.ring import LogState, Rings
+from rtstack.log.writer import Attachment, CellFrames, Evidence, LogProcess
+from rtstack.loop.end import End
+from rtstack.loop.watchdogs import Trip
 from rtstack.model.cell_description import CellDescription, base_frame
 from rtstack.references.spreading import ExtendedReference
 from rtstack.trials.provenance import git_commit, host_report, package_versions
@@ -19,10 +21,22 @@ from rtstack.trials.specification import DemonstrationSpecification, TrialSpecif
 
 LOCKSTEP_KINDS = ("direct", "lockstep")  # cells whose robot waits for its answer
 ROOM = 64  # records: below it a run that is faster than the log waits between two ticks
+HANG_S = 5.0  # and waits for no longer: a log that takes nothing for so long hangs
+# of a ring of 8 s: a log that is further behind hangs, and what is left takes the stop
+FULL_SHARE = 0.5
+_END_S = 60.0  # for the log process to read what is left
+_END_OF_HANGING_S = 2.0
 
 
 class TrialLog:
-    """An open log. `lockstep`: the robot waits for its answer, so that the run may wait for the log."""
+    """An open log, and its watchdog. `lockstep`: the robot waits for its answer, so that the run may wait for the log.
+
+    evidence: of a fault, to be written by `close`.
+    """
+
+    evidence: Evidence | None = None
+    _trouble = ""
+    _hangs = False
 
     def __init__(self, path: Path, rings: Rings, process: LogProcess, lockstep: bool) -> None:
         self.path = path
@@ -34,21 +48,37 @@ class TrialLog:
         """Wait until the log is being written: no arm moves before that. Raises LogError."""
         self._process.wait_ready()
 
+    def trip(self) -> Trip | None:
+        """See Watchdog: the log process has said that it failed, or `wait_for_room` has found that it is gone."""
+        if not self._trouble and self.rings.state is LogState.FAILED:
+            self._trouble = self.rings.error
+        return Trip(End.LOG_FAILED, self._trouble) if self._trouble else None
+
     def wait_for_room(self) -> None:
-        """Between two ticks of a lockstep run: let the log catch up. In real time, or without a log: return at once."""
-        if not self._lockstep or self.rings.room() >= ROOM:
+        """Between two ticks: look whether the log process lives; a lockstep run lets it catch up. Never raises."""
+        if self._trouble:
             return
-        try:
-            self._process.wait_room(ROOM)
-        except LogError:
-            # the trial goes on without its log; `close` will say so
-            self._lockstep = False
+        self._trouble = self._process.trouble
+        room, capacity = self.rings.room(), self.rings.capacity
+        if self._trouble:
+            return
+        if not self._lockstep:
+            if room < (1.0 - FULL_SHARE) * capacity:
+                self._hang(f"its process is {capacity - room} records behind, {capacity} is all that can wait")
+        elif room < ROOM:
+            try:
+                self._process.wait_room(ROOM, HANG_S)
+            except LogError:
+                self._hang(self._process.trouble or f"its process has read nothing for {HANG_S:g} s")
+
+    def _hang(self, trouble: str) -> None:
+        self._trouble, self._hangs = trouble, True
 
     def close(self, result: dict[str, Any]) -> str | None:
         """Write the result and finish the file. Returns None, or in one line why the log is not complete."""
         try:
             values = {key: value if isinstance(value, str) else json.dumps(value) for key, value in result.items()}
-            self._process.close(values)
+            self._process.close(values, self.evidence, _END_OF_HANGING_S if self._hangs else _END_S)
         except LogError as error:
             return str(error)
         finally:

@@ -17,7 +17,8 @@ from rtstack.trials.scoring import Score, SuccessCriterion, score
 @dataclass(frozen=True, slots=True)
 class Review:
     """kind: trial or demonstration; recorded: the result in the log; score: the same from the samples, None for a
-    demonstration; first_contact_s: of the left and right arm, s since the first sample."""
+    demonstration; first_contact_s: of the left and right arm, s since the first sample; fault: what ended the session,
+    where it was one."""
 
     path: Path
     kind: str
@@ -28,6 +29,7 @@ class Review:
     score: Score | None
     first_contact_s: tuple[float | None, float | None]
     events: tuple[Event, ...]
+    fault: dict[str, str] | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return the review as JSON-ready values."""
@@ -67,6 +69,7 @@ def review_log(path: Path) -> Review:
         score=values,
         first_contact_s=(_first_contact(columns, 0, start_t_ns), _first_contact(columns, 1, start_t_ns)),
         events=log.events,
+        fault=log.metadata.get("fault"),
     )
 
 

@@ -14,10 +14,11 @@ from hal.realtime import realtime_thread
 from rtstack.control.modes import Strategy
 from rtstack.log.ring import Rings
 from rtstack.loop.end import End
+from rtstack.loop.fault import Fault
 from rtstack.loop.history import History
 from rtstack.loop.publisher import Publisher
 from rtstack.loop.session import Plan, Session, SessionOutcome, StopSignal
-from rtstack.loop.watchdogs import Watchdog
+from rtstack.loop.watchdogs import Trip, Watchdog
 from rtstack.model.cell_description import CellDescription
 from rtstack.references.demonstration import Grab, grab, scripted_targets
 from rtstack.references.recording import ReferenceError, load_recording
@@ -33,6 +34,7 @@ from rtstack.trials.assembly import (
 )
 from rtstack.trials.attendant import Attendant
 from rtstack.trials.errors import TrialError
+from rtstack.trials.evidence import evidence_of
 from rtstack.trials.record import TrialLog
 from rtstack.trials.result import DemonstrationResult, TrialResult
 from rtstack.trials.scoring import Score, SuccessCriterion, failure_reason, score
@@ -191,7 +193,7 @@ class _Run:
         self._stop = stop
         self._progress = progress
         self._way = way
-        self._watchdogs = tuple(watchdogs)
+        self._watchdogs = (*watchdogs, *([log] if log is not None else []))
         self._attendant = attendant
         self._publisher: Publisher | None = None
         self.history = History(plan.ticks + SPARE_TICKS)
@@ -211,6 +213,8 @@ class _Run:
             self._log.wait_ready()
         with realtime_thread() if cell.own_clocks else nullcontext():
             outcome = self._go_to_start(cell, publisher) or session.run()
+        if outcome.fault is not None and self._log is not None:
+            self._log.evidence = evidence_of(outcome.fault, self.history.columns(), self._parameters.solver)
         if controller.first_impact_s >= 0.0:
             self.first_impact_s = controller.first_impact_s
         self._pass_on_remarks()
@@ -225,14 +229,23 @@ class _Run:
             return None
         t_ns = cell.left.read().t_ns
         publisher.event(t_ns, Level.INFO, "start", way.summary)
-        end, detail, level = End.STOP_REQUESTED, "on the way to the start pose", Level.WARNING
+        trip = Trip(End.STOP_REQUESTED, "on the way to the start pose", Level.WARNING)
+        found: list[Trip] = []
+
+        def stop() -> bool:
+            found.extend(filter(None, (watchdog.trip() for watchdog in self._watchdogs)))
+            return bool(found) or (self._stop is not None and self._stop.stop_requested)
+
         try:
-            if cell.link.move(way.path.goal, way.limit, lambda: self._stop is not None and self._stop.stop_requested):
+            if cell.link.move(way.path.goal, way.limit, stop):
                 return None
+            if found:
+                trip = replace(found[0], detail=f"on the way to the start pose: {found[0].detail}")
         except HardwareError as error:
-            end, detail, level = End.HARDWARE, f"on the way to the start pose: {error}", Level.ERROR
-        publisher.event(t_ns, level, "start", f"{end}: {detail}")
-        return SessionOutcome(end, detail, 0, 0, 0, 0.0)
+            trip = Trip(End.HARDWARE, f"on the way to the start pose: {error}")
+        publisher.event(t_ns, trip.level, "start", trip.text)
+        fault = Fault(trip, t_ns, None) if trip.end.is_fault else None
+        return SessionOutcome(trip.end, trip.detail, 0, 0, 0, 0.0, fault)
 
     def _between_ticks(self, index: int) -> None:
         if index % ROOM_TICKS == 0 and self._log is not None:

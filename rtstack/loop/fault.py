@@ -1,0 +1,84 @@
+"""What ended a session, as evidence: put together after the last tick from what the ticks only noted."""
+
+import traceback
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtstack.control.records import WORKSPACE
+from rtstack.control.tick import ArmController
+from rtstack.loop.end import End
+from rtstack.loop.watchdogs import Trip
+from rtstack.samples import SIDES, QpStatus
+
+
+@dataclass(frozen=True, slots=True)
+class FailedQp:
+    """A QP without an answer; problem: the WORKSPACE (1,) of its tick."""
+
+    side: str
+    status: QpStatus
+    iterations: int
+    problem: NDArray[np.void]
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """What ended a session: see Trip for what was found and allowed.
+
+    t_ns: robot's time of the tick that saw it. reaction_ticks: from that tick to the one in which both arms were given
+    the judge's stopping torque, None where they were being stopped already, or the robot ended torque control itself.
+    """
+
+    trip: Trip
+    t_ns: int
+    reaction_ticks: int | None
+    traceback: str = ""
+    qp: FailedQp | None = None
+
+    @property
+    def end(self) -> End:
+        """How the session ended."""
+        return self.trip.end
+
+
+class FaultNotes:
+    """What a session notes in its ticks, in memory that is there already. The first fault stays."""
+
+    def __init__(self) -> None:
+        self.trip = Trip(End.COMPLETED, "")
+        self.ended = False  # something has asked for the end
+        self.t_ns = 0
+        self.now_ns = 0  # since the start of the reference
+        self.reaction_ticks: int | None = None
+        self.error: Exception | None = None
+        self._qp_side = -1
+        self._qp_status, self._qp_iterations = QpStatus.NOT_USED, 0
+        self._problem = np.zeros(1, WORKSPACE)
+        self._problem_bytes = self._problem.view(np.uint8)
+
+    def take(self, trip: Trip, t_ns: int, now_ns: int) -> bool:
+        """Note why the session ends; return whether this is why. A fault replaces an end that is none."""
+        if self.ended and not (trip.end.is_fault and not self.trip.end.is_fault):
+            return False
+        self.trip, self.t_ns, self.now_ns, self.ended = trip, t_ns, now_ns, True
+        return True
+
+    def take_qp(self, side: int, arm: ArmController) -> None:
+        """Keep the problem that was not solved in this tick; the first one stays."""
+        if self._qp_side < 0:
+            self._problem_bytes[:] = arm.workspace.view(np.uint8)
+            self._qp_status = QpStatus(int(arm.control["qp_status"][0]))
+            self._qp_iterations = int(arm.control["qp_iterations"][0])
+            self._qp_side = side
+
+    def fault(self) -> Fault | None:
+        """Return the fault, None for a session without one. Not for the tick."""
+        if not self.trip.end.is_fault:
+            return None
+        text = "".join(traceback.format_exception(self.error)) if self.error is not None else ""
+        qp = None
+        if self._qp_side >= 0:
+            qp = FailedQp(SIDES[self._qp_side], self._qp_status, self._qp_iterations, self._problem)
+        return Fault(self.trip, self.t_ns, self.reaction_ticks, text, qp)
