@@ -1,9 +1,16 @@
-"""The changes that mutation testing makes to a source: one mutant for each of them."""
+"""The changes that mutation testing makes to a source: one mutant for each of them.
+
+Left alone: names, texts, decorators, annotations, and whether a module's own assignments are there at all.
+"""
 
 import ast
-import copy
+import marshal
+import pickle
+from collections import Counter
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
+from types import CodeType
 
 COMPARISONS = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq}
 ARITHMETIC = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.FloorDiv: ast.Mult}
@@ -58,6 +65,13 @@ def changes(node: ast.AST) -> Iterator[Change]:
     elif isinstance(node, ast.BoolOp):
         swapped = ast.Or() if isinstance(node.op, ast.And) else ast.And()
         yield "and <-> or", lambda n: setattr(n, "op", swapped)
+        neutral = isinstance(node.op, ast.And)
+        for k in range(len(node.values)):
+
+            def drop(n: ast.AST, k: int = k) -> None:
+                n.values[k] = ast.copy_location(ast.Constant(neutral), n)
+
+            yield f"condition {k + 1} dropped", drop
     elif isinstance(node, ast.Constant) and isinstance(node.value, int | float):
         if isinstance(node.value, bool):
             yield f"{node.value} -> {not node.value}", _constant(not node.value)
@@ -69,6 +83,8 @@ def changes(node: ast.AST) -> Iterator[Change]:
             f"{node.func.id} -> {name}",
             lambda n: setattr(n, "func", ast.copy_location(ast.Name(name, ast.Load()), n)),
         )
+    elif isinstance(node, ast.Return) and not isinstance(node.value, ast.Constant | None):
+        yield "return None", _become(ast.Return, value=ast.copy_location(ast.Constant(None), node))
     if isinstance(node, ast.If | ast.IfExp):
         yield "if -> if True", _test(True)
         yield "if -> if False", _test(False)
@@ -78,32 +94,99 @@ def changes(node: ast.AST) -> Iterator[Change]:
         yield "statement removed", _become(ast.Expr, value=ast.copy_location(ast.Constant(None), node))
 
 
-def _mutable(tree: ast.Module) -> Iterator[int]:
-    """Yield the indices in ast.walk of what may be changed: not decorators, annotations, nor the presence of names."""
-    skipped: set[int] = set()
-    for node in ast.walk(tree):
-        parts = [
-            *getattr(node, "decorator_list", []),
-            getattr(node, "annotation", None),
-            getattr(node, "returns", None),
-        ]
-        for part in filter(None, parts):
-            skipped.update(id(inner) for inner in ast.walk(part))
-    for node in tree.body:
-        if isinstance(node, ast.Assign | ast.Expr):
-            skipped.add(id(node))
-    return (i for i, node in enumerate(ast.walk(tree)) if id(node) not in skipped)
+@dataclass(frozen=True, slots=True)
+class Mutant:
+    """One changed module. function: the path of the changed function in it, or none where the change is outside of any.
+
+    name: module.function:column: the line | the change, and which one, where a function has several of that name.
+    lines: first and last of what was changed, a test that runs none of them cannot notice. code: the module's.
+    """
+
+    name: str
+    module: str
+    function: str | None
+    lines: tuple[int, int]
+    code: CodeType
 
 
-def mutants(path: Path) -> Iterator[tuple[str, ast.Module]]:
-    """Yield every mutant of a module: its name (module, column, line's text, change), and its tree."""
+def mutants(path: Path) -> Iterator[Mutant]:
+    """Yield the mutants of a module that differ from it, and from one another, as compiled."""
     source = path.read_text()
     tree = ast.parse(source)
-    nodes = list(ast.walk(tree))
-    lines = source.splitlines()
-    for index in _mutable(tree):
-        for description, change in changes(nodes[index]):
-            mutated = copy.deepcopy(tree)
-            change(list(ast.walk(mutated))[index])
-            line, column = nodes[index].lineno, nodes[index].col_offset
-            yield f"{path.stem}:{column}: {lines[line - 1].strip()} | {description}", mutated
+    lines, nodes, pickled = source.splitlines(), list(ast.walk(tree)), pickle.dumps(tree)
+    homes = dict(_homes(tree, None, (0, 0)))
+    seen, names = {_content(compile(tree, str(path), "exec"))}, Counter[str]()
+    for index, node in enumerate(nodes):
+        if node not in homes:
+            continue
+        function, span = homes[node]
+        for description, change in changes(node):
+            mutated = pickle.loads(pickled)
+            change(_nth(mutated, index))
+            code = compile(ast.fix_missing_locations(mutated), str(path), "exec")
+            where = f"{path.stem}.{function or 'module'}:{node.col_offset}"
+            name = f"{where}: {lines[node.lineno - 1].strip()} | {description}"
+            names[name] += 1
+            if _content(code) not in seen:
+                seen.add(_content(code))
+                number = f" ({names[name]})" if names[name] > 1 else ""
+                yield Mutant(name + number, path.stem, function, span, code)
+
+
+def functions(code: CodeType) -> Iterator[tuple[str, CodeType]]:
+    """Yield path and code of the functions and classes that stand in a module's code or a class's."""
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield constant.co_qualname, constant
+            if not constant.co_flags & 0x2:  # CO_NEWLOCALS: a function; what is inside belongs to it
+                yield from functions(constant)
+
+
+def _nth(tree: ast.Module, index: int) -> ast.AST:
+    return next(node for k, node in enumerate(ast.walk(tree)) if k == index)
+
+
+def _homes(
+    node: ast.AST, function: str | None, span: tuple[int, int], path: str = ""
+) -> Iterator[tuple[ast.AST, tuple[str | None, tuple[int, int]]]]:
+    """Yield what may be changed, and for each the function that it is in and the lines that it runs with."""
+    for name, value in ast.iter_fields(node):
+        if name in ("decorator_list", "annotation", "returns"):
+            continue
+        # defaults are computed where the function is defined, not in it
+        inside = function or (path if isinstance(node, ast.FunctionDef) and name == "body" else None)
+        for child in value if isinstance(value, list) else [value]:
+            if not isinstance(child, ast.AST):
+                continue
+            lines, deeper = span, path
+            if isinstance(child, ast.stmt | ast.arguments):
+                lines = _span(child)
+            if isinstance(child, ast.FunctionDef | ast.ClassDef):
+                deeper = f"{path}.{child.name}" if path else child.name
+            yield from _homes(child, inside, lines, deeper)
+            if hasattr(child, "lineno") and not (isinstance(node, ast.Module) and not _is_compound(child)):
+                yield child, (inside, lines)
+
+
+def _is_compound(node: ast.AST) -> bool:
+    return hasattr(node, "body")
+
+
+def _span(node: ast.AST) -> tuple[int, int]:
+    """Return the lines of a statement, of a compound one those of its head."""
+    first = getattr(node, "lineno", 0)
+    if _is_compound(node):
+        return first, max(first, node.body[0].lineno - 1)
+    return first, getattr(node, "end_lineno", first)
+
+
+def _content(code: CodeType) -> bytes:
+    """Return what a code does, without the places in the source where it stands."""
+
+    def bare(value: object) -> object:
+        if isinstance(value, CodeType):
+            constants = tuple(bare(constant) for constant in value.co_consts)
+            return value.replace(co_consts=constants, co_linetable=b"", co_firstlineno=1)
+        return value
+
+    return marshal.dumps(bare(code), 2)

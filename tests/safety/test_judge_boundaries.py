@@ -216,7 +216,7 @@ def _joint_values(draw, lower, upper):
     residual=_joint_values(-np.array(HARDWARE.tau_ext_max), HARDWARE.tau_ext_max),
     slow=st.sampled_from([0.01, 0.1, 1.0]),
 )
-@settings(max_examples=150, derandomize=True)
+@settings(derandomize=True)
 def test_the_judge_says_what_the_definitions_say(q, dq, tau_J, tau_ext, desired, residual, slow):
     limits = replace(HARDWARE, ee_upper=(0.5, 0.5, 0.9), ee_speed_max=0.8, power_max=60.0)
     sample = arm_sample(q=q, dq=slow * dq, tau_J=tau_J, tau_ext_hat_filtered=tau_ext, tau_desired=desired)

@@ -32,7 +32,7 @@ def _both(judges, t_ms: int, **fields) -> tuple[Verdict, Verdict]:
 
 
 @given(values=st.lists(st.one_of(st.sampled_from([-1.0, 0.0, 1.0, 0.5]), st.floats(-1, 1)), min_size=12, max_size=12))
-@settings(max_examples=200, derandomize=True)
+@settings(derandomize=True)
 def test_the_distance_of_two_segments(values):
     a, u, c, v = np.array(values).reshape(4, 3)
     u, v = (w if np.linalg.norm(w) > 0.05 else np.array([0.0, 0.3, 0.0]) for w in (u, v))

@@ -30,7 +30,7 @@ def test_the_braking_is_one_that_the_arm_has_and_that_its_velocity_limits_need()
     where=st.one_of(st.sampled_from([0.0, 1.0, 0.001, 0.999]), st.floats(0.0, 1.0)),
     fast=st.one_of(st.sampled_from([-1.0, 1.0, 0.0]), st.floats(-1.0, 1.0)),
 )
-@settings(max_examples=60, derandomize=True)
+@settings(derandomize=True)
 def test_from_any_state_inside_the_limits_a_stop_ends_inside_them(joint, where, fast):
     """A double integrator that follows the profile's velocity with the braking of its limits."""
     q, lower, upper = HOME.copy(), HARDWARE.q_lower[joint], HARDWARE.q_upper[joint]
