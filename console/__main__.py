@@ -18,11 +18,12 @@ import uvicorn
 
 from console.app import create_app
 from console.parts import Parts
+from console.presence import Presence
 from console.scenes import Scenes
 from console.sign_in import SignIn
 from console.watch import STATUS_TIMEOUT_S, Watch
 from rtstack.configuration import ConfigurationError
-from rtstack.live.client import RobotClient
+from rtstack.live.client import SOCKET_NAME, RobotClient
 from rtstack.live.lifeline import hold_lifeline
 from rtstack.live.source import described_as
 from rtstack.log.catalogue import Catalogue
@@ -71,6 +72,7 @@ def main(arguments: list[str] | None = None) -> int:
             return 2
         config = uvicorn.Config(
             create_app(parts, port),
+            lifespan="on",
             log_level="warning",
             access_log=False,
             ws="websockets-sansio",
@@ -90,10 +92,11 @@ def _parts(asked: argparse.Namespace, port: int, stack: ExitStack) -> Parts:
     mailbox = Mailbox.attach(f"{asked.name}-mailbox")
     stack.callback(mailbox.close)
     rings = Rings.attach(asked.rings)
-    socket_path = asked.run / "robot.sock"
+    socket_path = asked.run / SOCKET_NAME
     client = RobotClient(socket_path)
     stack.callback(client.close)
-    watch = Watch(rings, RobotClient(socket_path, STATUS_TIMEOUT_S))
+    presence = Presence()
+    watch = Watch(rings, RobotClient(socket_path, STATUS_TIMEOUT_S), presence)
     stack.callback(watch.close)
     watch.start()
     scenes = Scenes(cell, watch)
@@ -103,6 +106,7 @@ def _parts(asked: argparse.Namespace, port: int, stack: ExitStack) -> Parts:
         cell=cell,
         client=client,
         mailbox=mailbox,
+        presence=presence,
         watch=watch,
         catalogue=Catalogue(asked.logs),
         scenes=scenes,

@@ -1,5 +1,7 @@
 """The FastAPI application: routes, one JSON line for every error, and the guard in front of all of it."""
 
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 
 from fastapi import FastAPI, Request
@@ -10,21 +12,30 @@ from starlette.exceptions import HTTPException
 
 from console.guard import Guard
 from console.parts import Parts
-from console.routes import jobs, live, logs, pages, robot, scene
+from console.presence import heartbeat
+from console.routes import control, jobs, live, logs, pages, robot, scene
+from console.sign_in import NameTaken
 from rtstack.live.client import RobotRefused, RobotUnreachable
 from rtstack.log.errors import LogError
 
 
 def create_app(parts: Parts, port: int) -> FastAPI:
     """Return the application for a console that is reached at `port` on the loopback address."""
-    app = FastAPI(title="rtstack console", docs_url=None, redoc_url=None, openapi_url=None)
+
+    @asynccontextmanager
+    async def alive(_: FastAPI) -> AsyncIterator[None]:
+        async with heartbeat(parts.mailbox):
+            yield
+
+    app = FastAPI(title="rtstack console", docs_url=None, redoc_url=None, openapi_url=None, lifespan=alive)
     app.state.parts = parts
-    for module in (pages, robot, jobs, logs, live, scene):
+    for module in (pages, robot, control, jobs, logs, live, scene):
         app.include_router(module.router)
     app.mount("/static", StaticFiles(directory=Path(__file__).parent / "static"))
     app.add_exception_handler(HTTPException, _http_error)
     app.add_exception_handler(RequestValidationError, _bad_request)
     app.add_exception_handler(RobotRefused, _refused)
+    app.add_exception_handler(NameTaken, _refused)
     app.add_exception_handler(RobotUnreachable, _unreachable)
     app.add_exception_handler(LogError, _log_error)
     app.add_middleware(Guard, sign_in=parts.sign_in, port=port)

@@ -6,8 +6,9 @@ from typing import Annotated
 from fastapi import Depends, Request
 from fastapi.requests import HTTPConnection
 
+from console.presence import Presence
 from console.scenes import Scenes
-from console.sign_in import SignIn
+from console.sign_in import Session, SignIn
 from console.watch import Watch
 from rtstack.live.client import RobotClient
 from rtstack.log.catalogue import Catalogue
@@ -23,6 +24,7 @@ class Parts:
     cell: CellDescription
     client: RobotClient
     mailbox: Mailbox
+    presence: Presence
     watch: Watch
     catalogue: Catalogue
     scenes: Scenes
@@ -37,4 +39,9 @@ def _get_parts(request: Request) -> Parts:
     return parts_of(request)
 
 
+def _get_session(request: Request) -> Session:
+    return request.state.session  # the guard lets nobody through to these routes without one
+
+
+NeedsSession = Annotated[Session, Depends(_get_session)]
 NeedsParts = Annotated[Parts, Depends(_get_parts)]

@@ -4,19 +4,27 @@ import hmac
 import secrets
 import threading
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 _SESSION_S = 12 * 3600.0  # a shift
 _MAX_SESSIONS = 64
 
 
+class NameTaken(Exception):
+    """Another session has the name. The message is one line."""
+
+
 @dataclass(frozen=True, slots=True)
 class Session:
-    """A signed-in browser: its cookie, and the word that every change-making request has to repeat."""
+    """A signed-in browser: its cookie, and the word that every change-making request has to repeat.
+
+    `operator`: what it calls itself. No two sessions have the same name at the same time.
+    """
 
     key: str
     csrf: str
     ends_s: float
+    operator: str
 
 
 class SignIn:
@@ -27,6 +35,7 @@ class SignIn:
         self._lock = threading.Lock()
         self._token: str | None = secrets.token_urlsafe(24)
         self._sessions: dict[str, Session] = {}
+        self._redeemed = 0
 
     @property
     def token(self) -> str | None:
@@ -39,7 +48,9 @@ class SignIn:
             if self._token is None or not _same(token, self._token):
                 return None
             self._token = None
-            session = Session(secrets.token_urlsafe(32), secrets.token_urlsafe(32), time.monotonic() + _SESSION_S)
+            self._redeemed += 1
+            key, csrf = secrets.token_urlsafe(32), secrets.token_urlsafe(32)
+            session = Session(key, csrf, time.monotonic() + _SESSION_S, f"operator {self._redeemed}")
             while len(self._sessions) >= _MAX_SESSIONS:
                 self._sessions.pop(next(iter(self._sessions)))
             self._sessions[session.key] = session
@@ -55,6 +66,17 @@ class SignIn:
                 del self._sessions[key]
                 return None
             return session
+
+    def rename(self, session: Session, operator: str) -> Session:
+        """Return the session under the name that it gives itself. Raises NameTaken while another session has it."""
+        with self._lock:
+            others = (other for key, other in self._sessions.items() if key != session.key)
+            if any(other.operator == operator and other.ends_s >= time.monotonic() for other in others):
+                raise NameTaken(f"another session calls itself {operator}; choose another name")
+            renamed = replace(session, operator=operator)
+            if session.key in self._sessions:
+                self._sessions[session.key] = renamed
+            return renamed
 
 
 def csrf_matches(session: Session, word: str | None) -> bool:

@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from console.presence import Presence
 from hal.robot_errors import error_names
 from hal.state import RobotMode
 from rtstack.live.client import RobotClient, RobotRefused, RobotUnreachable
-from rtstack.live.protocol import Status
+from rtstack.live.protocol import BeatRequest, Status, StatusRequest
 from rtstack.log.ring import RingReader, Rings
 from rtstack.samples import SIDES, Level, Mode
 
@@ -129,14 +130,18 @@ class _LoopWatch:
 
 
 class Watch:
-    """The threads. `view`, `q` and `object_pose` may be read from any thread; they are replaced, never changed."""
+    """The threads. `view`, `q` and `object_pose` may be read from any thread; they are replaced, never changed.
 
-    def __init__(self, rings: Rings, client: RobotClient) -> None:
+    Who asks the robot process for its status also passes on the holder's signs of life.
+    """
+
+    def __init__(self, rings: Rings, client: RobotClient, presence: Presence) -> None:
         self._arms = {side: _ArmWatch(rings, side) for side in SIDES}
         self._loop = _LoopWatch(rings.reader("/timing"))
         self._object = rings.reader("/object/pose")
         self._event_reader = rings.reader("/events")
         self._client = client
+        self._presence = presence
         self._ending = threading.Event()
         self._events: deque[EventView] = deque(maxlen=_EVENTS)
         self._event_count = 0
@@ -204,8 +209,12 @@ class Watch:
 
     def _watch_status(self) -> None:
         while not self._ending.wait(_STATUS_PERIOD_S):
+            status = self._status[0]
+            holder = status.holder if status is not None else None
+            heard = self._presence.heard(holder)
             try:
-                self._status = (self._client.status(), time.monotonic(), None)
+                answer = self._client.request(BeatRequest(holder) if holder and heard else StatusRequest())
+                self._status = (answer, time.monotonic(), None)
             except (RobotUnreachable, RobotRefused) as error:
                 status, asked_s, _ = self._status
                 self._status = (status, asked_s, str(error))

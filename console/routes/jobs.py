@@ -8,7 +8,7 @@ from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass as checked
 
 from console.log_rows import log_path
-from console.parts import NeedsParts, Parts
+from console.parts import NeedsParts, NeedsSession, Parts
 from rtstack.live.protocol import (
     DemonstrationRequest,
     JobRequest,
@@ -45,13 +45,13 @@ class TrialOrder:
 
 
 @router.post("/demonstration", status_code=202)
-def demonstration(order: DemonstrationOrder, parts: NeedsParts) -> dict[str, Any]:
+def demonstration(order: DemonstrationOrder, session: NeedsSession, parts: NeedsParts) -> dict[str, Any]:
     """Start a scripted demonstration."""
-    return _start(parts, DemonstrationRequest(order.object, order.variation, order.seed))
+    return _start(parts, DemonstrationRequest(order.object, order.variation, order.seed, operator=session.operator))
 
 
 @router.post("/trial", status_code=202)
-def trial(order: TrialOrder, parts: NeedsParts) -> dict[str, Any]:
+def trial(order: TrialOrder, session: NeedsSession, parts: NeedsParts) -> dict[str, Any]:
     """Start a trial against a recording."""
     path = log_path(parts.catalogue, order.reference)
     if path is None:
@@ -64,6 +64,7 @@ def trial(order: TrialOrder, parts: NeedsParts) -> dict[str, Any]:
             object=order.object,
             displacement_mm=order.displacement_mm,
             seed=order.seed,
+            operator=session.operator,
         ),
     )
 

@@ -1,4 +1,8 @@
-"""The live state, pushed to the page 20 times a second, and the events behind it."""
+"""The live state, pushed to the page 20 times a second, its answers, and the events behind it.
+
+A page answers each view that it has shown: that is its operator's sign of life. It needs no timer, which a browser
+slows down in a hidden tab, and a page that is closed, frozen or broken gives none.
+"""
 
 import asyncio
 import contextlib
@@ -8,21 +12,43 @@ from typing import Any
 from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 
 from console.parts import NeedsParts, parts_of
+from console.sign_in import Session
 
 router = APIRouter()
 
 _PERIOD_S = 0.05
+BEAT = "beat"
 
 
 @router.websocket("/live")
 async def live(websocket: WebSocket) -> None:
-    """Push the live view until the page closes."""
+    """Push the live view, and as whom this session acts (`you`), until the page closes."""
     watch = parts_of(websocket).watch
     await websocket.accept()
-    with contextlib.suppress(WebSocketDisconnect, RuntimeError):
-        while True:
-            await websocket.send_json(watch.view.as_document())
+    listening = asyncio.create_task(_listen(websocket))
+    try:
+        while (session := _session(websocket)) is not None:
+            await websocket.send_json({**watch.view.as_document(), "you": session.operator})
             await asyncio.sleep(_PERIOD_S)
+        await websocket.close(1008, "not signed in any more")
+    except (WebSocketDisconnect, RuntimeError):
+        pass  # the page has gone
+    finally:
+        listening.cancel()
+
+
+async def _listen(websocket: WebSocket) -> None:
+    presence = parts_of(websocket).presence
+    with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+        async for message in websocket.iter_text():
+            session = _session(websocket)
+            if message == BEAT and session is not None:
+                presence.note(session.operator)
+
+
+def _session(websocket: WebSocket) -> Session | None:
+    """Return the session as it is now: it may have ended, or got another name, since the socket was opened."""
+    return parts_of(websocket).sign_in.session(websocket.scope["state"]["session"].key)
 
 
 @router.get("/api/events")

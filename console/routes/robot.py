@@ -1,4 +1,4 @@
-"""The robot: its status, STOP, and recovery."""
+"""The robot: its status."""
 
 from typing import Any
 
@@ -14,18 +14,3 @@ router = APIRouter(prefix="/api")
 def status(parts: NeedsParts) -> dict[str, Any]:
     """Return how the robot process is."""
     return status_document(parts.client.status())
-
-
-@router.post("/stop")
-async def stop(parts: NeedsParts) -> dict[str, bool]:
-    """Ask for a controlled stop. One word in shared memory: it waits for nobody, whatever else hangs."""
-    parts.mailbox.request_stop()
-    return {"stop_requested": True}
-
-
-@router.post("/recover")
-def recover(parts: NeedsParts) -> dict[str, Any]:
-    """Ask both arms to clear a latched error; the answer says why they refuse."""
-    answer = parts.client.recover()
-    parts.watch.learn(answer)
-    return status_document(answer)

@@ -1,21 +1,51 @@
 """A program's side of the robot process: what the console uses, and any other program may."""
 
+import os
 import socket
+import stat
+import tempfile
 import threading
 from pathlib import Path
 
 from rtstack.live.protocol import (
     MAX_LINE_BYTES,
+    ArmRequest,
+    BeatRequest,
+    DisarmRequest,
     JobRequest,
     ProtocolError,
     RecoverRequest,
+    ReleaseRequest,
     Request,
     Status,
     StatusRequest,
     StopRequest,
+    TakeRequest,
     decode_answer,
     encode,
 )
+
+RUN_PREFIX = "rtstack-"  # of the folder of a running stack, among the temporary files
+SOCKET_NAME = "robot.sock"
+
+
+def running_stacks() -> list[Path]:
+    """Return the sockets of this user's robot processes that listen."""
+    found = sorted(Path(tempfile.gettempdir()).glob(f"{RUN_PREFIX}*/{SOCKET_NAME}"))
+    return [path for path in found if _ours(path) and _listens(path)]
+
+
+def _ours(path: Path) -> bool:
+    try:
+        status = path.lstat()
+    except OSError:
+        return False
+    return stat.S_ISSOCK(status.st_mode) and status.st_uid == os.getuid()
+
+
+def _listens(path: Path) -> bool:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+        return probe.connect_ex(str(path)) == 0
 
 
 class RobotUnreachable(Exception):
@@ -43,13 +73,33 @@ class RobotClient:
         """Order a job. Raises RobotRefused with the reason, RobotUnreachable."""
         return self.request(job)
 
-    def stop(self) -> Status:
-        """Ask for a controlled stop by way of the socket; the mailbox is the shorter way. Raises RobotUnreachable."""
-        return self.request(StopRequest())
+    def take(self, operator: str, over_from: str | None = None) -> Status:
+        """Take the lease. Raises RobotRefused, which names who has it, RobotUnreachable."""
+        return self.request(TakeRequest(operator, over_from))
 
-    def recover(self) -> Status:
+    def release(self, operator: str) -> Status:
+        """Give the lease back. Raises RobotRefused, RobotUnreachable."""
+        return self.request(ReleaseRequest(operator))
+
+    def beat(self, operator: str) -> Status:
+        """Give a sign of life; the status says who has the lease. Raises RobotUnreachable."""
+        return self.request(BeatRequest(operator))
+
+    def arm(self, operator: str) -> Status:
+        """Allow motion. Raises RobotRefused, RobotUnreachable."""
+        return self.request(ArmRequest(operator))
+
+    def disarm(self, operator: str) -> Status:
+        """Allow no motion any more. Raises RobotUnreachable."""
+        return self.request(DisarmRequest(operator))
+
+    def stop(self, operator: str) -> Status:
+        """Ask for a controlled stop by way of the socket; the mailbox is the shorter way. Raises RobotUnreachable."""
+        return self.request(StopRequest(operator))
+
+    def recover(self, operator: str) -> Status:
         """Ask for a recovery and wait for it. Raises RobotRefused while the cause persists, RobotUnreachable."""
-        return self.request(RecoverRequest())
+        return self.request(RecoverRequest(operator))
 
     def request(self, request: Request) -> Status:
         """Send a request and return the status that answers it. Raises RobotRefused, RobotUnreachable."""

@@ -1,4 +1,4 @@
-"""The desk: what was ordered, what is being done, what went wrong. Shared by the loop's thread and the socket's.
+"""The desk: what was ordered, and what is being done. Shared by the loop's thread and the socket's.
 
 Every method holds the lock for a few assignments only, so that the loop's thread never waits for a socket.
 """
@@ -8,27 +8,25 @@ import time
 from concurrent.futures import Future
 from dataclasses import replace
 
-from rtstack.live.protocol import (
-    Job,
-    JobKind,
-    JobRequest,
-    JobState,
-    RecoverRequest,
-    Status,
-    TrialRequest,
-)
+from rtstack.live.audit import AuditTrail
+from rtstack.live.helm import Helm
+from rtstack.live.protocol import Job, JobKind, JobRequest, JobState, Status, TrialRequest
 from rtstack.live.source import CellSource
+from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox
-
-
-class Refused(Exception):
-    """The order cannot be taken now. The message is one line that says why."""
+from rtstack.loop.watchdogs import Trip
+from rtstack.safety.permit import Refused
+from rtstack.samples import Level
 
 
 class Desk:
-    """Takes one order at a time, and tells how it goes."""
+    """Takes one order at a time from whom the helm allows it, and tells how it goes.
 
-    def __init__(self, source: CellSource, mailbox: Mailbox) -> None:
+    A rtstack.loop.watchdogs.Watchdog too: it ends a session when the process has to end.
+    """
+
+    def __init__(self, source: CellSource, mailbox: Mailbox, audit: AuditTrail) -> None:
+        self.helm = Helm(mailbox, audit)
         self._lock = threading.Lock()
         self._news = threading.Event()
         self._mailbox = mailbox
@@ -37,14 +35,14 @@ class Desk:
         self._job: Job | None = None
         self._description = source.description
         self._object = next(iter(source.description.objects))
-        self._last_error: str | None = None
-        self._connected = False
-        self._ending = False
+        self._ending: Trip | None = None
 
     # -- the socket's side
 
-    def take(self, request: JobRequest) -> None:
-        """Take an order. Raises Refused while another one holds the robot, or when the cell has no such object."""
+    def order(self, request: JobRequest) -> None:
+        """Take an order. Raises Refused while another one holds the robot, unless its operator has armed, or when the
+        cell has no such object.
+        """
         names = tuple(self._description.objects)
         if request.object not in names:
             raise Refused(f"the cell has no object {request.object!r}; it has {', '.join(names)}")
@@ -52,29 +50,26 @@ class Desk:
             refusal = self._refusal()
             if refusal is not None:
                 raise Refused(refusal)
-            self._mailbox.clear_stop()
-            self._order = request
-            self._last_error = None
             number = 1 if self._job is None else self._job.number + 1
+            self.helm.begin(request.operator, f"{request.verb} {number}: {_title(request)}")
+            self._order = request
             self._job = Job(number, JobKind(request.verb), JobState.STARTING, _title(request), 0.0, time.time())
             self._news.set()
 
-    def stop(self) -> None:
-        """Ask for a controlled stop of whatever runs; the loop sees it at its next tick."""
-        self._mailbox.request_stop()
-
-    def recover(self, _: RecoverRequest) -> "Future[None]":
-        """Ask the loop's thread for a recovery between jobs. Raises Refused while a job holds the robot."""
+    def recover(self, operator: str) -> "Future[None]":
+        """Ask the loop's thread for a recovery. Raises Refused while a job runs, and unless there is a fault."""
         with self._lock:
-            if self._job is not None and self._job.active:
-                raise Refused("a job is running; stop it first")
-            if self._recovery is None:
-                self._recovery = Future()
+            refusal = self._refusal()
+            if refusal is not None:
+                raise Refused(refusal)
+            self.helm.recover(operator)
+            self._recovery = Future()
             self._news.set()
             return self._recovery
 
     def status(self) -> Status:
         """Return how things are now."""
+        helm = self.helm.view()  # before the lock: the helm may wait for the disk, and the loop for the lock
         with self._lock:
             stopping = self._mailbox.stop_requested
             job = self._job
@@ -86,8 +81,11 @@ class Desk:
                 objects=tuple(self._description.objects),
                 object=self._object,
                 job=job,
-                refusal=self._refusal(),
-                last_error=self._last_error,
+                refusal=self._refusal() or helm.refusal,
+                phase=helm.phase,
+                reason=helm.reason,
+                holder=helm.holder,
+                since_s=helm.since_s,
                 stop_requested=stopping,
             )
 
@@ -107,7 +105,7 @@ class Desk:
         with self._lock:
             order, self._order = self._order, None
             recovery, self._recovery = self._recovery, None
-            if not self._ending:
+            if self._ending is None:
                 self._news.clear()
             return order, recovery
 
@@ -115,18 +113,6 @@ class Desk:
         """Note that a cell with this object answers."""
         with self._lock:
             self._object = object_name
-            self._connected = True
-
-    def lost(self, reason: str) -> None:
-        """Note that the cell does not answer any more, or never did."""
-        with self._lock:
-            self._last_error = reason
-            self._connected = False
-
-    def complain(self, reason: str | None) -> None:
-        """Note what the hardware said, None once it is cleared."""
-        with self._lock:
-            self._last_error = reason
 
     def started(self, log: str) -> None:
         """Note that the job runs and which log it writes."""
@@ -137,23 +123,29 @@ class Desk:
         self._change(progress=min(1.0, max(0.0, float(fraction))))
 
     def finished(self, state: JobState, reason: str | None, success: bool | None, log: str | None) -> None:
-        """Note how the job ended."""
+        """Note how the job ended; both arms are at rest."""
+        self.helm.end()
         progress = 1.0 if state is JobState.DONE else (self._job.progress if self._job else 0.0)
         self._change(state=state, reason=reason, success=success, log=log, progress=progress)
 
-    def end(self) -> None:
-        """Tell the loop's thread to come to its end; a running job is stopped in a controlled way."""
+    def end(self, end: End, detail: str) -> None:
+        """Tell the loop's thread to come to its end, and why; a running job is stopped in a controlled way."""
+        level = Level.WARNING if end is End.STOP_REQUESTED else Level.ERROR
+        self._ending = self._ending or Trip(end, detail, level)  # before the mailbox: the loop asks watchdogs first
         self._mailbox.request_stop()
-        self._ending = True
         self._news.set()
+
+    def trip(self) -> Trip | None:
+        """See Watchdog."""
+        return self._ending
 
     @property
     def ending(self) -> bool:
         """Whether the end was asked for."""
-        return self._ending
+        return self._ending is not None
 
     def _refusal(self) -> str | None:
-        if self._ending:
+        if self._ending is not None:
             return "the stack is being shut down"
         if self._job is not None and self._job.active:
             return f"{self._job.kind} {self._job.number} is running; wait for it or stop it"

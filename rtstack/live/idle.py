@@ -1,7 +1,7 @@
 """Between jobs: both arms are read at the robot's pace and shown, and no torque is ever written."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from hal.robot_errors import ROBOT_ERRORS, error_bit
 from hal.state import ARM_STATE, RobotMode
 from rtstack.log.ring import Rings
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, EVENT, SIDES, TIMING_SAMPLE, Level, Mode
+from rtstack.trials.attendant import Remark
 
 _PERIOD_NS = round(CONTROL_PERIOD_S * 1e9)
 _TRACKER_EVERY = 10  # ticks: the tracker's contract is 100 Hz
@@ -77,10 +78,16 @@ class IdleView:
         self._event = np.zeros(1, EVENT)
         self._timing = np.zeros(1, TIMING_SAMPLE)
 
-    def watch(self, cell: Cell, interrupted: Callable[[], bool], refused: Callable[[str], None]) -> None:
-        """Read and show both arms until `interrupted`. `refused` is told once for each new reason not to move.
+    def watch(
+        self,
+        cell: Cell,
+        interrupted: Callable[[], bool],
+        refused: Callable[[str], None],
+        remarks: Callable[[], Iterable[Remark]],
+    ) -> None:
+        """Read and show both arms until `interrupted`, and publish remarks.
 
-        Raises hal.errors.HardwareError when an arm is lost.
+        `refused` is told once for each new reason not to move. Raises hal.errors.HardwareError when an arm is lost.
         """
         for view in self._arms:
             view.begin()
@@ -99,6 +106,7 @@ class IdleView:
                         self.tell(Level.ERROR, refusal)
                         refused(refusal)
                 told = list(refusals)
+            self.publish(remarks())
             if None not in refusals and not cell.own_clocks:
                 time.sleep(CONTROL_PERIOD_S)  # no arm is the clock any more
             now_ns = time.perf_counter_ns()
@@ -125,10 +133,15 @@ class IdleView:
             refusals[1] = self._arms[1].show(cell.right)
         return mask
 
-    def tell(self, level: Level, text: str) -> None:
+    def publish(self, remarks: Iterable[Remark]) -> None:
+        """Publish what operators did, as events."""
+        for remark in remarks:
+            self.tell(remark.level, remark.text, remark.name)
+
+    def tell(self, level: Level, text: str, name: str = "robot") -> None:
         """Publish an event of the robot process, at the time of the last state that was shown, by whomever."""
         self._event["t_ns"] = max(view.last_shown_t_ns() for view in self._arms)
         self._event["level"] = level
-        self._event["name"] = b"robot"
+        self._event["name"] = name.encode("ascii", "replace")
         self._event["text"] = text.encode("ascii", "replace")
         self._event_pusher.push(self._event)

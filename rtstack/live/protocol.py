@@ -5,13 +5,14 @@ names the key. The socket carries intentions and status, never samples (rings) a
 """
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, field
 from enum import StrEnum
 from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
 
+from rtstack.safety.permit import Phase
 from rtstack.trials.specification import Controller, DemonstrationSpecification, TrialSpecification
 
 MAX_LINE_BYTES = 1 << 20  # a request or an answer is far shorter: what is longer is not ours
@@ -20,6 +21,8 @@ _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 ObjectName = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_-]+$")]
 Seed = Annotated[int, Field(ge=0, le=2**31 - 1)]
+# a person's or a program's name: one line without control characters, and no space around it
+Operator = Annotated[str, Field(min_length=1, max_length=40, pattern=r"^[^\p{C}\s]([^\p{C}]*[^\p{C}\s])?$")]
 
 
 class ProtocolError(Exception):
@@ -53,11 +56,12 @@ class StatusRequest:
 
 @checked(frozen=True, slots=True, config=_STRICT)
 class DemonstrationRequest:
-    """Ask for a scripted demonstration."""
+    """Ask for a scripted demonstration, by the operator who has armed."""
 
     object: ObjectName = "rice_box"
     variation: Annotated[int, Field(ge=0, le=10_000)] = 0
     seed: Seed = 0
+    operator: Operator = field(kw_only=True)
     verb: Literal["demonstration"] = "demonstration"
 
     def specification(self) -> DemonstrationSpecification:
@@ -67,13 +71,17 @@ class DemonstrationRequest:
 
 @checked(frozen=True, slots=True, config=_STRICT)
 class TrialRequest:
-    """Ask for a trial. `reference` is the path of a recording, the displacement is along the world's y, mm."""
+    """Ask for a trial, by the operator who has armed.
+
+    `reference` is the path of a recording, the displacement is along the world's y, mm.
+    """
 
     reference: Annotated[str, Field(min_length=1, max_length=4096)]
     controller: Controller = Controller.PROPOSED
     object: ObjectName = "rice_box"
     displacement_mm: Annotated[float, Field(ge=-1000.0, le=1000.0)] = 0.0
     seed: Seed = 0
+    operator: Operator = field(kw_only=True)
     verb: Literal["trial"] = "trial"
 
     def specification(self) -> TrialSpecification:
@@ -88,21 +96,65 @@ class TrialRequest:
 
 
 @checked(frozen=True, slots=True, config=_STRICT)
-class StopRequest:
-    """Ask for a controlled stop of the running job."""
+class TakeRequest:
+    """Ask for the lease. `over_from`: from this holder, where they still have it and nothing moves."""
 
+    operator: Operator
+    over_from: Operator | None = None
+    verb: Literal["take"] = "take"
+
+
+@checked(frozen=True, slots=True, config=_STRICT)
+class ReleaseRequest:
+    """Give the lease back. What moves stops."""
+
+    operator: Operator
+    verb: Literal["release"] = "release"
+
+
+@checked(frozen=True, slots=True, config=_STRICT)
+class BeatRequest:
+    """Give a sign of life. The holder's keeps the lease; anybody else's is answered, and counts for nothing."""
+
+    operator: Operator
+    verb: Literal["beat"] = "beat"
+
+
+@checked(frozen=True, slots=True, config=_STRICT)
+class ArmRequest:
+    """Ask that motion be allowed. Only the holder of the lease."""
+
+    operator: Operator
+    verb: Literal["arm"] = "arm"
+
+
+@checked(frozen=True, slots=True, config=_STRICT)
+class DisarmRequest:
+    """Ask that no motion be allowed any more. What moves stops."""
+
+    operator: Operator
+    verb: Literal["disarm"] = "disarm"
+
+
+@checked(frozen=True, slots=True, config=_STRICT)
+class StopRequest:
+    """Ask for a controlled stop of whatever moves, and disarm. Anybody may."""
+
+    operator: Operator
     verb: Literal["stop"] = "stop"
 
 
 @checked(frozen=True, slots=True, config=_STRICT)
 class RecoverRequest:
-    """Ask both arms to clear a latched error, or for a new cell where the last one was lost."""
+    """In a fault: ask both arms to clear what they have latched, or for a new cell where the last one was lost."""
 
+    operator: Operator
     verb: Literal["recover"] = "recover"
 
 
 JobRequest = DemonstrationRequest | TrialRequest
-Request = StatusRequest | DemonstrationRequest | TrialRequest | StopRequest | RecoverRequest
+ControlRequest = TakeRequest | ReleaseRequest | BeatRequest | ArmRequest | DisarmRequest | StopRequest | RecoverRequest
+Request = StatusRequest | JobRequest | ControlRequest
 
 
 @checked(frozen=True, slots=True, config=_STRICT)
@@ -132,7 +184,8 @@ class Job:
 class Status:
     """How the robot process is. `job` is the running job or the last one; `refusal` says why no job is accepted now.
 
-    `object` is what the open cell holds; `last_error` is what the hardware said last, until a recovery or a new job.
+    `object` is what the open cell holds. `phase` says whether the arms may move, since the Unix time `since_s`;
+    `reason` is the fault's, until it is recovered from; `holder` is the operator who has the robot.
     """
 
     cell: str
@@ -141,7 +194,10 @@ class Status:
     object: str
     job: Job | None
     refusal: str | None
-    last_error: str | None
+    phase: Phase
+    reason: str | None
+    holder: str | None
+    since_s: float
     stop_requested: bool
 
 

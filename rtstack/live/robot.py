@@ -13,12 +13,18 @@ import sys
 import threading
 import time
 import traceback
+from collections.abc import Iterable
 from concurrent.futures import Future
 from pathlib import Path
 
+import numpy as np
+
 from hal.cell import Cell
-from hal.errors import HardwareError, RecoveryRefused
+from hal.errors import HardwareError, ObjectOutOfReach, RecoveryRefused, UnknownObject
+from hal.state import ARM_STATE
 from rtstack.configuration import ConfigurationError
+from rtstack.live.audit import FILE_NAME, AuditTrail
+from rtstack.live.client import SOCKET_NAME
 from rtstack.live.desk import Desk
 from rtstack.live.idle import IdleView
 from rtstack.live.lifeline import hold_lifeline
@@ -28,8 +34,13 @@ from rtstack.live.source import CellSource, SourceError, load_source
 from rtstack.log.errors import LogError
 from rtstack.log.ring import Rings
 from rtstack.log.writer import Attachment
+from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox, MailboxError
-from rtstack.samples import Level
+from rtstack.loop.watchdogs import CONSOLE_S, OPERATOR_S, Heartbeat
+from rtstack.safety.judge import Reason
+from rtstack.samples import ARM_SAMPLE, SIDES, Level
+from rtstack.trials.assembly import safety_judges
+from rtstack.trials.attendant import Remark
 from rtstack.trials.errors import TrialError
 from rtstack.trials.record import open_log
 from rtstack.trials.result import DemonstrationResult, TrialResult
@@ -37,10 +48,17 @@ from rtstack.trials.run import prepare_trial, run_demonstration, run_trial
 from rtstack.trials.start_motion import start_motion
 
 _RETRY_S = 2.0  # between two attempts to open a cell that was lost
+_NO_FAULT = (End.COMPLETED, End.STOP_REQUESTED, End.NO_IMPACT)  # after any other end somebody has to look
+# what the supervisor says by a signal, and what a session that runs then ends with
+_ENDS = {
+    signal.SIGTERM: (End.STOP_REQUESTED, "the stack is being shut down"),
+    signal.SIGHUP: (End.CONSOLE_GONE, "its process has died"),
+}
+_NOT_PLACED = (UnknownObject, ObjectOutOfReach)  # refused before anything moves
 
 
 class Robot:
-    """The main thread: idles, carries out orders, recovers."""
+    """The main thread: idles, carries out orders, recovers. The attendant (rtstack.trials.attendant) of its runs."""
 
     def __init__(self, source: CellSource, desk: Desk, rings: Rings, mailbox: Mailbox, logs: Path) -> None:
         self._source = source
@@ -51,6 +69,12 @@ class Robot:
         self._cell: Cell | None = None
         self._idle = IdleView(rings)
         self._first_object = next(iter(source.description.objects))
+        self._end: End | None = None  # of the last session
+        self._watchdogs = (
+            desk,
+            Heartbeat(lambda: mailbox.console_beat_ns, CONSOLE_S, End.CONSOLE_GONE),
+            Heartbeat(lambda: mailbox.operator_beat_ns, OPERATOR_S, End.OPERATOR_GONE),
+        )
 
     def run(self) -> None:
         """Work until the desk says that it ends; leave both arms stopped."""
@@ -66,52 +90,82 @@ class Robot:
         finally:
             self._close()
 
+    def remarks(self) -> Iterable[Remark]:
+        """See Attendant."""
+        return self._desk.helm.remarks()
+
+    def ended(self, end: End, detail: str) -> None:
+        """See Attendant. A stop that somebody asked for is no fault, nor is a grab that did not succeed."""
+        self._end = end
+        if end not in _NO_FAULT:
+            self._desk.helm.fault(f"{end}: {detail}" if detail else str(end))
+
     def _watch(self) -> None:
         if self._cell is None:
             self._desk.wait(_RETRY_S)
+            self._idle.publish(self.remarks())
             if not self._desk.has_news:
                 self._reopen()
             return
         try:
-            self._idle.watch(self._cell, lambda: self._desk.has_news, self._desk.complain)
+            self._idle.watch(self._cell, lambda: self._desk.has_news, self._desk.helm.fault, self.remarks)
         except HardwareError as error:
             self._close()
-            self._desk.lost(str(error))
+            self._desk.helm.fault(str(error))
 
     def _reopen(self) -> None:
-        """Try again to reach a cell that was lost: it is read and shown, and nothing moves before it is ordered."""
-        try:
+        """Try again to reach a cell that was lost: it is read and shown, and the fault stays until it is recovered."""
+        with contextlib.suppress(HardwareError):
             self._open_or_raise(self._first_object, 0.0, 0)
-        except HardwareError as error:
-            self._desk.complain(str(error))
-        else:
-            self._desk.complain(None)
             self._idle.tell(Level.INFO, "the cell answers again")
 
     def _recover(self, recovery: "Future[None]") -> None:
+        helm = self._desk.helm
         try:
-            if self._cell is None:
-                self._open_or_raise(self._first_object, 0.0, 0)
-            else:
-                _recover_both(self._cell)
-            self._desk.complain(None)
-            recovery.set_result(None)
+            cell = self._cell or self._open_or_raise(self._first_object, 0.0, 0)
+            _recover_both(cell)
+            self._look_for_causes(cell)
         except HardwareError as error:
-            self._desk.complain(str(error))
-            recovery.set_exception(error)
+            reason = str(error)
+            if self._source.kind == "direct" and self._cell is not None:  # nobody can move these arms by hand
+                self._close()
+                self._open(self._first_object, 0.0, 0)
+                reason += "; the simulated cell was set up anew: recover once more"
+            helm.not_recovered(reason)
+            recovery.set_exception(RecoveryRefused(reason))
+        else:
+            helm.recovered()
+            recovery.set_result(None)
+
+    def _look_for_causes(self, cell: Cell) -> None:
+        """Ask the judges whether they would let the arms be where they are. Raises HardwareError."""
+        judges = safety_judges(self._source.description)
+        for side, arm, judge in zip(SIDES, (cell.left, cell.right), judges, strict=True):
+            sample = np.zeros(1, ARM_SAMPLE)
+            state = arm.read().record
+            for name in ARM_STATE.names or ():
+                sample[name] = state[name]
+            reason = judge.recover(sample)
+            if reason is not Reason.NONE:
+                raise RecoveryRefused(f"{side} arm: {reason.text}: the cause persists; move the arm out of it")
 
     def _carry_out(self, order: JobRequest) -> None:
         log = _free_name(self._logs, order)
+        self._end = None
         try:
             result = self._job(order, log)
-        except (HardwareError, TrialError, LogError) as error:
+        except (TrialError, LogError, *_NOT_PLACED) as error:
+            self._failed(order, str(error), log)
+        except HardwareError as error:
+            self._desk.helm.fault(str(error))
             self._failed(order, str(error), log)
         except Exception as error:  # a defect of ours ends the job, not the stack: both arms are stopped by then
             traceback.print_exc()
+            self._desk.helm.fault(f"internal error: {error}")
             self._failed(order, f"internal error, see the terminal: {error}", log)
         else:
             reason = result.failure_reason
-            state = JobState.STOPPED if self._mailbox.stop_requested else JobState.DONE
+            state = JobState.STOPPED if self._end is End.STOP_REQUESTED else JobState.DONE
             self._desk.finished(state, reason, result.success, _name_if_there(log))
             level = Level.INFO if result.success else Level.WARNING
             self._idle.tell(level, f"{order.verb} {state}: {reason or 'success'}")
@@ -141,19 +195,23 @@ class Robot:
         )
         self._desk.started(log.name)
         self._idle.tell(Level.INFO, f"{order.verb} started: {log.name}")
-        live, stop, progress = self._rings, self._mailbox, self._desk.progress
+        live, stop, progress, watchdogs = self._rings, self._mailbox, self._desk.progress, self._watchdogs
         if prepared is not None:
-            return run_trial(prepared, cell, log=opened, live=live, stop=stop, progress=progress, way=way)
+            return run_trial(
+                prepared, cell, log=opened, live=live, stop=stop, progress=progress, way=way, watchdogs=watchdogs,
+                attendant=self,
+            )  # fmt: skip
         assert isinstance(order, DemonstrationRequest)
         return run_demonstration(
-            order.specification(), description, cell, log=opened, live=live, stop=stop, progress=progress, way=way
-        )
+            order.specification(), description, cell, log=opened, live=live, stop=stop, progress=progress, way=way,
+            watchdogs=watchdogs, attendant=self,
+        )  # fmt: skip
 
     def _open(self, object_name: str, displacement_m: float, seed: int) -> None:
         try:
             self._open_or_raise(object_name, displacement_m, seed)
         except HardwareError as error:
-            self._desk.lost(str(error))
+            self._desk.helm.fault(str(error))
 
     def _open_or_raise(self, object_name: str, displacement_m: float, seed: int) -> Cell:
         self._cell = self._source.open_cell(object_name, displacement_m, seed)
@@ -210,17 +268,19 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         source = load_source(asked.source, asked.cell, asked.kind)
         asked.logs.mkdir(parents=True, exist_ok=True)
+        audit = AuditTrail(asked.logs / FILE_NAME)
         mailbox = Mailbox.create(f"{asked.name}-mailbox")
     except (SourceError, ConfigurationError, MailboxError, LogError, TrialError, OSError) as error:
         print(f"robot process: {error}", file=sys.stderr)
         return 2
-    desk = Desk(source, mailbox)
-    # in a thread: a signal may come while this thread holds one of the desk's locks
-    signal.signal(signal.SIGTERM, lambda *_: threading.Thread(target=desk.end).start())
-    hold_lifeline(desk.end)
+    desk = Desk(source, mailbox, audit)
+    for number, (end, detail) in _ENDS.items():
+        # in a thread: a signal may come while this thread holds one of the desk's locks
+        signal.signal(number, lambda *_, why=(end, detail): threading.Thread(target=desk.end, args=why).start())
+    hold_lifeline(lambda: desk.end(End.PARENT_GONE, "the supervisor has died"))
     rings = Rings.create()
     try:
-        service = Service(desk, asked.run / "robot.sock")
+        service = Service(desk, asked.run / SOCKET_NAME)
         try:
             print(rings.name, flush=True)  # the supervisor waits for this line
             Robot(source, desk, rings, mailbox, asked.logs).run()
@@ -229,6 +289,7 @@ def main(arguments: list[str] | None = None) -> int:
     finally:
         rings.close()
         mailbox.close()
+        audit.close()
         with contextlib.suppress(OSError):  # the supervisor's, but it may have been killed
             asked.run.rmdir()
     return 0

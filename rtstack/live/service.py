@@ -1,4 +1,7 @@
-"""The robot process's socket: a side thread that reads requests and writes answers, and never touches an arm."""
+"""The robot process's socket: a side thread that reads requests and writes answers, and never touches an arm.
+
+The same thread looks after the helm, so that a lease ends although nobody asks.
+"""
 
 import contextlib
 import os
@@ -8,21 +11,28 @@ from concurrent.futures import TimeoutError as RecoveryTimeout
 from pathlib import Path
 
 from hal.errors import HardwareError
-from rtstack.live.desk import Desk, Refused
+from rtstack.live.desk import Desk
 from rtstack.live.protocol import (
     MAX_LINE_BYTES,
     Answer,
+    ArmRequest,
+    BeatRequest,
     DemonstrationRequest,
+    DisarmRequest,
     ProtocolError,
     RecoverRequest,
+    ReleaseRequest,
     Request,
     StopRequest,
+    TakeRequest,
     TrialRequest,
     decode_request,
     encode,
 )
+from rtstack.safety.permit import Refused
 
 _RECOVERY_TIMEOUT_S = 10.0  # libfranka's automatic recovery takes a few seconds on a real arm
+_WATCH_S = 0.05  # how often the helm is looked after
 
 
 class Service:
@@ -36,7 +46,9 @@ class Service:
         finally:
             os.umask(mask)
         self._server.desk = desk
-        self._thread = threading.Thread(target=self._server.serve_forever, args=(0.1,), daemon=True, name="service")
+        self._thread = threading.Thread(
+            target=self._server.serve_forever, args=(_WATCH_S,), daemon=True, name="service"
+        )
         self._thread.start()
 
     def close(self) -> None:
@@ -49,6 +61,10 @@ class Service:
 class _Server(socketserver.ThreadingUnixStreamServer):
     daemon_threads = True
     desk: Desk
+
+    def service_actions(self) -> None:
+        """Called by serve_forever about once in _WATCH_S, whatever is asked."""
+        self.desk.helm.watch()
 
 
 class _Handler(socketserver.StreamRequestHandler):
@@ -73,10 +89,20 @@ def answer(desk: Desk, line: bytes) -> Answer:
 def _act(desk: Desk, request: Request) -> None:
     match request:
         case DemonstrationRequest() | TrialRequest():
-            desk.take(request)
+            desk.order(request)
+        case TakeRequest():
+            desk.helm.take(request.operator, request.over_from)
+        case ReleaseRequest():
+            desk.helm.release(request.operator)
+        case BeatRequest():
+            desk.helm.beat(request.operator)
+        case ArmRequest():
+            desk.helm.arm(request.operator)
+        case DisarmRequest():
+            desk.helm.disarm(request.operator)
         case StopRequest():
-            desk.stop()
+            desk.helm.stop(request.operator)
         case RecoverRequest():
-            desk.recover(request).result(_RECOVERY_TIMEOUT_S)
+            desk.recover(request.operator).result(_RECOVERY_TIMEOUT_S)
         case _:
             pass  # a status is what every answer carries

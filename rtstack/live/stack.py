@@ -17,11 +17,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 
+from rtstack.live.client import RUN_PREFIX
 from rtstack.loop.mailbox import remove_mailbox
 
 _START_TIMEOUT_S = 90.0  # compiled code may have to be compiled for this machine first
 _END_TIMEOUT_S = 10.0  # a controlled stop, the end of the log, and a margin
-_POLL_S = 0.2
+_POLL_S = 0.1
 
 
 class StackError(Exception):
@@ -73,7 +74,7 @@ def _raise_ended(_number: int, _frame: FrameType | None) -> None:
 
 def _supervise(settings: StackSettings, stack: ExitStack) -> None:
     listener = stack.enter_context(_listen(settings.port))
-    folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="rtstack-")))
+    folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix=RUN_PREFIX)))
     name = f"rtstack-{os.getpid()}"
     stack.callback(remove_mailbox, f"{name}-mailbox")
     shared = [
@@ -103,6 +104,7 @@ def _supervise(settings: StackSettings, stack: ExitStack) -> None:
     while True:
         for child in (robot, console):
             if child.ended:
+                robot.tell(signal.SIGHUP)  # at once, and with the true reason: a console that has died is not STOP
                 raise StackError(f"the {child.what} died: {child.how_it_ended()}", status=1)
         time.sleep(_POLL_S)
 
@@ -156,10 +158,14 @@ class _Child:
             return f"killed by {signal.Signals(-status).name}"
         return f"exit status {status}; its reason is above"
 
+    def tell(self, number: signal.Signals) -> None:
+        """Send the child a signal, if it still lives."""
+        with suppress(OSError):
+            self._process.send_signal(number)
+
     def end(self) -> None:
         """End the child in order, and by force when it does not answer."""
-        with suppress(OSError):
-            self._process.terminate()
+        self.tell(signal.SIGTERM)
         try:
             self._process.wait(_END_TIMEOUT_S)
         except subprocess.TimeoutExpired:

@@ -1,6 +1,7 @@
 // Orders and the running job: forms that say why they cannot act, and one progress bar.
 
 import { post } from "./api.js";
+import { whyNot } from "./control.js";
 import { showError } from "./errors.js";
 import { stop } from "./stop.js";
 
@@ -42,7 +43,6 @@ export class Jobs {
     this.forms = ["demonstration", "trial"].map((name) => document.getElementById(name));
     for (const form of this.forms) form.addEventListener("submit", (event) => this.order(event, form));
     document.getElementById("cancel").addEventListener("click", stop);
-    document.getElementById("recover").addEventListener("click", () => this.recover());
     live.onView((view) => this.show(view));
     this.showWhy("the console has not heard from the robot yet");
   }
@@ -55,14 +55,6 @@ export class Jobs {
       await post(`/api/jobs/${form.id}`, bodyOf(form));
     } catch (error) {
       showError(`${WHAT[form.id]} not started: ${error.message}. The robot stays as it is.`);
-    }
-  }
-
-  async recover() {
-    try {
-      await post("/api/recover");
-    } catch (error) {
-      showError(`Recovery refused: ${error.message}. The arm stays locked.`);
     }
   }
 
@@ -82,11 +74,8 @@ export class Jobs {
   }
 
   show(view) {
-    const status = view.status;
-    const refusal = view.unreachable ?? (status === null ? "the robot process has not answered yet" : status.refusal);
-    this.showWhy(refusal);
-    this.showHardware(view);
-    if (status?.job) this.showJob(status.job);
+    this.showWhy(whyNot(view));
+    if (view.status?.job) this.showJob(view.status.job);
   }
 
   showJob(job) {
@@ -104,19 +93,5 @@ export class Jobs {
       if (job.state === "failed") showError(`${text} Both arms are stopped; mend the cause and order it again.`);
     }
     this.lastState = state;
-  }
-
-  showHardware(view) {
-    const errors = ["left", "right"].filter((side) => view[side].errors.length)
-      .map((side) => `${side} arm: ${view[side].errors.join(", ")}`);
-    const trouble = errors.length ? errors.join("; ") : view.status?.last_error ?? null;
-    const active = view.status?.job && ACTIVE.has(view.status.job.state);
-    const button = document.getElementById("recover");
-    const why = trouble === null ? "Nothing to recover" : active ? "Wait for the job to end" : null;
-    button.disabled = why !== null;
-    button.title = why ?? "Clear the error of both arms";
-    const line = document.getElementById("hardware-line");
-    write(line, view.unreachable ?? trouble ?? "No error on either arm.");
-    line.dataset.tone = view.unreachable || trouble ? "bad" : "";
   }
 }

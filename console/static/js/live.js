@@ -1,4 +1,5 @@
-// The live state: one WebSocket, and an honest age that goes on counting when nothing arrives.
+// The live state: one WebSocket, and an honest age that goes on counting when nothing arrives. Whoever has the robot
+// answers each view once it is shown: a page that is closed, frozen or broken gives no sign of life.
 
 const RETRY_MS = 1000;
 
@@ -21,6 +22,7 @@ export class Live {
       this.view = JSON.parse(message.data);
       this.receivedMs = performance.now();
       for (const listener of this.listeners) listener(this.view);
+      if (this.view.status?.holder === this.view.you) socket.send("beat");
     });
     socket.addEventListener("close", () => setTimeout(() => this.connect(), RETRY_MS));
   }

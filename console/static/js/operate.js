@@ -1,6 +1,7 @@
 // The page Operate: puts its parts together.
 
 import { startBar } from "./bar.js";
+import { Control } from "./control.js";
 import { startEvents } from "./events.js";
 import { Jobs } from "./jobs.js";
 import { Live } from "./live.js";
@@ -14,6 +15,7 @@ const live = new Live();
 startStop(live);
 startBar(live);
 startEvents(live);
+new Control(live);
 const logs = new Logs((count) => jobs.setRecordings(count));
 const jobs = new Jobs(live, () => logs.refresh());
 logs.refresh();

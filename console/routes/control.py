@@ -1,0 +1,90 @@
+"""Control of the robot: the lease, arming, STOP, recovery. Each answers with the status after it, or with one line."""
+
+import asyncio
+import contextlib
+from typing import Any
+
+from fastapi import APIRouter, BackgroundTasks
+from pydantic import ConfigDict
+from pydantic.dataclasses import dataclass as checked
+
+from console.parts import NeedsParts, NeedsSession, Parts
+from console.sign_in import Session
+from rtstack.live.client import RobotRefused, RobotUnreachable
+from rtstack.live.protocol import Operator, Status, status_document
+
+router = APIRouter(prefix="/api")
+
+
+@checked(frozen=True, slots=True, config=ConfigDict(extra="forbid"))
+class TakeOrder:
+    """What a session asks for when it takes control: what it calls itself from now on, and from whom it takes over."""
+
+    operator: Operator | None = None
+    over_from: Operator | None = None
+
+
+@router.post("/take")
+def take(order: TakeOrder, session: NeedsSession, parts: NeedsParts) -> dict[str, Any]:
+    """Take control, under the name that the session has or gives itself. It lasts while there are signs of life."""
+    named = parts.sign_in.rename(session, order.operator or session.operator)
+    try:
+        return _learn(parts, parts.client.take(named.operator, order.over_from))
+    except (RobotRefused, RobotUnreachable):
+        parts.sign_in.rename(session, session.operator)
+        raise
+
+
+@router.post("/release")
+def release(session: NeedsSession, parts: NeedsParts) -> dict[str, Any]:
+    """Give control back; what moves stops."""
+    return _learn(parts, parts.client.release(session.operator))
+
+
+@router.post("/beat")
+async def beat(session: NeedsSession, parts: NeedsParts) -> dict[str, Any]:
+    """Give a sign of life: a program's way. Pages answer what the live socket sends them."""
+    view = parts.watch.view
+    if view.status is None or view.unreachable is not None:
+        raise RobotUnreachable(view.unreachable or "the robot process has not answered yet")
+    if view.status.holder != session.operator:
+        raise RobotRefused(f"{view.status.holder or 'nobody'} has the robot; take control first")
+    parts.presence.note(session.operator)
+    return status_document(view.status)
+
+
+@router.post("/arm")
+def arm(session: NeedsSession, parts: NeedsParts) -> dict[str, Any]:
+    """Allow motion."""
+    return _learn(parts, parts.client.arm(session.operator))
+
+
+@router.post("/disarm")
+def disarm(session: NeedsSession, parts: NeedsParts) -> dict[str, Any]:
+    """Allow no motion any more; what moves stops."""
+    return _learn(parts, parts.client.disarm(session.operator))
+
+
+@router.post("/stop")
+async def stop(session: NeedsSession, parts: NeedsParts, afterwards: BackgroundTasks) -> dict[str, bool]:
+    """Ask for a controlled stop. One word in shared memory: it waits for nobody, whatever else hangs."""
+    parts.mailbox.request_stop()
+    afterwards.add_task(_report_stop, parts, session)
+    return {"stop_requested": True}
+
+
+@router.post("/recover")
+def recover(session: NeedsSession, parts: NeedsParts) -> dict[str, Any]:
+    """In a fault: ask both arms to clear what they have latched; the answer says why they refuse."""
+    return _learn(parts, parts.client.recover(session.operator))
+
+
+async def _report_stop(parts: Parts, session: Session) -> None:
+    """Tell the robot process whose STOP it was, for the record: the arms stop without it."""
+    with contextlib.suppress(RobotRefused, RobotUnreachable):
+        await asyncio.to_thread(parts.client.stop, session.operator)
+
+
+def _learn(parts: Parts, status: Status) -> dict[str, Any]:
+    parts.watch.learn(status)
+    return status_document(status)

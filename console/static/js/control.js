@@ -1,0 +1,112 @@
+// Control of the robot: who has it, whether it may move, and the way out of a fault. The server decides, this asks.
+
+import { post } from "./api.js";
+import { showError } from "./errors.js";
+
+const KEY = "rtstack.operator";
+const WHILE = { moving: "moving", recovering: "recovering" };
+
+const write = (element, text) => {
+  if (element.textContent !== text) element.textContent = text;
+};
+
+const button = (id) => document.getElementById(id);
+
+function allow(id, why, what) {
+  button(id).disabled = why !== null;
+  button(id).title = why ?? what;
+}
+
+// Why this page cannot start anything, in a line; null where it can.
+export function whyNot(view) {
+  const { status, you, unreachable } = view;
+  if (unreachable) return unreachable;
+  if (status === null) return "the robot process has not answered yet";
+  const other = status.holder !== null && status.holder !== you;
+  if (other && (status.phase === "disarmed" || status.phase === "armed")) return `${status.holder} has the robot; take over first`;
+  return status.refusal;
+}
+
+export class Control {
+  constructor(live) {
+    this.view = null;
+    this.name = document.getElementById("operator");
+    this.name.value = localStorage.getItem(KEY) ?? "";
+    this.actions("take", "Control was not taken", () => {
+      const order = { operator: this.name.value.trim() || null };
+      if (button("take").dataset.from) order.over_from = button("take").dataset.from;
+      if (order.operator) localStorage.setItem(KEY, order.operator);
+      return post("/api/take", order);
+    });
+    this.actions("release", "Control was not released", () => post("/api/release"));
+    this.actions("arm", "Not armed", () => post("/api/arm"));
+    this.actions("disarm", "Not disarmed", () => post("/api/disarm"));
+    this.actions("recover", "Recovery refused", () => post("/api/recover"));
+    live.onView((view) => this.show(view));
+  }
+
+  actions(id, failure, act) {
+    button(id).addEventListener("click", async () => {
+      button(id).disabled = true;
+      try {
+        await act();
+      } catch (error) {
+        showError(`${failure}: ${error.message}. Both arms stay as they are.`);
+      } finally {
+        if (this.view) this.show(this.view);
+      }
+    });
+  }
+
+  show(view) {
+    this.view = view;
+    const { status, you } = view;
+    this.showBar(view);
+    const line = document.getElementById("control-line");
+    if (status === null || view.unreachable) {
+      const why = view.unreachable ?? "the robot process has not answered yet";
+      for (const id of ["take", "release", "arm", "disarm", "recover"]) allow(id, why, "");
+      write(line, why);
+      line.dataset.tone = "bad";
+      return;
+    }
+    const { phase, holder, reason } = status;
+    const mine = holder === you;
+    const from = holder !== null && !mine ? holder : "";
+    const busy = WHILE[phase] ? `the arms are ${WHILE[phase]}` : null;
+
+    this.name.disabled = mine;
+    this.name.placeholder = you;
+    button("take").dataset.from = from;
+    write(button("take"), from ? `Take over from ${from}` : "Take control");
+    allow("take", mine ? "You have the robot" : from && phase === "moving" ? `Take over once nothing moves: ${busy}` : null,
+      from ? `${from} loses control, and the arms are disarmed` : "While you have it nobody else can start anything");
+    allow("release", mine ? null : "You do not have the robot", "Give control back; the arms are disarmed, and what moves stops");
+    allow("arm", !mine ? "Take control first" : phase === "fault" ? "Recover first" : phase === "armed" ? "Armed" : busy,
+      "Allow motion until you disarm, release or press STOP");
+    allow("disarm", phase === "armed" || phase === "moving" ? null : "The arms are not armed", "Allow no motion; what moves stops");
+
+    button("recover").hidden = phase !== "fault" && phase !== "recovering";
+    const active = status.job && ["starting", "running", "stopping"].includes(status.job.state);
+    allow("recover", active ? "Wait until the job has ended" : phase === "recovering" ? "The arms are recovering" : null,
+      "Clear what the arms have latched, once its cause is gone");
+
+    write(line, phase === "fault" || phase === "recovering" ? `Fault: ${reason}` : this.hint(phase, mine, holder));
+    line.dataset.tone = phase === "fault" ? "bad" : "";
+  }
+
+  hint(phase, mine, holder) {
+    if (holder === null) return "Take control, then arm.";
+    if (!mine) return `${holder} has the robot.`;
+    return { disarmed: "You have the robot. Arm to start.", armed: "Armed: you can start.", moving: "The arms move." }[phase] ?? "";
+  }
+
+  showBar({ status, you }) {
+    const figure = document.getElementById("control-light");
+    const phase = status?.phase ?? "unknown";
+    figure.dataset.phase = phase;
+    write(figure.querySelector(".word"), phase === "unknown" ? "waiting" : phase);
+    const holder = status?.holder ?? null;
+    write(document.getElementById("holder"), holder === null ? "nobody has the robot" : holder === you ? `you, ${holder}` : holder);
+  }
+}

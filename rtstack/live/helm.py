@@ -1,0 +1,211 @@
+"""The helm: who has the robot, and whether its arms may move. The permit with a clock, a lock, and witnesses.
+
+Every decision about motion in the robot process is the permit's (rtstack.safety.permit). What operators do becomes a
+line of the audit trail and a remark, which the loop's thread publishes as an event. A STOP disarms, and whoever arms
+afterwards has seen it: arming takes the request back, and nothing else does.
+"""
+
+import threading
+import time
+from collections import deque
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from rtstack.live.audit import AuditTrail
+from rtstack.loop.mailbox import Mailbox
+from rtstack.safety.permit import LEASE_S, Permit, Phase, Refused
+from rtstack.samples import Level
+from rtstack.trials.attendant import Remark
+
+# the loop's own watchdog is the first to stop a motion without an operator, so that the log has the true reason
+_LOOP_FIRST_S = 0.3
+_REMARKS = 256  # that nobody has published yet
+
+
+@dataclass(frozen=True, slots=True)
+class HelmView:
+    """What the permit says. `since_s`: Unix time of the last change of phase; `refusal`: why nothing may begin."""
+
+    phase: Phase
+    reason: str | None
+    holder: str | None
+    since_s: float
+    refusal: str | None
+
+
+class Helm:
+    """Owns the permit. All methods may be called from any thread; they raise Refused with one line."""
+
+    def __init__(self, mailbox: Mailbox, audit: AuditTrail) -> None:
+        self._lock = threading.Lock()
+        self._permit = Permit()
+        self._mailbox = mailbox
+        self._audit = audit
+        self._remarks: deque[Remark] = deque(maxlen=_REMARKS)
+        self._since_s = time.time()
+        self._stop_due_s: float | None = None  # monotonic: when a motion has to have begun to stop
+
+    # the lease
+
+    def take(self, operator: str, over_from: str | None = None) -> None:
+        """Give the lease to an operator; where `over_from` still has it, and nothing moves, from them."""
+        with self._acting() as now_s:
+            permit, before = self._permit, self._permit.holder
+            takeover = over_from is not None and before == over_from != operator
+            if takeover and permit.running:
+                raise Refused(f"the arms are moving: take over from {before} once they are at rest")
+            if takeover and before is not None:
+                permit.release(before)
+            permit.take(operator, now_s)
+            self._alive()
+            if takeover:
+                self._note("takeover", operator, f"{operator} took over from {before}", Level.WARNING)
+            elif before != operator:
+                self._note("take", operator, f"{operator} took control")
+
+    def release(self, operator: str) -> None:
+        """Give the lease back; a motion that still runs stops."""
+        with self._acting():
+            if self._permit.holder != operator:
+                raise Refused(f"{self._permit.holder or 'nobody'} has the robot, not {operator}")
+            self._permit.release(operator)
+            self._stop_at_once()
+            self._note("release", operator, f"{operator} released control")
+
+    def beat(self, operator: str) -> None:
+        """Take a sign of life; only the holder's counts."""
+        with self._acting() as now_s:
+            self._permit.beat(operator, now_s)
+            if operator == self._permit.holder:
+                self._alive()
+
+    def watch(self) -> None:
+        """Notice what nobody says: a holder who has gone, and a STOP in the mailbox. To be called regularly."""
+        with self._acting() as now_s:
+            if self._mailbox.stop_requested:
+                self._permit.disarm()
+            if not self._permit.stop_wanted:
+                self._stop_due_s = None
+            elif self._stop_due_s is None:
+                self._stop_due_s = now_s + _LOOP_FIRST_S
+            elif now_s > self._stop_due_s:
+                self._mailbox.request_stop()
+
+    # motion
+
+    def arm(self, operator: str) -> None:
+        """Allow motion."""
+        with self._acting() as now_s:
+            before = self._permit.phase
+            if before is Phase.ARMED and self._mailbox.stop_requested:
+                self._permit.disarm()
+                raise Refused("STOP was pressed a moment ago; arm again if that is what you want")
+            self._permit.arm(operator, now_s)
+            self._mailbox.clear_stop()
+            if before is not Phase.ARMED:
+                self._note("arm", operator, f"{operator} armed both arms")
+
+    def disarm(self, operator: str) -> None:
+        """Allow no motion any more; one that runs stops. Anybody may."""
+        with self._acting():
+            self._permit.disarm()
+            self._stop_at_once()
+            self._note("disarm", operator, f"{operator} disarmed both arms")
+
+    def stop(self, operator: str) -> None:
+        """Stop whatever moves, and disarm. Anybody may, without a lease."""
+        self._mailbox.request_stop()  # before any lock
+        with self._acting():
+            self._permit.disarm()
+            self._note("stop", operator, f"{operator} pressed STOP", Level.WARNING)
+
+    def begin(self, operator: str, what: str) -> None:
+        """Begin a motion of the operator's; `what`: for the record."""
+        with self._acting() as now_s:
+            if self._mailbox.stop_requested:  # since it was armed
+                self._permit.disarm()
+            self._permit.begin(operator, now_s)
+            self._note("begin", operator, f"{operator} ordered {what}")
+
+    def end(self) -> None:
+        """The motion is over, and both arms are at rest."""
+        with self._acting():
+            self._permit.end()
+
+    # faults
+
+    def fault(self, reason: str) -> None:
+        """Latch a fault; the first reason stays."""
+        with self._acting():
+            new = self._permit.phase is not Phase.FAULT
+            self._permit.fault(reason)
+            if new:
+                self._audit.note("fault", None, reason)
+
+    def recover(self, operator: str) -> None:
+        """Begin a recovery. Only in a fault, and once the arms are at rest."""
+        with self._acting():
+            self._permit.recover()
+            self._note("recover", operator, f"{operator} asked for a recovery")
+
+    def recovered(self) -> None:
+        """Both arms have recovered; nobody has armed them."""
+        with self._acting():
+            self._permit.recovered()
+            self._note("recovered", None, "both arms have recovered: disarmed")
+
+    def not_recovered(self, reason: str) -> None:
+        """The recovery was refused: the fault stays, with what the robot said."""
+        with self._acting():
+            self._permit.not_recovered(reason)
+            self._note("not recovered", None, f"recovery refused: {reason}", Level.ERROR)
+
+    # what others see
+
+    def view(self) -> HelmView:
+        """Return how things are now."""
+        with self._acting():
+            permit = self._permit
+            return HelmView(permit.phase, permit.reason, permit.holder, self._since_s, self._refusal())
+
+    def remarks(self) -> Iterable[Remark]:
+        """Return what was done since the last call, oldest first. Never waits: for the loop's thread."""
+        while self._remarks:
+            yield self._remarks.popleft()
+
+    @contextmanager
+    def _acting(self) -> Iterator[float]:
+        """Hold the lock, notice a holder who has gone, give the time, and keep the books on the phase."""
+        with self._lock:
+            phase, holder, now_s = self._permit.phase, self._permit.holder, time.monotonic()
+            self._permit.watch(now_s)
+            if holder is not None and self._permit.holder is None:
+                text = f"{holder} gave no sign of life for {LEASE_S:g} s and lost control"
+                self._note("lost", holder, text, Level.WARNING)
+            try:
+                yield now_s
+            finally:
+                if self._permit.phase is not phase:
+                    self._since_s = time.time()
+
+    def _alive(self) -> None:
+        self._mailbox.operator_beat(time.monotonic_ns())
+
+    def _stop_at_once(self) -> None:
+        if self._permit.stop_wanted:
+            self._mailbox.request_stop()
+
+    def _note(self, action: str, operator: str | None, text: str, level: Level = Level.INFO) -> None:
+        self._audit.note(action, operator, text)
+        self._remarks.append(Remark(level, "operator" if operator is not None else "robot", text))
+
+    def _refusal(self) -> str | None:
+        permit = self._permit
+        if permit.phase is Phase.FAULT:
+            return f"there is a fault: {permit.reason}; recover first"
+        if permit.phase is Phase.RECOVERING:
+            return "the arms are recovering; wait for the end"
+        if permit.holder is None:
+            return "nobody has the robot; take control first"
+        return "the arms are disarmed; arm them first" if permit.phase is Phase.DISARMED else None
