@@ -56,12 +56,15 @@ def trial(
     log: Annotated[Path | None, typer.Option(metavar="OUT.mcap", help="The log to write.")] = None,
     cell: Annotated[str, typer.Option(help="direct, lockstep, realtime or fci:LEFT,RIGHT.")] = "direct",
     cell_file: CellFile = None,
+    safety: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="TOML with a table [safety]: limits that this trial tightens.")
+    ] = None,
     json: Json = False,
 ) -> None:
     """Run one trial: follow a recording through the impact."""
     from rtstack.cli.trials import trial as run
 
-    run(reference, controller, object_name, displacement_mm, seed, log, cell, cell_file, json)
+    run(reference, controller, object_name, displacement_mm, seed, log, cell, cell_file, json, safety)
 
 
 @app.command()
@@ -156,7 +159,9 @@ def check(
 
 @app.command()
 def campaign(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="A plan in deploy/campaigns, such as reference-spreading.")],
+    name: Annotated[
+        str, typer.Argument(metavar="NAME", help="A plan in deploy/campaigns, such as reference-spreading.")
+    ],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where references, logs, results and report go.")],
     quick: Annotated[bool, typer.Option("--quick", help="A sample of it, that ends in two minutes.")] = False,
     workers: Annotated[int | None, typer.Option(help="Processes on this machine; one a CPU.", min=1, max=256)] = None,

@@ -30,6 +30,8 @@ def _lines(found: Review) -> list[str]:
             lines.append(f"  {name:<22} {found.recorded[name]}")
     if not found.recorded:
         lines.append("  result                 none: the trial was cut off before its end")
+    if found.fault is not None:
+        lines += [f"  fault {name:<16} {value}" for name, value in found.fault.items() if value]
     contacts = ", ".join(
         f"{side} {'none' if t is None else f'{t:.3f} s'}"
         for side, t in zip(("left", "right"), found.first_contact_s, strict=True)

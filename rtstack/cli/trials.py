@@ -8,11 +8,13 @@ from rtstack.cli.cells import load_description, open_cell
 from rtstack.cli.interrupt import interruptible
 from rtstack.cli.progress import progress_bar
 from rtstack.log.writer import Attachment, check_log_path
+from rtstack.loop.watchdogs import Parent
 from rtstack.trials.record import open_log
 from rtstack.trials.result import DemonstrationResult, TrialResult
 from rtstack.trials.run import check_object, prepare_trial, run_demonstration, run_trial
 from rtstack.trials.specification import Controller, DemonstrationSpecification, TrialSpecification
 from rtstack.trials.start_motion import start_motion
+from rtstack.trials.tightening import load_tightening
 
 FAILED = 1
 
@@ -30,7 +32,9 @@ def teach(
         way = start_motion(cell, description, object_name)
         with interruptible() as stop, progress_bar("demonstration", not json and not cell.own_clocks) as progress:
             log = open_log(output, specification, description, cell_kind, source)
-            result = run_demonstration(specification, description, cell, log=log, stop=stop, progress=progress, way=way)
+            result = run_demonstration(
+                specification, description, cell, log=log, stop=stop, progress=progress, way=way, watchdogs=(Parent(),)
+            )
     finally:
         cell.close()
     _report(result, json, _demonstration_line(result))
@@ -38,11 +42,12 @@ def teach(
 
 def trial(
     reference: Path, controller: Controller, object_name: str, displacement_mm: float, seed: int, log_path: Path | None,
-    cell_kind: str, cell_file: Path | None, json: bool,
+    cell_kind: str, cell_file: Path | None, json: bool, safety: Path | None = None,
 ) -> None:  # fmt: skip
-    """Run a trial on the recording `reference`; without `log_path` nothing is written."""
+    """Run a trial on the recording `reference`; without `log_path` nothing is written. safety: limits to tighten."""
     description, source = load_description(cell_file)
-    specification = TrialSpecification(str(reference), controller, object_name, displacement_mm, seed)
+    tightening = load_tightening(safety) if safety is not None else ()
+    specification = TrialSpecification(str(reference), controller, object_name, displacement_mm, seed, tightening)
     if log_path is not None:
         check_log_path(log_path)
     check_object(object_name, description)
@@ -60,7 +65,7 @@ def trial(
                 log = open_log(
                     log_path, specification, description, cell_kind, source, [recording], reference=prepared.reference
                 )
-            result = run_trial(prepared, cell, log=log, stop=stop, progress=progress, way=way)
+            result = run_trial(prepared, cell, log=log, stop=stop, progress=progress, way=way, watchdogs=(Parent(),))
     finally:
         cell.close()
     _report(result, json, _trial_line(result))

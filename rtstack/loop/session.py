@@ -131,7 +131,7 @@ class Session:
         try:
             self._cell.start()
             while self._tick():
-                pass
+                self._pause()
         except HardwareError as error:
             self._tell_end()
             self._end(Trip(End.HARDWARE, str(error)))
@@ -170,12 +170,18 @@ class Session:
             self._say_mode()
             self._publish(sides, (time.perf_counter_ns() - began_ns) * 1e-3)
             self._tell_end()
-            self._overrun.take(time.perf_counter_ns() - began_ns)
-            if self._between_ticks is not None and not self._alone:
-                self._between_ticks(self._time.now_ns // TICK_NS)
         except Exception as error:
-            self._go_on_alone(sides, error)
+            self._go_on_alone(error)
+        self._overrun.take(sides, time.perf_counter_ns() - began_ns)
         return not (self._controller.machine.mode is Mode.STOPPING and 0 in sides and self._at_rest())
+
+    def _pause(self) -> None:
+        """Between two ticks, with the answers out."""
+        if self._between_ticks is not None:
+            try:
+                self._between_ticks(self._time.now_ns // TICK_NS)
+            except Exception as error:
+                self._go_on_alone(error)
 
     def _receive(self) -> tuple[int, ...]:
         """Read both arms where they share a clock, else one whose state has arrived: the other one's turn is next.
@@ -202,7 +208,7 @@ class Session:
             try:
                 return self._control(sides)
             except Exception as error:
-                self._go_on_alone(sides, error)
+                self._go_on_alone(error)
         for k in sides:
             sample, control = self._records[k]
             self._echoes[k].desire_nothing_new()
@@ -231,7 +237,7 @@ class Session:
         controller.finish()
         return status
 
-    def _go_on_alone(self, sides: tuple[int, ...], error: Exception) -> None:
+    def _go_on_alone(self, error: Exception) -> None:
         """Stop without the controller: it has raised, or somebody who was called between two ticks has."""
         if self._notes.error is None:
             self._notes.error = error

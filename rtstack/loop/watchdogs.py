@@ -91,21 +91,27 @@ class Parent:
 
 
 class TickOverrun:
-    """Trips after OVERRUN_TICKS ticks in a row that took longer than a period: only where the robot does not wait."""
+    """Trips where both arms' turns together took longer than a period, OVERRUN_TICKS times in a row for one of them.
+
+    Only where the robot does not wait. One long turn counts once for each arm, and is forgotten with the next one.
+    """
 
     def __init__(self) -> None:
-        self._long_ticks = 0
-        self._took_ns = 0
+        self._took_ns = [0, 0]
+        self._long_ticks = [0, 0]
 
-    def take(self, took_ns: int) -> None:
-        """Take the time that a tick took, from its state to its end, without the wait for the state."""
-        self._took_ns = took_ns
-        self._long_ticks = self._long_ticks + 1 if took_ns > _PERIOD_NS else 0
+    def take(self, sides: tuple[int, ...], took_ns: int) -> None:
+        """Take how long the turn of `sides` took, from its states to its end, without the wait for them."""
+        for k in sides:
+            self._took_ns[k] = took_ns // len(sides)
+        long = sum(self._took_ns) > _PERIOD_NS
+        for k in sides:
+            self._long_ticks[k] = self._long_ticks[k] + 1 if long else 0
 
     def trip(self) -> Trip | None:
         """See Watchdog."""
-        if self._long_ticks < OVERRUN_TICKS:
+        if max(self._long_ticks) < OVERRUN_TICKS:
             return None
-        took_s = self._took_ns * 1e-9
+        took_s = sum(self._took_ns) * 1e-9
         detail = f"{OVERRUN_TICKS} ticks in a row, the last one {1e3 * took_s:.3g} ms"
         return Trip(End.TICK_OVERRUN, detail, value=took_s, bound=CONTROL_PERIOD_S)

@@ -11,9 +11,10 @@ from rtstack.control.tick import ArmController, DualArmController
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
 from rtstack.safety.judge import Base, SafetyJudge, Tool, pair_of_judges
-from rtstack.safety.limits import HARDWARE
+from rtstack.safety.limits import SafetyLimits
 from rtstack.samples import Mode, QpSolver
 from rtstack.trials.specification import Controller
+from rtstack.trials.tightening import safety_limits
 
 STRATEGIES = {
     Controller.PROPOSED: Strategy.PROPOSED,
@@ -55,11 +56,11 @@ def arm_controllers(cell: CellDescription, parameters: Parameters) -> tuple[ArmC
     return left, right
 
 
-def safety_judges(cell: CellDescription) -> tuple[SafetyJudge, SafetyJudge]:
-    """Return the left and the right arm's judges, within the hardware's limits as the cell tightens them."""
+def safety_judges(cell: CellDescription, limits: SafetyLimits | None = None) -> tuple[SafetyJudge, SafetyJudge]:
+    """Return the left and the right arm's judges, by default within the hardware's limits as the cell tightens them."""
     left, right = (Base(m.base_position, m.base_orientation_wxyz) for m in (cell.left, cell.right))
     tool = Tool(cell.pad.size, cell.pad.flange_to_face)
-    return pair_of_judges(HARDWARE.tightened(cell.safety), left, right, tool)
+    return pair_of_judges(limits or safety_limits(cell), left, right, tool)
 
 
 def dual_arm_controller(

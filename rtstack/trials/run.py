@@ -23,6 +23,7 @@ from rtstack.model.cell_description import CellDescription
 from rtstack.references.demonstration import Grab, grab, scripted_targets
 from rtstack.references.recording import ReferenceError, load_recording
 from rtstack.references.spreading import ExtendedReference, extend
+from rtstack.safety.limits import SafetyLimits
 from rtstack.samples import Level, Mode
 from rtstack.trials.assembly import (
     STRATEGIES,
@@ -40,6 +41,7 @@ from rtstack.trials.result import DemonstrationResult, TrialResult
 from rtstack.trials.scoring import Score, SuccessCriterion, failure_reason, score
 from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 from rtstack.trials.start_motion import StartMotion
+from rtstack.trials.tightening import safety_limits
 
 Progress = Callable[[float], None]
 PROGRESS_TICKS = 50  # how often progress is told
@@ -55,6 +57,7 @@ class PreparedTrial:
     description: CellDescription
     parameters: Parameters
     reference: ExtendedReference
+    limits: SafetyLimits
 
 
 def prepare_trial(
@@ -63,6 +66,7 @@ def prepare_trial(
     """Read and check what a trial needs. Raises TrialError with one line."""
     parameters = parameters or default_parameters()
     check_object(specification.object, description)
+    limits = safety_limits(description, specification.safety)
     control = parameters.control
     try:
         recording = load_recording(
@@ -74,7 +78,7 @@ def prepare_trial(
         reference = extend(recording, control.exclusion_s)
     except ReferenceError as error:
         raise TrialError(str(error)) from None
-    return PreparedTrial(specification, description, parameters, reference)
+    return PreparedTrial(specification, description, parameters, reference, limits)
 
 
 def check_object(name: str, description: CellDescription) -> None:
@@ -106,7 +110,10 @@ def run_trial(
     specification, reference = prepared.specification, prepared.reference
     control = prepared.parameters.control
     plan = Plan(reference.ante, reference.post, Mode.ANTE_IMPACT, control.stiffness, reference.period_s)
-    run = _Run(prepared.description, prepared.parameters, plan, log, live, stop, progress, way, watchdogs, attendant)
+    run = _Run(
+        prepared.description, prepared.parameters, plan, log, live, stop, progress, way, watchdogs, attendant,
+        prepared.limits,
+    )  # fmt: skip
     with _log_of(log):
         outcome = run.follow(cell, STRATEGIES[specification.controller], reference.nominal_impact_s)
         values = score(
@@ -150,7 +157,9 @@ def run_demonstration(
         period_s,
     )
     plan = Plan(targets, targets, Mode.TELEOPERATION, parameters.control.stiffness_teleoperation, period_s)
-    run = _Run(description, parameters, plan, log, live, stop, progress, way, watchdogs, attendant)
+    run = _Run(
+        description, parameters, plan, log, live, stop, progress, way, watchdogs, attendant, safety_limits(description)
+    )  # fmt: skip
     with _log_of(log):
         outcome = run.follow(cell, Strategy.PROPOSED, 0.0)
         result = _demonstration_result(specification, cell.name, outcome, run, log)
@@ -183,7 +192,7 @@ class _Run:
     def __init__(
         self, description: CellDescription, parameters: Parameters, plan: Plan, log: TrialLog | None,
         live: Rings | None, stop: StopSignal | None, progress: Progress | None, way: StartMotion | None,
-        watchdogs: Sequence[Watchdog], attendant: Attendant | None,
+        watchdogs: Sequence[Watchdog], attendant: Attendant | None, limits: SafetyLimits,
     ) -> None:  # fmt: skip
         self._description = description
         self._parameters = parameters
@@ -195,6 +204,7 @@ class _Run:
         self._way = way
         self._watchdogs = (*watchdogs, *([log] if log is not None else []))
         self._attendant = attendant
+        self._limits = limits
         self._publisher: Publisher | None = None
         self.history = History(plan.ticks + SPARE_TICKS)
         self.first_impact_s: float | None = None
@@ -204,7 +214,7 @@ class _Run:
         controller = dual_arm_controller(self._description, self._parameters, strategy, nominal_impact_s)
         rings = [*([self._live] if self._live else []), *([self._log.rings] if self._log else [])]
         publisher = self._publisher = Publisher(rings, self.history)
-        judges = safety_judges(self._description)
+        judges = safety_judges(self._description, self._limits)
         session = Session(
             cell, controller, judges, publisher, self._plan, self._stop, self._between_ticks,
             self._description.torque_filter.cutoff_hz, self._watchdogs,

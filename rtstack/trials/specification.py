@@ -4,6 +4,9 @@ from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
 
+# names of rtstack.safety.limits.SafetyLimits, each with its value
+Tightening = tuple[tuple[str, Any], ...]
+
 
 class Controller(StrEnum):
     """The paper's controller and its three baselines (part V)."""
@@ -16,17 +19,21 @@ class Controller(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class TrialSpecification:
-    """One trial. `reference` is the path of a recording, `displacement_mm` the object's shift along the world's y."""
+    """One trial. `reference` is the path of a recording, `displacement_mm` the object's shift along the world's y.
+
+    safety: the judge's limits that this trial tightens besides the cell's (rtstack.trials.tightening).
+    """
 
     reference: str
     controller: Controller = Controller.PROPOSED
     object: str = "rice_box"
     displacement_mm: float = 0.0
     seed: int = 0
+    safety: Tightening = ()
 
     def as_dict(self) -> dict[str, Any]:
         """Return the specification as JSON-ready values."""
-        return {**asdict(self), "controller": str(self.controller)}
+        return {**asdict(self), "controller": str(self.controller), "safety": dict(self.safety)}
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,35 @@
+"""The judge's limits of one trial: the hardware's, tightened by the cell, tightened by the trial, and never widened.
+
+They come from files of whoever starts the program. No request that arrives over a socket has a field for them.
+"""
+
+from pathlib import Path
+from typing import Any
+
+from pydantic.dataclasses import dataclass as checked
+
+from rtstack.configuration import STRICT, load_toml
+from rtstack.model.cell_description import CellDescription
+from rtstack.safety.limits import HARDWARE, LimitWidened, SafetyLimits
+from rtstack.trials.errors import TrialError
+from rtstack.trials.specification import Tightening
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class _File:
+    safety: dict[str, Any]
+
+
+def load_tightening(path: Path) -> Tightening:
+    """Read the table `[safety]` of a TOML, spelt as in a cell's. Raises ConfigurationError; the values are not checked
+    before `safety_limits`."""
+    table = load_toml(path, _File).safety
+    return tuple((key, tuple(value) if isinstance(value, list) else value) for key, value in sorted(table.items()))
+
+
+def safety_limits(description: CellDescription, tightening: Tightening = ()) -> SafetyLimits:
+    """Return the limits of a trial on a cell. Raises TrialError with the first one that would be wider."""
+    try:
+        return HARDWARE.tightened(description.safety).tightened(dict(tightening))
+    except LimitWidened as error:
+        raise TrialError(f"{error} (cell {description.name})") from None
