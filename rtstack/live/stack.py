@@ -22,7 +22,7 @@ from rtstack.loop.mailbox import remove_mailbox
 
 _START_TIMEOUT_S = 90.0  # compiled code may have to be compiled for this machine first
 _END_TIMEOUT_S = 10.0  # a controlled stop, the end of the log, and a margin
-_POLL_S = 0.1
+POLL_S = 0.1
 
 
 class StackError(Exception):
@@ -106,7 +106,7 @@ def _supervise(settings: StackSettings, stack: ExitStack) -> None:
             if child.ended:
                 robot.tell(signal.SIGHUP)  # at once, and with the true reason: a console that has died is not STOP
                 raise StackError(f"the {child.what} died: {child.how_it_ended()}", status=1)
-        time.sleep(_POLL_S)
+        time.sleep(POLL_S)
 
 
 def _listen(port: int) -> socket.socket:
@@ -139,7 +139,7 @@ class _Child:
         """Return the line that says that the child is ready. Raises StackError when it ends or stays silent."""
         assert self._process.stdout is not None
         deadline = time.monotonic() + _START_TIMEOUT_S
-        while not select.select([self._process.stdout], [], [], _POLL_S)[0]:
+        while not select.select([self._process.stdout], [], [], POLL_S)[0]:
             if time.monotonic() > deadline:
                 raise StackError(f"the {self.what} did not start within {_START_TIMEOUT_S:g} s", status=1)
         line = self._process.stdout.readline().decode().strip()
