@@ -7,10 +7,10 @@ STAMP := $(VENV)/.installed
 SAFETY_TESTS := $(filter-out %_plant.py,$(wildcard tests/safety/test_*.py))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test realtime check bench coverage mutate explore clean
+.PHONY: help setup run test realtime check bench coverage mutate explore good-trials clean
 
 help:  ## list the targets
-	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-8s %s\n", $$1, $$2}'
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
 
 $(STAMP): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or newer is needed: make run PYTHON=/path/to/python3.11" >&2; exit 2; }
@@ -40,10 +40,13 @@ coverage: setup  ## the judge and the permit: every branch run by their tests
 	$(BIN)/coverage report --show-missing --fail-under=100
 
 mutate: setup  ## change the judge in one place at a time: do its tests notice? (resumes, .mutants/)
-	$(BIN)/python tests/safety/mutate.py --minutes 120 --jobs 2
+	@$(BIN)/python tests/safety/mutate.py --minutes 120 --jobs 2
 
 explore: setup  ## 10000 sequences of events: no motion without arming, no way out of a fault but recovery
 	RTSTACK_SEQUENCES=10000 $(BIN)/python -m pytest --timeout=0 tests/safety/test_permit.py
+
+good-trials: setup  ## 140 grabs without an intervention, and one with each limit in reach (resumes, .good-trials/)
+	@$(BIN)/python tests/safety/good_trials.py
 
 clean:  ## remove what was installed and built
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .ruff_cache .hypothesis

@@ -12,25 +12,22 @@ not listed in mutation_survivors.txt, or not all have been run; 2 where the test
 """
 
 import argparse
-import hashlib
 import os
 import signal
 import sys
 import time
-from collections.abc import Iterable
 from pathlib import Path
 
 os.environ["NUMBA_DISABLE_JIT"] = "1"  # before anything imports numba
 os.environ["RTSTACK_SEQUENCES"] = "20"
 
 import hypothesis
+from judge_version import MODULES, PACKAGE, digest
 from mutant_tests import Child, Tests
 from mutants import Mutant, mutants
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
-PACKAGE = ROOT / "rtstack" / "safety"
-MODULES = ("stop", "checks", "judge", "geometry", "limits", "records", "body", "reasons", "permit")
 TESTS = [path for path in sorted(HERE.glob("test_*.py")) if not path.stem.endswith(("_plant", "_trials"))]
 # what needs many runs of the judge says nothing about a mutant that the others do not; it runs with the compiled judge
 CHOICE = "not from_any_state and not masses_that and not whatever_is_wanted"
@@ -39,19 +36,14 @@ RESULTS = ROOT / ".mutants"
 SAY_S = 10.0
 
 
-def digest(paths: Iterable[Path]) -> str:
-    """Return what tells one version of these files from another."""
-    return hashlib.sha256(b"".join(path.read_bytes() for path in paths)).hexdigest()[:12]
-
-
 class Results:
     """What became of the mutants of this version of the judge: lines of status, the tests' digest, and the name."""
 
     def __init__(self) -> None:
         RESULTS.mkdir(exist_ok=True)
         (RESULTS / ".gitignore").write_text("*\n")
-        self._path = RESULTS / f"{digest(PACKAGE / f'{module}.py' for module in MODULES)}.tsv"
-        self._tests = digest([*TESTS, HERE / "judge_oracle.py", HERE / "judge_samples.py", HERE / "mutants.py"])
+        self._path = RESULTS / f"{digest()}.tsv"
+        self._tests = digest(*TESTS, HERE / "judge_oracle.py", HERE / "judge_samples.py", modules=())
         self.killed: dict[str, bool] = {}
         self.by_other_tests: set[str] = set()
         for line in self._path.read_text().splitlines() if self._path.exists() else ():

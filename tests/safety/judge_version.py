@@ -1,0 +1,14 @@
+"""Which version of judge and permit a result belongs to."""
+
+import hashlib
+from collections.abc import Iterable
+from pathlib import Path
+
+PACKAGE = Path(__file__).resolve().parents[2] / "rtstack" / "safety"
+MODULES = ("stop", "checks", "judge", "geometry", "limits", "records", "body", "reasons", "permit")
+
+
+def digest(*more: Path, modules: Iterable[str] = MODULES) -> str:
+    """Return what tells one version of these modules of the package, and of more files, from another."""
+    files = [*(PACKAGE / f"{module}.py" for module in modules), *more]
+    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()[:12]
