@@ -148,7 +148,7 @@ class Desk:
         if self._ending is not None:
             return "the stack is being shut down"
         if self._job is not None and self._job.active:
-            return f"{self._job.kind} {self._job.number} is running; wait for it or stop it"
+            return f"{self._job.kind} {self._job.number} is running: wait or stop it"
         return None
 
     def _change(self, **changes: object) -> None:

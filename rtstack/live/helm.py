@@ -8,7 +8,7 @@ afterwards has seen it: arming takes the request back, and nothing else does.
 import threading
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -35,13 +35,17 @@ class HelmView:
 
 
 class Helm:
-    """Owns the permit. All methods may be called from any thread; they raise Refused with one line."""
+    """Owns the permit. All methods may be called from any thread; they raise Refused with one line.
 
-    def __init__(self, mailbox: Mailbox, audit: AuditTrail) -> None:
+    clock: the host's monotonic time, s, as the mailbox has it.
+    """
+
+    def __init__(self, mailbox: Mailbox, audit: AuditTrail, clock: Callable[[], float] = time.monotonic) -> None:
         self._lock = threading.Lock()
         self._permit = Permit()
         self._mailbox = mailbox
         self._audit = audit
+        self._clock = clock
         self._remarks: deque[Remark] = deque(maxlen=_REMARKS)
         self._since_s = time.time()
         self._stop_due_s: float | None = None  # monotonic: when a motion has to have begun to stop
@@ -178,7 +182,7 @@ class Helm:
     def _acting(self) -> Iterator[float]:
         """Hold the lock, notice a holder who has gone, give the time, and keep the books on the phase."""
         with self._lock:
-            phase, holder, now_s = self._permit.phase, self._permit.holder, time.monotonic()
+            phase, holder, now_s = self._permit.phase, self._permit.holder, self._clock()
             self._permit.watch(now_s)
             if holder is not None and self._permit.holder is None:
                 text = f"{holder} gave no sign of life for {LEASE_S:g} s and lost control"
@@ -190,7 +194,7 @@ class Helm:
                     self._since_s = time.time()
 
     def _alive(self) -> None:
-        self._mailbox.operator_beat(time.monotonic_ns())
+        self._mailbox.operator_beat(round(1e9 * self._clock()))
 
     def _stop_at_once(self) -> None:
         if self._permit.stop_wanted:

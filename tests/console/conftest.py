@@ -1,5 +1,6 @@
 """A console that serves for real, on a free port, beside a robot service without arms."""
 
+import json
 import shutil
 import socket
 import tempfile
@@ -15,11 +16,13 @@ import uvicorn
 
 from console.app import create_app
 from console.parts import Parts
+from console.presence import Presence
 from console.scenes import Scenes
 from console.sign_in import SignIn
 from console.watch import Watch
 from deploy import cells
 from rtstack.cli.cells import live_source
+from rtstack.live.audit import FILE_NAME, AuditTrail
 from rtstack.live.client import RobotClient
 from rtstack.live.desk import Desk
 from rtstack.live.service import Service
@@ -44,6 +47,11 @@ class ServedConsole:
     service: Service
     logs: Path
 
+    def trail(self) -> list[tuple[str, str | None]]:
+        """Return what the audit trail has: action and operator."""
+        lines = [json.loads(line) for line in (self.logs / FILE_NAME).read_text().splitlines()]
+        return [(line["action"], line["operator"]) for line in lines]
+
     @contextmanager
     def signed_in(self) -> Iterator[tuple[httpx.Client, dict[str, str]]]:
         """Give a client with a session, and the headers that its changes have to carry."""
@@ -53,6 +61,14 @@ class ServedConsole:
             session = self.parts.sign_in.session(client.cookies[self.parts.sign_in.cookie])
             assert session is not None
             yield client, {"x-csrf-token": session.csrf}
+
+    def second_session(self) -> tuple[dict[str, str], dict[str, str]]:
+        """Sign somebody else in, as another token would; return cookies and headers."""
+        sign_in = self.parts.sign_in
+        sign_in._token = "another"
+        session = sign_in.redeem("another")
+        assert session is not None
+        return {sign_in.cookie: session.key}, {"x-csrf-token": session.csrf}
 
     def cookie(self, client: httpx.Client) -> str:
         """Return the cookie header of a signed-in client."""
@@ -71,7 +87,9 @@ def served(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[ServedCon
         mailbox = Mailbox.create(f"rtstack-test-{folder.name[-8:]}")
         stack.callback(mailbox.close)
         rings = stack.enter_context(Rings.create(capacity=1024))
-        desk = Desk(live_source(CELL), mailbox)
+        audit = AuditTrail(logs / FILE_NAME)
+        stack.callback(audit.close)
+        desk = Desk(live_source(CELL), mailbox, audit)
         service = Service(desk, folder / "robot.sock")
         stack.callback(service.close)
         cell = load_cell_description(CELL)
@@ -79,7 +97,8 @@ def served(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[ServedCon
         stack.callback(client.close)
         status_client = RobotClient(folder / "robot.sock", timeout_s=2.0)
         stack.callback(status_client.close)
-        watch = Watch(rings, status_client)
+        presence = Presence()
+        watch = Watch(rings, status_client, presence)
         stack.callback(watch.close)
         watch.start()
         scenes = Scenes(cell, watch)
@@ -87,8 +106,8 @@ def served(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[ServedCon
         listener = socket.create_server(("127.0.0.1", 0))
         stack.callback(listener.close)
         port = listener.getsockname()[1]
-        parts = Parts(SignIn(port), cell, client, mailbox, watch, Catalogue(logs), scenes)
-        config = uvicorn.Config(create_app(parts, port), log_level="warning", ws="websockets-sansio", lifespan="off")
+        parts = Parts(SignIn(port), cell, client, mailbox, presence, watch, Catalogue(logs), scenes)
+        config = uvicorn.Config(create_app(parts, port), log_level="warning", ws="websockets-sansio", lifespan="on")
         server = uvicorn.Server(config)
         thread = threading.Thread(target=server.run, args=([listener],))
         thread.start()

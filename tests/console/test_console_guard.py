@@ -10,6 +10,8 @@ from websockets.sync.client import connect
 
 import console
 
+CHANGES = tuple(f"/api/{verb}" for verb in ("take", "release", "beat", "arm", "disarm", "stop", "recover"))
+
 
 def test_a_foreign_host_name_is_refused(served):
     with served.signed_in() as (client, headers):
@@ -32,7 +34,7 @@ def test_a_foreign_origin_changes_nothing(served):
 
 def test_a_change_without_the_word_is_refused(served):
     with served.signed_in() as (client, headers):
-        for path in ("/api/stop", "/api/recover", "/api/jobs/demonstration", "/api/jobs/trial"):
+        for path in (*CHANGES, "/api/jobs/demonstration", "/api/jobs/trial"):
             assert client.post(path, json={}).status_code == 403, path
             assert client.post(path, json={}, headers={"x-csrf-token": "wrong"}).status_code == 403, path
         assert not served.mailbox.stop_requested

@@ -1,13 +1,18 @@
-"""Orders, STOP and recovery through the HTTP interface, against the real desk and socket."""
+"""Orders through the HTTP interface, against the real desk and socket."""
 
 import httpx
 import pytest
 
-from rtstack.live.protocol import JobState
+
+def arm(client, headers):
+    """Take control and arm: what every order needs."""
+    for verb in ("take", "arm"):
+        assert client.post(f"/api/{verb}", json={}, headers=headers).status_code == 200
 
 
 def test_an_order_is_taken_once_and_the_second_says_why_not(served):
     with served.signed_in() as (client, headers):
+        arm(client, headers)
         order = {"object": "parcel", "variation": 3, "seed": 7}
         answer = client.post("/api/jobs/demonstration", json=order, headers=headers)
         assert answer.status_code == 202
@@ -39,8 +44,24 @@ def test_a_bad_order_is_one_line_that_names_the_key(served, order, key):
     assert served.desk.status().job is None
 
 
+def test_an_order_needs_control_and_arming_in_this_order(served):
+    order = {"object": "parcel"}
+    with served.signed_in() as (client, headers):
+        for missing, verb in (("take control first", "take"), ("arm them first", "arm")):
+            answer = client.post("/api/jobs/demonstration", json=order, headers=headers)
+            assert answer.status_code == 409
+            assert missing in answer.json()["error"]
+            assert missing in client.get("/api/status").json()["refusal"]
+            client.post(f"/api/{verb}", json={}, headers=headers)
+        assert client.get("/api/status").json()["refusal"] is None
+        answer = client.post("/api/jobs/demonstration", json=order, headers=headers)
+        assert answer.status_code == 202
+        assert answer.json()["phase"] == "moving"
+
+
 def test_an_object_that_the_cell_does_not_have_is_refused_with_the_ones_it_has(served):
     with served.signed_in() as (client, headers):
+        arm(client, headers)
         answer = client.post("/api/jobs/demonstration", json={"object": "piano"}, headers=headers)
         assert answer.status_code == 409
         assert "rice_box" in answer.json()["error"]
@@ -59,32 +80,6 @@ def test_a_trial_needs_a_recording_and_finite_numbers(served):
             assert "\n" not in answer.json()["error"]
         unknown = client.post("/api/jobs/trial", json={**order, "controller": "best"}, headers=headers)
         assert unknown.status_code == 422
-
-
-def test_stop_reaches_the_loop_while_the_robot_process_does_not_answer(served):
-    with served.signed_in() as (client, headers):
-        served.service.close()
-        assert client.post("/api/stop", headers=headers).status_code == 200
-    assert served.mailbox.stop_requested
-
-
-def test_a_new_order_clears_an_old_stop(served):
-    with served.signed_in() as (client, headers):
-        client.post("/api/stop", headers=headers)
-        assert served.desk.status().stop_requested
-        client.post("/api/jobs/demonstration", json={"object": "parcel"}, headers=headers)
-        assert not served.mailbox.stop_requested
-        client.post("/api/stop", headers=headers)
-        served.desk.started("x.mcap")
-        assert client.get("/api/status").json()["job"]["state"] == JobState.STOPPING
-
-
-def test_a_recovery_is_refused_while_a_job_runs(served):
-    with served.signed_in() as (client, headers):
-        client.post("/api/jobs/demonstration", json={"object": "parcel"}, headers=headers)
-        answer = client.post("/api/recover", headers=headers)
-        assert answer.status_code == 409
-        assert "stop it first" in answer.json()["error"]
 
 
 def test_a_robot_process_that_is_gone_is_one_line(served):

@@ -46,7 +46,14 @@ def test_without_a_session_nothing_answers(served):
             answer = client.get(path)
             assert answer.status_code == 401, path
             assert "error" in answer.json()
-        for path in ("/api/stop", "/api/recover", "/api/jobs/trial", "/api/jobs/demonstration"):
+        for path in (
+            "/api/stop",
+            "/api/take",
+            "/api/arm",
+            "/api/recover",
+            "/api/jobs/trial",
+            "/api/jobs/demonstration",
+        ):
             assert client.post(path, json={}).status_code == 401, path
         front = client.get("/")
         assert front.status_code == 401

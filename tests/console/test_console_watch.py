@@ -90,5 +90,6 @@ def test_the_live_socket_sends_view_events_and_status(served):
         assert (view["event"]["level"], view["event"]["text"]) == ("WARNING", "<b>early</b>")
         assert view["left"]["mode"] == "INTERIM"
         assert view["status"]["cell"] == "grab"
-        assert view["status"]["refusal"] is None
+        assert view["status"]["phase"] == "disarmed"
+        assert view["you"] == "operator 1"
         assert client.get("/api/events").json()[-1] == view["event"]

@@ -7,29 +7,40 @@ from hypothesis import strategies as st
 from rtstack.live.protocol import (
     MAX_LINE_BYTES,
     Answer,
+    ArmRequest,
+    BeatRequest,
     DemonstrationRequest,
+    DisarmRequest,
     Job,
     JobKind,
     JobState,
     ProtocolError,
     RecoverRequest,
+    ReleaseRequest,
     Status,
     StatusRequest,
     StopRequest,
+    TakeRequest,
     TrialRequest,
     decode_answer,
     decode_request,
     encode,
 )
 from rtstack.loop.mailbox import Mailbox, MailboxError, remove_mailbox
+from rtstack.safety.permit import Phase
 from rtstack.trials.specification import Controller
 
 REQUESTS = [
     StatusRequest(),
-    DemonstrationRequest("parcel", 2, 3),
-    TrialRequest("a.mcap", Controller.NO_INTERIM, "parcel", -12.5, 4),
-    StopRequest(),
-    RecoverRequest(),
+    DemonstrationRequest("parcel", 2, 3, operator="Zoë K."),
+    TrialRequest("a.mcap", Controller.NO_INTERIM, "parcel", -12.5, 4, operator="anna"),
+    TakeRequest("anna", over_from="<b>ben</b>"),
+    ReleaseRequest("anna"),
+    BeatRequest("anna"),
+    ArmRequest("anna"),
+    DisarmRequest("anna"),
+    StopRequest("anna"),
+    RecoverRequest("anna"),
 ]
 
 
@@ -43,7 +54,9 @@ def test_a_request_comes_back_as_it_was(request_):
 
 def test_an_answer_comes_back_as_it_was():
     job = Job(3, JobKind.TRIAL, JobState.FAILED, "t", 0.25, 12.5, 'two\n"lines"', False, "a.mcap")
-    status = Status("grab", True, ("parcel",), "parcel", job, None, "left arm in reflex", True)
+    status = Status(
+        "grab", True, ("parcel",), "parcel", job, None, Phase.FAULT, "left arm in reflex", "anna", 12.5, True
+    )
     for answer in (Answer(status=status), Answer(error="no")):
         assert decode_answer(encode(answer)) == answer
 
@@ -53,13 +66,20 @@ def test_an_answer_comes_back_as_it_was():
     [
         (b"{}", "verb"),
         (b'{"verb": "dance"}', "verb"),
-        (b'{"verb": "trial"}', "reference"),
-        (b'{"verb": "trial", "reference": "a", "displacement_mm": 1e9}', "displacement_mm"),
-        (b'{"verb": "trial", "reference": "a", "displacement_mm": NaN}', "displacement_mm"),
-        (b'{"verb": "trial", "reference": "a", "controller": "best"}', "controller"),
-        (b'{"verb": "stop", "now": true}', "now"),
-        (b'{"verb": "demonstration", "seed": -1}', "seed"),
-        (b'{"verb": "demonstration", "object": "a b"}', "object"),
+        (b'{"verb": "trial", "operator": "anna"}', "reference"),
+        (b'{"verb": "trial", "operator": "a", "reference": "a", "displacement_mm": 1e9}', "displacement_mm"),
+        (b'{"verb": "trial", "operator": "a", "reference": "a", "displacement_mm": NaN}', "displacement_mm"),
+        (b'{"verb": "trial", "operator": "a", "reference": "a", "controller": "best"}', "controller"),
+        (b'{"verb": "stop", "operator": "a", "now": true}', "now"),
+        (b'{"verb": "demonstration", "operator": "a", "seed": -1}', "seed"),
+        (b'{"verb": "demonstration", "operator": "a", "object": "a b"}', "object"),
+        (b'{"verb": "demonstration"}', "operator"),
+        (b'{"verb": "stop"}', "operator"),
+        (b'{"verb": "take", "operator": ""}', "operator"),
+        (b'{"verb": "take", "operator": " anna"}', "operator"),
+        (b'{"verb": "take", "operator": "an\\nna"}', "operator"),
+        (b'{"verb": "take", "operator": "an\\u202ena"}', "operator"),
+        (b'{"verb": "take", "operator": "%s"}' % (b"a" * 41), "operator"),
     ],
 )
 def test_a_bad_request_is_one_line_that_names_the_key(line, key):

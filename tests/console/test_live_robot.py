@@ -1,4 +1,4 @@
-"""The robot process's main thread on the simulated cell: idle, orders, a reflex and its recovery."""
+"""The robot process's main thread on the simulated cell: idle, orders, what ends them, faults and recovery."""
 
 import threading
 import time
@@ -13,17 +13,21 @@ from hal.errors import RecoveryRefused
 from hal.robot_errors import error_bit
 from hal.state import RobotMode
 from rtstack.cli.cells import live_source
-from rtstack.live.desk import Desk, Refused
-from rtstack.live.protocol import DemonstrationRequest, JobState, RecoverRequest, TrialRequest
+from rtstack.live.audit import AuditTrail
+from rtstack.live.desk import Desk
+from rtstack.live.protocol import DemonstrationRequest, JobState, TrialRequest
 from rtstack.live.robot import Robot
 from rtstack.log.reader import read_log
 from rtstack.log.ring import Rings
+from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox, remove_mailbox
+from rtstack.safety.permit import Phase, Refused
 from sim_robot.cell import SimulatedCell, simulated_cell
 from sim_robot.clock import PacedLockstep
 
 CELL = Path(cells.__file__).parent / "grab.toml"
 PATIENCE_S = 120.0
+DEMONSTRATION = DemonstrationRequest(operator="anna")
 
 
 def wait_for(condition):
@@ -34,18 +38,50 @@ def wait_for(condition):
 
 
 class RunningRobot:
-    """A robot's main thread, run in a thread of the test, and the simulated cells that it opened."""
+    """A robot's main thread, run in a thread of the test, the simulated cells that it opened, and who is there."""
 
-    def __init__(self, logs: Path) -> None:
+    def __init__(self, logs: Path, **description) -> None:
         remove_mailbox("rtstack-test-robot")
         self.mailbox = Mailbox.create("rtstack-test-robot")
         self.rings = Rings.create()
         self.opened: list[SimulatedCell] = []
-        source = replace(live_source(CELL), open_cell=self._open)
-        self.desk = Desk(source, self.mailbox)
+        source = live_source(CELL)
+        source = replace(source, open_cell=self._open, description=replace(source.description, **description))
+        self.audit = AuditTrail(logs / "audit.jsonl")
+        self.desk = Desk(source, self.mailbox, self.audit)
+        self.helm = self.desk.helm
         self.logs = logs
+        self.console_is_there = self.operator_is_there = True
+        self._ended = threading.Event()
+        self._company = threading.Thread(target=self._keep_company)
+        self._company.start()
         self._thread = threading.Thread(target=Robot(source, self.desk, self.rings, self.mailbox, logs).run)
         self._thread.start()
+
+    def _keep_company(self) -> None:
+        """What the console, the holder's page and the socket's thread do."""
+        while not self._ended.wait(0.05):
+            self.helm.watch()
+            if self.console_is_there:
+                self.mailbox.console_beat(time.monotonic_ns())
+            if self.operator_is_there:
+                self.helm.beat("anna")
+
+    def order(self, request) -> None:
+        """Take control, arm and order."""
+        self.helm.take("anna")
+        self.helm.arm("anna")
+        self.desk.order(request)
+
+    def finished(self):
+        """Wait for the end of the job and return it."""
+        wait_for(lambda: not self.desk.status().job.active)
+        return self.desk.status().job
+
+    def events(self, job):
+        """Return the events of the job's log, as who and what."""
+        events = read_log(self.logs / job.log).topic("/events")
+        return [(event["name"].decode(), event["text"].decode()) for event in events]
 
     def _open(self, object_name, displacement_m, seed):
         self.opened.append(simulated_cell(object_name, displacement_m, seed, clock=PacedLockstep()))
@@ -58,8 +94,11 @@ class RunningRobot:
 
     def close(self):
         """End the thread and let go of the memory."""
-        self.desk.end()
+        self.desk.end(End.STOP_REQUESTED, "the test is over")
         self._thread.join(PATIENCE_S)
+        self._ended.set()
+        self._company.join()
+        self.audit.close()
         self.rings.close()
         self.mailbox.close()
 
@@ -90,49 +129,62 @@ def test_a_reflex_is_shown_with_its_reason_and_recovered(robot):
     wait_for(lambda: robot.latest("left")["robot_mode"] == RobotMode.REFLEX)
     assert robot.latest("left")["current_errors"] == error_bit("joint_reflex")
     np.testing.assert_allclose(robot.latest("left")["q"], before, atol=1e-2)
-    wait_for(lambda: robot.desk.status().last_error is not None)
-    assert "joint_reflex" in robot.desk.status().last_error
+    wait_for(lambda: robot.helm.view().phase is Phase.FAULT)
+    assert "joint_reflex" in robot.helm.view().reason
     assert robot.latest("right")["robot_mode"] == RobotMode.IDLE
-    robot.desk.recover(RecoverRequest()).result(PATIENCE_S)
-    assert robot.desk.status().last_error is None
+    with pytest.raises(Refused, match=r"there is a fault: .*joint_reflex.*; recover first"):
+        robot.order(DEMONSTRATION)
+    robot.desk.recover("anna").result(PATIENCE_S)
+    assert (robot.helm.view().phase, robot.helm.view().reason) == (Phase.DISARMED, None)
     wait_for(lambda: robot.latest("left")["robot_mode"] == RobotMode.IDLE)
     assert len(robot.opened) == 1
+    with pytest.raises(Refused, match="arm them first"):
+        robot.desk.order(DEMONSTRATION)
+    with pytest.raises(Refused, match="nothing to recover from"):
+        robot.desk.recover("anna")
 
 
-def test_a_recovery_that_the_robot_refuses_says_why(robot, monkeypatch):
+def test_a_recovery_that_the_robot_refuses_says_why_and_the_fault_stays(robot, monkeypatch):
     wait_for(lambda: robot.latest("left") is not None)
+    robot.opened[0].boxes[0].trip(error_bit("joint_reflex"))
+    wait_for(lambda: robot.helm.view().phase is Phase.FAULT)
 
     def refuse(side):
         raise RecoveryRefused("the cause persists: joint 4 at its limit")
 
     monkeypatch.setattr(robot.opened[0], "recover", refuse)
     with pytest.raises(RecoveryRefused, match="joint 4"):
-        robot.desk.recover(RecoverRequest()).result(PATIENCE_S)
-    assert "joint 4" in robot.desk.status().last_error
+        robot.desk.recover("anna").result(PATIENCE_S)
+    assert robot.helm.view().phase is Phase.FAULT
+    assert "joint 4" in robot.helm.view().reason
+    # nobody can move simulated arms out of it by hand: others are set up, and the recovery is asked for once more
+    robot.desk.recover("anna").result(PATIENCE_S)
+    assert robot.helm.view().phase is Phase.DISARMED
+    assert len(robot.opened) == 2
 
 
 def test_a_lost_arm_is_said_and_a_recovery_opens_the_cell_again(robot):
     wait_for(lambda: robot.latest("left") is not None)
     robot.opened[0].left.close()
-    wait_for(lambda: robot.desk.status().last_error is not None)
-    robot.desk.recover(RecoverRequest()).result(PATIENCE_S)
-    assert robot.desk.status().last_error is None
+    wait_for(lambda: robot.helm.view().phase is Phase.FAULT)
+    robot.desk.recover("anna").result(PATIENCE_S)
+    assert robot.helm.view().phase is Phase.DISARMED
     assert len(robot.opened) == 2
 
 
 def test_a_demonstration_then_a_trial_in_a_fresh_cell_each(robot):
-    robot.desk.take(DemonstrationRequest("parcel", 1, 5))
+    robot.order(replace(DEMONSTRATION, object="parcel", variation=1, seed=5))
     with pytest.raises(Refused, match="running"):
-        robot.desk.take(DemonstrationRequest("parcel", 1, 5))
-    wait_for(lambda: not robot.desk.status().job.active)
-    job = robot.desk.status().job
+        robot.desk.order(DEMONSTRATION)
+    job = robot.finished()
     assert (job.state, job.success, job.reason) == (JobState.DONE, True, None)
+    assert robot.helm.view().phase is Phase.ARMED
     recording = robot.logs / job.log
-    robot.desk.take(TrialRequest(str(recording), object="parcel", displacement_mm=-15.0, seed=5))
-    wait_for(lambda: not robot.desk.status().job.active)
-    job = robot.desk.status().job
+    robot.desk.order(TrialRequest(str(recording), object="parcel", displacement_mm=-15.0, seed=5, operator="anna"))
+    job = robot.finished()
     assert job.state is JobState.DONE
     assert job.progress == 1.0
+    assert robot.helm.view().phase is Phase.ARMED  # a grab that does not succeed is no fault
     log = read_log(robot.logs / job.log)
     assert log.metadata["result"]["displacement_mm"] == "-15.0"
     assert [attachment.data for attachment in log.attachments if attachment.name == "reference.mcap"] == [
@@ -142,26 +194,84 @@ def test_a_demonstration_then_a_trial_in_a_fresh_cell_each(robot):
     assert robot.desk.status().object == "parcel"
 
 
-def test_a_stop_ends_a_job_in_a_controlled_way_with_the_reason(robot):
-    robot.desk.take(DemonstrationRequest("rice_box", 0, 0))
+def test_a_stop_ends_a_job_in_a_controlled_way_and_disarms(robot):
+    robot.order(DEMONSTRATION)
     wait_for(lambda: robot.desk.status().job.progress > 0.2)
-    robot.desk.stop()
-    wait_for(lambda: not robot.desk.status().job.active)
-    job = robot.desk.status().job
+    robot.helm.stop("ben")
+    job = robot.finished()
     assert job.state is JobState.STOPPED
     assert "operator" in job.reason
     assert 0.2 < job.progress < 1.0
     log = read_log(robot.logs / job.log)
     assert log.complete
     assert np.abs(log.topic("/left/arm")["dq"][-1]).max() < 0.05
+    assert ("operator", "ben pressed STOP") in robot.events(job)
+    assert (robot.helm.view().phase, robot.helm.view().reason) == (Phase.DISARMED, None)
+    with pytest.raises(Refused, match="arm them first"):
+        robot.desk.order(DEMONSTRATION)
+
+
+def _goes(robot, who):
+    setattr(robot, who, False)
+
+
+@pytest.mark.parametrize(
+    ("event", "end", "fault"),
+    [
+        (lambda robot: _goes(robot, "operator_is_there"), End.OPERATOR_GONE, True),
+        (lambda robot: _goes(robot, "console_is_there"), End.CONSOLE_GONE, True),
+        (lambda robot: robot.opened[-1].boxes[1].trip(error_bit("joint_reflex")), End.HARDWARE, True),
+        (lambda robot: robot.desk.end(End.PARENT_GONE, "the supervisor has died"), End.PARENT_GONE, True),
+        (lambda robot: robot.helm.release("anna"), End.STOP_REQUESTED, False),
+        (lambda robot: robot.helm.disarm("ben"), End.STOP_REQUESTED, False),
+    ],
+    ids=["operator gone", "console gone", "reflex", "supervisor gone", "released", "disarmed"],
+)
+def test_what_ends_a_motion_is_said_in_its_log_and_only_a_recovery_leads_out_of_a_fault(robot, event, end, fault):
+    robot.order(DEMONSTRATION)
+    wait_for(lambda: robot.desk.status().job.progress > 0.05)
+    event(robot)
+    job = robot.finished()
+    assert job.reason.startswith(end)
+    assert not job.success
+    log = read_log(robot.logs / job.log)
+    assert log.complete
+    assert log.metadata["result"]["failure_reason"] == job.reason
+    assert np.abs(log.topic("/left/arm")["dq"][-1]).max() < 0.05
+    view = robot.helm.view()
+    assert view.phase is (Phase.FAULT if fault else Phase.DISARMED)
+    assert view.reason == (job.reason if fault else None)
+    robot.console_is_there = robot.operator_is_there = True
+    if robot.desk.ending:
+        return
+    with pytest.raises(Refused):
+        robot.desk.order(DEMONSTRATION)
+    if fault:
+        robot.desk.recover("ben").result(PATIENCE_S)
+        assert robot.helm.view().phase is Phase.DISARMED
+
+
+def test_a_recovery_is_refused_while_the_judge_would_stop_the_arms_where_they_are(tmp_path):
+    robot = RunningRobot(tmp_path, safety={"ee_upper": [9.0, 9.0, 0.0]})  # below the table: nowhere
+    try:
+        robot.order(DEMONSTRATION)
+        assert robot.finished().reason.startswith(End.SAFETY)
+        for _ in range(2):
+            with pytest.raises(
+                RecoveryRefused, match="the end effector has left its box: the cause persists"
+            ):
+                robot.desk.recover("anna").result(PATIENCE_S)
+            assert robot.helm.view().phase is Phase.FAULT
+    finally:
+        robot.close()
 
 
 def test_what_is_impossible_fails_with_one_line_and_leaves_a_working_cell(robot, tmp_path):
     (tmp_path / "junk.mcap").write_bytes(b"junk")
     for reference in (tmp_path / "junk.mcap", tmp_path / "none.mcap"):
-        robot.desk.take(TrialRequest(str(reference)))
-        wait_for(lambda: not robot.desk.status().job.active)
-        job = robot.desk.status().job
+        robot.order(TrialRequest(str(reference), operator="anna"))
+        job = robot.finished()
+        assert robot.helm.view().phase is Phase.ARMED
         assert job.state is JobState.FAILED
         assert reference.name in job.reason
         assert "\n" not in job.reason

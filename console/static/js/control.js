@@ -91,11 +91,15 @@ export class Control {
     allow("recover", active ? "Wait until the job has ended" : phase === "recovering" ? "The arms are recovering" : null,
       "Clear what the arms have latched, once its cause is gone");
 
-    write(line, phase === "fault" || phase === "recovering" ? `Fault: ${reason}` : this.hint(phase, mine, holder));
-    line.dataset.tone = phase === "fault" ? "bad" : "";
+    const fault = document.getElementById("fault");
+    fault.hidden = reason === null;
+    write(fault, `Fault: ${reason}`);
+    write(line, this.hint(phase, mine, holder));
+    line.dataset.tone = "";
   }
 
   hint(phase, mine, holder) {
+    if (phase === "fault") return "Mend the cause, then recover.";
     if (holder === null) return "Take control, then arm.";
     if (!mine) return `${holder} has the robot.`;
     return { disarmed: "You have the robot. Arm to start.", armed: "Armed: you can start.", moving: "The arms move." }[phase] ?? "";

@@ -1,0 +1,179 @@
+"""Control of the robot through the HTTP interface and the live socket, against the real desk and socket."""
+
+import json
+import time
+from contextlib import contextmanager
+
+import httpx
+import pytest
+from websockets.sync.client import connect
+
+from rtstack.live.client import RobotClient
+from rtstack.live.protocol import JobState
+from rtstack.safety.permit import LEASE_S
+from tests.console.test_console_jobs import arm
+from tests.console.test_console_watch import wait_for
+
+
+def post(client, headers, verb, **body):
+    return client.post(f"/api/{verb}", json=body, headers=headers)
+
+
+@contextmanager
+def program(served):
+    """A program that speaks with the robot process itself."""
+    client = RobotClient(served.parts.client._path)
+    yield client
+    client.close()
+
+
+def test_taking_arming_and_releasing_say_what_they_did(served):
+    with served.signed_in() as (client, headers):
+        status = post(client, headers, "take", operator="Zoë <b>K</b>").json()
+        assert (status["holder"], status["phase"]) == ("Zoë <b>K</b>", "disarmed")
+        since_s = status["since_s"]
+        status = post(client, headers, "arm").json()
+        assert (status["phase"], status["reason"]) == ("armed", None)
+        assert since_s < status["since_s"] <= time.time()
+        assert post(client, headers, "disarm").json()["phase"] == "disarmed"
+        post(client, headers, "arm")
+        status = post(client, headers, "release").json()
+        assert (status["holder"], status["phase"]) == (None, "disarmed")
+    zoe = "Zoë <b>K</b>"
+    assert served.trail() == [(act, zoe) for act in ("take", "arm", "disarm", "arm", "release")]
+
+
+def test_a_second_operator_is_refused_with_the_name_and_may_take_over(served):
+    with served.signed_in() as (client, headers):
+        cookies, others = served.second_session()
+        post(client, headers, "take", operator="anna")
+        with httpx.Client(base_url=served.base, cookies=cookies, trust_env=False) as second:
+            answer = post(second, others, "take", operator="ben")
+            assert answer.status_code == 409
+            assert answer.json()["error"].startswith("anna has the robot")
+            for verb in ("arm", "release", "beat"):
+                answer = post(second, others, verb)
+                assert answer.status_code == 409
+                assert "anna has the robot" in answer.json()["error"]
+            answer = post(second, others, "take", operator="anna")
+            assert answer.status_code == 409
+            assert "another session calls itself anna" in answer.json()["error"]
+            post(client, headers, "arm")
+            status = post(second, others, "take", operator="ben", over_from="anna").json()
+            assert (status["holder"], status["phase"]) == ("ben", "disarmed")
+            wait_for(lambda: client.get("/api/status").json()["holder"] == "ben")
+            answer = post(client, headers, "arm")
+            assert answer.status_code == 409
+            assert "ben has the robot" in answer.json()["error"]
+    assert ("takeover", "ben") in served.trail()
+
+
+def test_nobody_takes_over_while_something_moves(served):
+    with served.signed_in() as (client, headers), program(served) as other:
+        other.take("ben")
+        other.arm("ben")
+        answer = post(client, headers, "take", over_from="ben")
+        assert answer.json()["holder"] == "operator 1"
+        arm(client, headers)
+        client.post("/api/jobs/demonstration", json={"object": "parcel"}, headers=headers)
+        with pytest.raises(Exception, match="the arms are moving: take over from operator 1"):
+            other.take("ben", over_from="operator 1")
+        assert not served.mailbox.stop_requested
+        post(client, headers, "release")
+        assert served.mailbox.stop_requested
+
+
+@pytest.mark.parametrize("body", [{"operator": ""}, {"operator": "a\nb"}, {"operator": 3}, {"name": "anna"}, []])
+def test_a_bad_name_is_one_line_that_names_the_key(served, body):
+    with served.signed_in() as (client, headers):
+        answer = client.post("/api/take", json=body, headers=headers)
+        assert answer.status_code == 422
+        assert "\n" not in answer.json()["error"]
+        assert client.get("/api/status").json()["holder"] is None
+
+
+def test_a_program_keeps_its_lease_by_beats_and_loses_it_without(served):
+    with served.signed_in() as (client, headers):
+        assert post(client, headers, "beat").status_code == 409
+        arm(client, headers)
+        began_s = time.monotonic()
+        while time.monotonic() - began_s < LEASE_S * 1.3:
+            assert post(client, headers, "beat").status_code == 200
+            time.sleep(0.1)
+        assert client.get("/api/status").json()["phase"] == "armed"
+        wait_for(lambda: client.get("/api/status").json()["holder"] is None)
+        assert client.get("/api/status").json()["phase"] == "disarmed"
+    assert served.trail()[-1] == ("lost", "operator 1")
+
+
+def test_a_page_keeps_its_lease_by_answering_what_it_is_sent(served):
+    with served.signed_in() as (client, headers):
+        arm(client, headers)
+        with connect(
+            f"ws://127.0.0.1:{served.port}/live",
+            additional_headers={"cookie": served.cookie(client)},
+            origin=served.base,
+            proxy=None,
+        ) as page:
+            began_s = time.monotonic()
+            while time.monotonic() - began_s < LEASE_S * 1.3:
+                view = json.loads(page.recv(timeout=10))
+                assert view["you"] == "operator 1"
+                page.send("beat")
+            assert view["status"]["phase"] == "armed"
+            for _ in range(3):  # a page that receives and does not answer is no operator
+                page.recv(timeout=10)
+                page.send("hello")
+            wait_for(lambda: json.loads(page.recv(timeout=10))["status"]["holder"] is None)
+
+
+def test_stop_needs_no_lease_disarms_and_is_remembered_with_its_name(served):
+    with served.signed_in() as (client, headers), program(served) as other:
+        other.take("ben")
+        other.arm("ben")
+        assert post(client, headers, "stop").status_code == 200
+        assert served.mailbox.stop_requested
+        wait_for(lambda: ("stop", "operator 1") in served.trail())
+        assert other.status().phase == "disarmed"
+        assert other.status().holder == "ben"
+
+
+def test_a_stop_holds_until_somebody_arms_again(served):
+    with served.signed_in() as (client, headers):
+        arm(client, headers)
+        served.mailbox.request_stop()
+        answer = client.post("/api/jobs/demonstration", json={"object": "parcel"}, headers=headers)
+        assert answer.status_code == 409
+        assert "arm them first" in answer.json()["error"]
+        assert post(client, headers, "arm").json()["phase"] == "armed"
+        assert not served.mailbox.stop_requested
+        client.post("/api/jobs/demonstration", json={"object": "parcel"}, headers=headers)
+        post(client, headers, "stop")
+        served.desk.started("x.mcap")
+        assert client.get("/api/status").json()["job"]["state"] == JobState.STOPPING
+
+
+def test_stop_reaches_the_loop_while_the_robot_process_does_not_answer(served):
+    with served.signed_in() as (client, headers):
+        served.service.close()
+        assert post(client, headers, "stop").status_code == 200
+    assert served.mailbox.stop_requested
+
+
+def test_a_recovery_is_for_faults_and_not_while_a_job_runs(served):
+    with served.signed_in() as (client, headers):
+        answer = post(client, headers, "recover")
+        assert answer.status_code == 409
+        assert "nothing to recover from" in answer.json()["error"]
+        arm(client, headers)
+        client.post("/api/jobs/demonstration", json={"object": "parcel"}, headers=headers)
+        answer = post(client, headers, "recover")
+        assert answer.status_code == 409
+        assert "is running" in answer.json()["error"]
+
+
+def test_the_console_gives_a_sign_of_life_by_itself(served):
+    first_ns = served.mailbox.console_beat_ns
+    assert first_ns > 0
+    wait_for(lambda: served.mailbox.console_beat_ns > first_ns)
+    assert served.mailbox.console_beat_ns <= time.monotonic_ns()

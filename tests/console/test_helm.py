@@ -1,0 +1,251 @@
+"""The helm: the permit with a mailbox, a clock and witnesses. In any order of what operators and the loop do, nothing
+moves after a STOP before somebody has armed again, and whatever was allowed is in the audit trail.
+"""
+
+import itertools
+import json
+import os
+import tempfile
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+
+from rtstack.live.audit import AuditTrail
+from rtstack.live.helm import Helm
+from rtstack.loop.mailbox import Mailbox, remove_mailbox
+from rtstack.safety.permit import LEASE_S, Phase, Refused
+from rtstack.samples import Level
+
+operators = st.sampled_from(["anna", "ben"])
+numbers = itertools.count()
+
+
+class Bench:
+    """A helm with a clock that is turned by hand."""
+
+    def __init__(self, trail: Path) -> None:
+        name = f"rtstack-test-helm-{os.getpid()}-{next(numbers)}"
+        remove_mailbox(name)
+        self.now_s = 1000.0
+        self.trail = trail
+        self.mailbox = Mailbox.create(name)
+        self.audit = AuditTrail(trail)
+        self.helm = Helm(self.mailbox, self.audit, lambda: self.now_s)
+
+    def lines(self):
+        return [json.loads(line) for line in self.trail.read_text().splitlines()]
+
+    def close(self):
+        self.audit.close()
+        self.mailbox.close()
+
+
+@pytest.fixture
+def bench(tmp_path):
+    bench = Bench(tmp_path / "audit.jsonl")
+    yield bench
+    bench.close()
+
+
+class HelmMachine(RuleBasedStateMachine):
+    """Operators, a STOP in the mailbox, faults and time, in any order."""
+
+    @initialize()
+    def start(self):
+        self.folder = tempfile.TemporaryDirectory()
+        self.bench = Bench(Path(self.folder.name) / "audit.jsonl")
+        self.helm, self.mailbox = self.bench.helm, self.bench.mailbox
+        self.armed_by = None  # who has armed since the last reason not to move
+        self.moving = False
+        self.allowed = []
+
+    def teardown(self):
+        if hasattr(self, "bench"):
+            self.bench.close()
+            self.folder.cleanup()
+
+    def tries(self, action, who):
+        refusal = self.refusal(lambda: getattr(self.helm, action)(who))
+        if refusal is None:
+            self.allowed.append((action, who))
+        return refusal is None
+
+    def refusal(self, act):
+        try:
+            act()
+        except Refused as refused:
+            line = str(refused)
+        else:
+            return None
+        assert "\n" not in line
+        return line
+
+    @rule(who=operators, over=st.none() | operators)
+    def takes(self, who, over):
+        before = self.helm.view().holder
+        refusal = self.refusal(lambda: self.helm.take(who, over))
+        if refusal is not None:
+            assert before not in (None, who)
+            assert before in refusal
+            assert over != before or self.moving
+            return
+        assert before in (None, who, over)
+        assert before in (None, who) or not self.moving
+        if before != who:
+            self.allowed.append(("take" if before is None else "takeover", who))
+            self.armed_by = None
+
+    @rule(who=operators)
+    def releases(self, who):
+        if self.tries("release", who):
+            self.armed_by = None
+            assert self.mailbox.stop_requested or not self.moving
+
+    @rule(who=operators)
+    def arms(self, who):
+        if self.tries("arm", who):
+            assert self.helm.view().holder == who
+            assert not self.mailbox.stop_requested
+            if self.armed_by == who:
+                self.allowed.pop()  # it was armed
+            self.armed_by = who
+
+    @rule(who=operators)
+    def disarms(self, who):
+        assert self.tries("disarm", who)
+        self.armed_by = None
+        assert self.mailbox.stop_requested or not self.moving
+
+    @rule(who=operators)
+    def stops(self, who):
+        assert self.tries("stop", who)
+        self.armed_by = None
+        assert self.mailbox.stop_requested
+
+    @rule()
+    def somebody_writes_stop_into_the_mailbox(self):
+        self.mailbox.request_stop()
+        self.armed_by = None
+
+    @rule(who=operators)
+    def begins(self, who):
+        if self.refusal(lambda: self.helm.begin(who, "a trial")) is not None:
+            return
+        assert self.armed_by == who
+        assert not self.moving
+        assert not self.mailbox.stop_requested
+        self.allowed.append(("begin", who))
+        self.moving = True
+
+    @rule(who=operators)
+    def goes_for_it(self, who):
+        self.takes(who, None)
+        self.arms(who)
+        self.begins(who)
+
+    @rule()
+    def the_motion_ends(self):
+        self.helm.end()
+        self.moving = False
+
+    @rule()
+    def a_fault_comes(self):
+        self.helm.fault("reflex")
+        self.armed_by = None
+
+    @rule(who=operators, ends_well=st.booleans())
+    def recovers(self, who, ends_well):
+        if self.tries("recover", who):
+            assert not self.moving
+            if ends_well:
+                self.helm.recovered()
+            else:
+                self.helm.not_recovered("persists")
+        assert self.armed_by is None or self.helm.view().phase is not Phase.RECOVERING
+
+    @rule(seconds=st.sampled_from([0.1, LEASE_S / 2, LEASE_S * 1.01]), alive=st.booleans())
+    def time_passes(self, seconds, alive):
+        self.bench.now_s += seconds
+        holder = self.helm.view().holder
+        if alive and holder:
+            self.helm.beat(holder)
+        self.helm.watch()
+        if holder is None:
+            self.armed_by = None
+
+    @invariant()
+    def nothing_is_armed_that_nobody_has_armed(self):
+        if hasattr(self, "bench"):
+            self.helm.watch()
+            view = self.helm.view()
+            if view.holder is None:
+                self.armed_by = None
+            if view.phase is Phase.ARMED:
+                assert self.armed_by == view.holder
+                assert not self.mailbox.stop_requested
+
+    @invariant()
+    def whatever_was_allowed_is_in_the_trail(self):
+        if hasattr(self, "bench"):
+            noted = [(line["action"], line["operator"]) for line in self.bench.lines()]
+            own = ("take", "takeover", "release", "arm", "disarm", "stop", "begin", "recover")
+            assert [entry for entry in noted if entry[0] in own] == self.allowed
+
+
+HelmMachine.TestCase.settings = settings(max_examples=60, stateful_step_count=30, deadline=None)
+TestHelm = HelmMachine.TestCase
+
+
+def test_a_motion_without_its_operator_stops_although_the_loop_says_nothing(bench):
+    bench.helm.take("anna")
+    bench.helm.arm("anna")
+    bench.helm.begin("anna", "a trial")
+    bench.now_s += LEASE_S * 1.01
+    bench.helm.watch()
+    assert not bench.mailbox.stop_requested  # the loop's own watchdog knows the reason, and comes first
+    bench.now_s += 1.0
+    bench.helm.watch()
+    bench.helm.watch()
+    assert bench.mailbox.stop_requested
+    assert bench.helm.view().holder is None
+    assert [line["action"] for line in bench.lines()] == ["take", "arm", "begin", "lost"]
+
+
+def test_only_the_holders_beat_reaches_the_loop(bench):
+    bench.helm.beat("ben")
+    assert bench.mailbox.operator_beat_ns == 0
+    bench.helm.take("anna")
+    taken_ns = bench.mailbox.operator_beat_ns
+    assert taken_ns == 1_000_000_000_000
+    bench.now_s += 1.0
+    bench.helm.beat("ben")
+    assert bench.mailbox.operator_beat_ns == taken_ns
+    bench.helm.beat("anna")
+    assert bench.mailbox.operator_beat_ns == taken_ns + 1_000_000_000
+
+
+def test_what_operators_do_is_told_once_with_their_names(bench):
+    bench.helm.take("anna")
+    bench.helm.take("ben", over_from="anna")
+    bench.helm.stop("carl")
+    told = [(remark.level, remark.name, remark.text) for remark in bench.helm.remarks()]
+    assert told == [
+        (Level.INFO, "operator", "anna took control"),
+        (Level.WARNING, "operator", "ben took over from anna"),
+        (Level.WARNING, "operator", "carl pressed STOP"),
+    ]
+    assert list(bench.helm.remarks()) == []
+
+
+def test_the_trail_goes_on_after_a_line_that_was_cut(tmp_path):
+    path = tmp_path / "audit.jsonl"
+    path.write_bytes(b'{"action": "take"}\n{"acti')
+    trail = AuditTrail(path)
+    trail.note("stop", "Zoë", "Zoë pressed STOP")
+    trail.close()
+    lines = path.read_text().splitlines()
+    assert len(lines) == 3
+    assert json.loads(lines[2])["operator"] == "Zoë"
