@@ -64,7 +64,8 @@ WATCHDOGS = (
           "hal"),
     Entry("operator heartbeat", "a word of the mailbox", OPERATOR_S, "s", End.OPERATOR_GONE, _STOP, "loop"),
     Entry("console heartbeat", "a word of the mailbox", CONSOLE_S, "s", End.CONSOLE_GONE, _STOP, "loop"),
-    Entry("parent gone", "the process that started `rtstack trial` or `teach`", 1, "tick", End.PARENT_GONE, _STOP, "loop"),
+    Entry("parent gone", "the process that started `rtstack trial` or `teach`", 1, "tick", End.PARENT_GONE, _STOP,
+          "loop"),
     Entry("log process gone", "its exit", ROOM_TICKS, "ticks", End.LOG_FAILED, _STOP, "loop"),
     Entry("disk full", "a write that is refused", FLUSH_NS * 1e-9, "s", End.LOG_FAILED, _STOP, "log process, loop"),
     Entry("log hangs", "a full ring of a run that may wait: direct, lockstep", HANG_S, "s", End.LOG_FAILED, _STOP,
@@ -80,7 +81,8 @@ WATCHDOGS = (
           "robot process, console"),
     Entry("lost packets", "answers that come too late or not at all, in a row", _MS, "ms",
           "communication_constraints_violation", _ROBOT, "robot"),
-    Entry("collision", f"external torques: {max(COLLISION_TORQUES):g} Nm at the base, {min(COLLISION_TORQUES):g} at the wrist",
+    Entry("collision",
+          f"external torques: {max(COLLISION_TORQUES):g} Nm at the base, {min(COLLISION_TORQUES):g} at the wrist",
           1, "tick", "joint_reflex, cartesian_reflex", _ROBOT, "robot"),
 )  # fmt: skip
 

@@ -28,6 +28,7 @@ from rtstack.loop.watchdogs import TickOverrun, Trip, Watchdog
 from rtstack.safety.judge import Reason, SafetyJudge
 from rtstack.samples import ARM_SAMPLE, SIDES, Level, Mode, QpStatus
 
+_OF_THE_OTHER = (Reason.PAIR_SKEW, Reason.OTHER_ARM)  # the other arm's own reason says more
 _FIRST = ((), (0,), (1,), (0,))  # the arm to serve of a mask of LEFT and RIGHT
 
 
@@ -296,7 +297,8 @@ class Session:
         """Notice a stop of a judge's own, and when both arms stop."""
         stopping = [judge.stopping for judge in self._judges]
         if any(stopping) and self._controller.machine.mode is not Mode.STOPPING:
-            k = stopping.index(True)
+            k = next((k for k in (0, 1) if stopping[k] and self._judges[k].reason not in _OF_THE_OTHER), None)
+            k = stopping.index(True) if k is None else k
             judge = self._judges[k]
             if judge.reason is Reason.CONTROLLER:
                 trip = Trip(End.QP, status.name.lower(), side=SIDES[k])

@@ -1,0 +1,359 @@
+"""Every watchdog of the loop trips in a real session on the plant, and the judge stops both arms within two ticks."""
+
+import os
+import re
+import resource
+import signal
+import time
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rtstack.loop.rest
+import rtstack.trials.record
+import rtstack.trials.run
+from hal.cell import Cell
+from hal.errors import ConnectionLost
+from rtstack.cli.cells import open_cell
+from rtstack.log.ring import Rings
+from rtstack.log.writer import LogProcess
+from rtstack.loop.end import End
+from rtstack.loop.mailbox import Mailbox
+from rtstack.loop.watchdogs import CONSOLE_S, OPERATOR_S, OVERRUN_TICKS, Heartbeat, TickOverrun
+from rtstack.safety.judge import Verdict
+from rtstack.samples import Level, QpStatus
+from rtstack.trials.record import TrialLog
+from rtstack.trials.run import prepare_trial, run_trial
+from rtstack.trials.specification import TrialSpecification
+
+AT = 300  # tick of the fault, both arms on their way to the box
+MOST_TICKS = 2
+
+
+class EachTick:
+    """Asked as a watchdog is, once a tick, after the observation; does something, and finds nothing."""
+
+    def __init__(self, act) -> None:
+        self._act = act
+        self._tick = -1
+
+    def trip(self) -> None:
+        self._tick += 1
+        self._act(self._tick)
+
+
+@dataclass
+class Played:
+    """What a trial with a fault was: ticks (n,) of the left arm, verdicts of both, its ERROR events."""
+
+    reason: str
+    ticks: np.ndarray
+    verdicts: list[list[Verdict]]
+    errors: list[tuple[int, str]]
+
+    def stops(self, reason: str) -> int:
+        """Assert that the fault was seen, said and answered; return the tick that saw it."""
+        assert re.search(reason, self.reason), self.reason
+        assert len(self.errors) == 1, self.errors
+        assert re.search(reason, self.errors[0][1]), self.errors
+        seen = int(np.flatnonzero(self.ticks["t_ns"] == self.errors[0][0])[0])
+        for verdicts in self.verdicts:
+            first = verdicts.index(Verdict.STOPPING)
+            assert 0 <= first - seen <= MOST_TICKS
+            assert set(verdicts[first:]) == {Verdict.STOPPING}
+        first = self.verdicts[0].index(Verdict.STOPPING)
+        assert np.any(self.ticks["tau_applied"][first] != self.ticks["tau_desired"][first])
+        assert np.all(np.isfinite(self.ticks["tau_applied"]))
+        assert np.abs(self.ticks["dq"][-1]).max() < rtstack.loop.rest.REST_DQ
+        return seen
+
+
+class Stage:
+    """Plays trials on the direct plant, with the controller and the judges that a run really makes in reach."""
+
+    def __init__(self, monkeypatch, prepared) -> None:
+        self._prepared = prepared
+        self.verdicts: list[list[Verdict]] = [[], []]
+        make_controller, make_judges = rtstack.trials.run.dual_arm_controller, rtstack.trials.run.safety_judges
+
+        def controller(*arguments):
+            self.controller = make_controller(*arguments)
+            return self.controller
+
+        def judges(*arguments):
+            made = make_judges(*arguments)
+            for verdicts, judge in zip(self.verdicts, made, strict=True):
+                judge.judge = _recording(judge.judge, verdicts)
+            return made
+
+        monkeypatch.setattr(rtstack.trials.run, "dual_arm_controller", controller)
+        monkeypatch.setattr(rtstack.trials.run, "safety_judges", judges)
+        monkeypatch.setattr(rtstack.trials.run, "realtime_thread", nullcontext)
+
+    def play(self, act=lambda tick: None, change=lambda cell: cell, watchdogs=(), log=None, **around) -> Played:
+        """Run the trial; `act` is called in each tick, `change` may wrap the cell."""
+        cell: Cell = open_cell("direct", "rice_box", 0.0, 1)
+        try:
+            with Rings.create() as live:
+                result = run_trial(
+                    self._prepared, change(cell), log=log, live=live, watchdogs=(EachTick(act), *watchdogs), **around
+                )
+                ticks = live.log_reader("/left/arm").drain()
+                events = live.log_reader("/events").drain()
+        finally:
+            cell.close()
+        errors = [(int(e["t_ns"]), bytes(e["text"]).decode()) for e in events if e["level"] >= Level.ERROR]
+        assert result.success == (not errors) or result.failure_reason
+        return Played(str(result.failure_reason), ticks, self.verdicts, errors)
+
+
+def _recording(judge, verdicts):
+    def judged(*arguments):
+        verdicts.append(judge(*arguments))
+        return verdicts[-1]
+
+    return judged
+
+
+@pytest.fixture(scope="module")
+def prepared(cell, demonstration):
+    return prepare_trial(TrialSpecification(str(demonstration.path), seed=1), cell)
+
+
+@pytest.fixture
+def stage(monkeypatch, prepared) -> Stage:
+    return Stage(monkeypatch, prepared)
+
+
+def _at(act, tick: int = AT):
+    return lambda now: act() if now == tick else None
+
+
+def test_a_good_trial_trips_none(stage):
+    played = stage.play()
+    assert played.reason == "None"
+    assert played.errors == []
+
+
+@pytest.mark.parametrize("method", ["observe", "choose", "command", "decide", "finish"])
+def test_an_exception_of_the_controller_stops_without_it(stage, method):
+    calls = []
+
+    def broken(*_):
+        calls.append(method)
+        raise ZeroDivisionError("a defect")
+
+    def spoil():
+        setattr(stage.controller if method in ("decide", "finish") else stage.controller.right, method, broken)
+
+    played = stage.play(_at(spoil))
+    seen = played.stops("^an exception in the control loop: ZeroDivisionError: a defect$")
+    assert seen == AT + (method in ("observe", "decide"))
+    assert calls == [method]  # never asked again
+
+
+@pytest.mark.parametrize("status", [QpStatus.INFEASIBLE, QpStatus.ITERATIONS_EXHAUSTED, QpStatus.WRONG_ANSWER])
+def test_a_qp_without_an_answer_stops(stage, status):
+    class Program:
+        def solve(self, *problem):
+            problem[-1][:] = np.nan
+            return status, 7
+
+    def spoil():
+        arm = stage.controller.left
+        arm.program = Program()
+        arm.tau_max[:] = 1e-3  # no free solution
+
+    assert stage.play(_at(spoil)).stops(f"^the QP was not solved: {status.name.lower()}$") == AT
+
+
+def test_a_torque_that_is_no_number_stops(stage):
+    def spoil():
+        command = stage.controller.left.command
+
+        def broken(mode):
+            status = command(mode)
+            stage.controller.left.sample["tau_desired"][0, 3] = np.nan
+            return status
+
+        stage.controller.left.command = broken
+
+    assert stage.play(_at(spoil)).stops("^safety stop: left: a value of the state or the desired torque is not") == AT
+
+
+class WrappedArm:
+    """An arm whose states are spoilt from one read on."""
+
+    def __init__(self, arm, spoil) -> None:
+        self._arm, self._spoil, self._reads = arm, spoil, 0
+        self.write, self.stop, self.close, self.recover = arm.write, arm.stop, arm.close, arm.recover
+
+    def read(self):
+        state = self._arm.read()
+        self._reads += 1
+        if self._reads > AT:
+            self._spoil(state.record)
+        return state
+
+
+def test_a_stale_state_stops(stage):
+    kept = {}
+
+    def freeze(record):
+        kept.setdefault("state", record.copy())
+        t_ns = record["t_ns"].copy()
+        record[:] = kept["state"]
+        record["t_ns"] = t_ns
+
+    played = stage.play(change=lambda cell: replace(cell, right=WrappedArm(cell.right, freeze)))
+    assert played.stops("^safety stop: right: the state is stale") <= AT + 21
+
+
+def test_a_lost_arm_ends_the_session_and_says_which(stage):
+    def lose(record):
+        raise ConnectionLost("the arm at 172.16.0.3 has sent no state for 100 ms")
+
+    played = stage.play(change=lambda cell: replace(cell, right=WrappedArm(cell.right, lose)))
+    assert played.reason == "the robot left torque control: the arm at 172.16.0.3 has sent no state for 100 ms"
+    assert [text for _, text in played.errors] == ["the arm at 172.16.0.3 has sent no state for 100 ms"]
+
+
+@pytest.mark.parametrize("who", ["operator", "console"])
+def test_who_gives_no_sign_of_life_any_more_stops_the_arms(stage, who):
+    limit_s, end = (OPERATOR_S, End.OPERATOR_GONE) if who == "operator" else (CONSOLE_S, End.CONSOLE_GONE)
+    box = Mailbox.create(f"rtstack-test-{os.getpid()}-{who}")
+    beat = getattr(box, f"{who}_beat")
+
+    def live_until_at(tick):
+        silence_ns = round(1.5e9 * limit_s) if tick >= AT else 0
+        beat(time.monotonic_ns() - silence_ns)
+
+    try:
+        watchdog = Heartbeat(lambda: getattr(box, f"{who}_beat_ns"), limit_s, end)
+        never = watchdog.trip()
+        assert never is not None
+        assert never.detail == f"it never gave a sign of life, allowed {limit_s:g} s"
+        played = stage.play(live_until_at, watchdogs=(watchdog,))
+    finally:
+        box.close()
+    assert played.stops(rf"^{end}: no sign of life for [\d.]+ s, allowed {limit_s:g} s$") == AT
+
+
+def test_ticks_that_take_longer_than_a_period_stop_without_the_controller(stage):
+    calls = []
+
+    def spoil():
+        observe = stage.controller.left.observe
+
+        def slow():
+            calls.append(time.sleep(2e-3))  # the fault itself
+            observe()
+
+        stage.controller.left.observe = slow
+
+    played = stage.play(_at(spoil), change=lambda cell: replace(cell, own_clocks=True))
+    played.stops(rf"^the tick takes longer than its period: {OVERRUN_TICKS} ticks in a row")
+    assert OVERRUN_TICKS <= len(calls) <= OVERRUN_TICKS + 1
+
+
+def test_a_machine_that_stalls_now_and_then_is_no_overrun():
+    overrun = TickOverrun()
+    for tick in range(1000):
+        overrun.take((tick % 2,), 20_000_000 if tick % 17 == 0 else 200_000)
+        assert overrun.trip() is None
+
+
+def test_one_slow_arm_of_two_is_an_overrun():
+    overrun = TickOverrun()
+    for _ in range(OVERRUN_TICKS):
+        assert overrun.trip() is None
+        overrun.take((0,), 1_100_000)
+        overrun.take((1,), 100_000)
+    assert overrun.trip() is not None
+
+
+def test_an_exception_between_two_ticks_stops_too(stage):
+    def progress(fraction):
+        if fraction > 0.05:
+            raise BrokenPipeError("nobody reads any more")
+
+    stage.play(progress=progress).stops("^an exception in the control loop: BrokenPipeError: nobody reads any more$")
+
+
+def test_arms_that_do_not_come_to_rest_are_a_fault(stage, monkeypatch):
+    monkeypatch.setattr(rtstack.loop.rest, "STOP_TICKS", 10)
+
+    class Stop:
+        stop_requested = False
+
+    stop = Stop()
+    played = stage.play(_at(lambda: setattr(stop, "stop_requested", True)), stop=stop)
+    assert re.search(r"^the arms did not come to rest: still [\d.]+ rad/s", played.reason)
+    assert [text for _, text in played.errors] == [played.reason]
+
+
+@pytest.fixture
+def log(tmp_path: Path):
+    """A log in a process of its own, with rings of half a second."""
+    rings = Rings.create(512)
+    process = LogProcess.start(tmp_path / "a.mcap", rings, {"trial": {"seed": "1"}})
+    yield TrialLog(tmp_path / "a.mcap", rings, process, lockstep=True), process
+    process.abandon()
+    rings.close()
+
+
+def _dead(pid: int) -> bool:
+    return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "Z"
+
+
+def test_a_log_process_that_is_killed_stops_the_arms(stage, log):
+    def kill():
+        os.kill(log[1].pid, signal.SIGKILL)
+        while not _dead(log[1].pid):
+            time.sleep(1e-3)
+
+    played = stage.play(_at(kill), log=log[0])
+    assert re.search("the log .* is incomplete: its process was killed by signal 9", played.reason)
+    played.reason = played.errors[0][1]
+    seen = played.stops("^the log is not being written: its process was killed by signal 9$")
+    assert seen <= AT + rtstack.trials.run.ROOM_TICKS + 1
+
+
+def test_a_log_that_hangs_stops_a_run_that_would_wait_for_it(stage, log, monkeypatch):
+    monkeypatch.setattr(rtstack.trials.record, "HANG_S", 0.3)
+    monkeypatch.setattr(rtstack.trials.record, "_END_OF_HANGING_S", 0.1)
+    played = stage.play(_at(lambda: os.kill(log[1].pid, signal.SIGSTOP)), log=log[0])
+    assert re.search("the log .* is incomplete: its process did not end", played.reason)
+    played.reason = played.errors[0][1]
+    played.stops("^the log is not being written: its process has read nothing for 0.3 s$")
+
+
+def test_a_ring_that_fills_up_stops_a_run_that_cannot_wait(stage, log, monkeypatch):
+    monkeypatch.setattr(rtstack.trials.record, "_END_OF_HANGING_S", 0.1)
+    hurried = TrialLog(log[0].path, log[0].rings, log[1], lockstep=False)
+    lost = []
+
+    def look(tick):
+        if tick == 0:
+            os.kill(log[1].pid, signal.SIGSTOP)
+        lost.append(hurried.rings.room() == 0)
+
+    played = stage.play(look, log=hurried)
+    played.reason = played.errors[0][1]
+    seen = played.stops(r"^the log is not being written: its process is \d+ records behind, 512 is all that can wait$")
+    assert 256 <= seen <= 256 + 2 * rtstack.trials.run.ROOM_TICKS
+    assert not any(lost)
+
+
+def test_a_disk_that_is_full_stops_the_arms(stage, log):
+    def fill():
+        size = os.path.getsize(log[0].path)
+        resource.prlimit(log[1].pid, resource.RLIMIT_FSIZE, (size, size))
+
+    played = stage.play(_at(fill), log=log[0])
+    assert re.search("the log .* is incomplete: File too large", played.reason)
+    played.reason = played.errors[0][1]
+    assert played.stops("^the log is not being written: File too large$") > AT
