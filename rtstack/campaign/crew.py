@@ -1,0 +1,94 @@
+"""The workers: processes on this machine, or whoever serves a Dask scheduler elsewhere."""
+
+import logging
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import dask.config
+from distributed import Client, LocalCluster
+
+from rtstack.trials.errors import TrialError
+
+LOOPBACK = "127.0.0.1"
+CONNECT_S = 10.0
+FIRST_WORKER_S = 60.0
+END_S = 10.0
+# a crew at work is heard from in seconds; a worker that dies takes its trial to another one, this often
+_SETTINGS = {
+    "distributed.scheduler.allowed-failures": 3,
+    "distributed.comm.timeouts.connect": f"{CONNECT_S}s",
+    "distributed.admin.log-format": "%(message)s",
+}
+INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
+
+
+@contextmanager
+def local_crew(workers: int) -> Iterator[Client]:
+    """Give so many worker processes of one thread each, heard on the loopback address only, with no dashboard.
+
+    They end with this process, however it ends. Ctrl-C reaches this process alone: its main thread lets go of work in
+    order, and whatever it has started, or starts again, keeps the signals blocked.
+    """
+    with dask.config.set(_SETTINGS), _quiet():
+        blocked = signal.pthread_sigmask(signal.SIG_BLOCK, INTERRUPTS)
+        try:
+            cluster = LocalCluster(
+                n_workers=workers, threads_per_worker=1, processes=True, host=LOOPBACK, dashboard_address=None,  # pyright: ignore[reportArgumentType] (distributed takes it)
+
+                silence_logs=logging.CRITICAL,
+            )  # fmt: skip
+            client = Client(cluster, timeout=CONNECT_S)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
+        try:
+            yield client
+        finally:
+            client.close(timeout=END_S)
+            cluster.close(timeout=END_S)
+
+
+@contextmanager
+def distant_crew(address: str) -> Iterator[Client]:
+    """Give the workers of the scheduler at tcp://HOST:PORT. Raises TrialError where there are none."""
+    with dask.config.set(_SETTINGS), _quiet():
+        try:
+            client = Client(address, timeout=CONNECT_S)
+        except (OSError, ValueError, TimeoutError) as error:
+            reason = str(error).splitlines()[0] if str(error) else "no answer"
+            raise TrialError(
+                f"no scheduler at {address}: {reason}; start one with `dask scheduler`, and workers with `dask worker "
+                f"{address} --nthreads 1`"
+            ) from None
+        try:
+            try:
+                client.wait_for_workers(1, timeout=FIRST_WORKER_S)
+            except TimeoutError:
+                raise TrialError(
+                    f"the scheduler at {address} has no workers: start some with `dask worker {address} --nthreads 1`"
+                ) from None
+            yield client
+        finally:
+            client.close(timeout=END_S)
+
+
+def slots(client: Client) -> int:
+    """Return how many trials run at once."""
+    return sum(client.nthreads().values())  # pyright: ignore[reportAttributeAccessIssue] (not a coroutine here)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Let distributed say nothing: what matters to a person is said by the runner."""
+    loggers = [logging.getLogger(name) for name in ("distributed", "tornado.application", "asyncio")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL)
+    hook = sys.unraisablehook
+    try:
+        yield
+    finally:
+        sys.unraisablehook = hook
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)

@@ -1,0 +1,217 @@
+"""The paper's figures 5, 8, 10 and 11, from recordings, logs and results. Matplotlib without a display."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from rtstack.campaign.evaluation import NAMES, Evaluation
+from rtstack.campaign.measures import Passage, hit_arm, passage
+from rtstack.control.parameters import ControlParameters
+from rtstack.log.reader import read_log
+from rtstack.loop.history import Columns
+from rtstack.model.cell_description import CellDescription
+from rtstack.references.recording import Recording
+from rtstack.references.spreading import ExtendedReference
+from rtstack.samples import Mode
+from rtstack.trials.review import log_columns
+from rtstack.trials.scoring import FORCE_WINDOW_S
+from rtstack.trials.specification import Controller
+
+# Okabe and Ito's colours, safe for colour-blind eyes; the modes' are those of the console
+MODE_COLOURS = {Mode.ANTE_IMPACT: "#0072B2", Mode.INTERIM: "#E69F00", Mode.POST_IMPACT: "#009E73"}
+MODE_NAMES = {Mode.ANTE_IMPACT: "ante-impact", Mode.INTERIM: "interim", Mode.POST_IMPACT: "post-impact"}
+COLOURS = {
+    Controller.NO_REFERENCE_SPREADING: "#D55E00",
+    Controller.NO_VELOCITY_FEEDBACK: "#CC79A7",
+    Controller.NO_INTERIM: "#56B4E9",
+    Controller.PROPOSED: "#000000",
+}
+MARKERS = dict(zip(COLOURS, "sv^o", strict=True))
+BEFORE_S, AFTER_S = 0.2, 0.3
+_STYLE: Any = {
+    "font.size": 9,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#dddddd",
+    "grid.linewidth": 0.5,
+    "lines.linewidth": 1.2,
+    "legend.frameon": False,
+    "savefig.dpi": 150,
+}
+INWARD = (-1.0, 1.0)  # the sign of the world's y towards the object, of the left and the right arm
+SIDE = ("left", "right")
+
+
+@dataclass(frozen=True, slots=True)
+class LoggedTrial:
+    """A trial as its log has it."""
+
+    controller: Controller
+    columns: Columns
+    passage: Passage
+    detected_s: float | None
+
+
+def logged_trial(path: Path, controller: Controller, object_name: str, description: CellDescription) -> LoggedTrial:
+    """Read a trial's log. Raises LogError."""
+    log = read_log(path)
+    columns = log_columns(log)
+    text = log.metadata.get("result", {}).get("detected_impact_time_s", "null")
+    detected_s = None if text == "null" else float(text)
+    return LoggedTrial(controller, columns, passage(columns, description, object_name), detected_s)
+
+
+def _figure(width: float, height: float, **grid: Any) -> tuple[Figure, NDArray]:
+    figure = Figure(figsize=(width, height), layout="constrained")
+    return figure, figure.subplots(squeeze=False, **grid)
+
+
+def _save(figure: Figure, path: Path) -> None:
+    figure.savefig(path, metadata={"Software": None})
+
+
+@mpl.rc_context(_STYLE)
+def figure5(path: Path, recording: Recording, reference: ExtendedReference) -> None:
+    """Draw what was recorded and the extended references: position, velocity and desired force towards the object."""
+    figure, axes = _figure(9.0, 2.9, ncols=3)
+    arm = hit_arm(0.0)
+    sign, n = INWARD[arm], recording.points.shape[1]
+    t_ms = 1e3 * (np.arange(n) * recording.period_s - recording.impact_s)
+    parts = (
+        ("position", 1, 1e3, "position, mm"),
+        ("twist", 1, 1.0, "velocity, m/s"),
+        ("wrench_ff", 1, 1.0, "desired force, N"),
+    )
+    exclusion_ms = 1e3 * ControlParameters().exclusion_s
+    shown = (t_ms > -250.0) & (t_ms < 250.0)
+    for axis, (name, index, factor, label) in zip(axes[0], parts, strict=True):
+        recorded, ante, post = (
+            sign * factor * p[arm][name][shown, index] for p in (recording.points, reference.ante, reference.post)
+        )
+        axis.axvspan(-exclusion_ms, exclusion_ms, color="#eeeeee", zorder=0)
+        axis.axvline(0.0, color="#555555", linestyle="--", linewidth=0.9)
+        axis.plot(t_ms[shown], recorded, color="#999999", label="recorded", linewidth=2.2)
+        axis.plot(
+            t_ms[shown], ante, color=MODE_COLOURS[Mode.ANTE_IMPACT], linestyle="--", label="ante-impact reference"
+        )
+        axis.plot(
+            t_ms[shown], post, color=MODE_COLOURS[Mode.POST_IMPACT], linestyle="--", label="post-impact reference"
+        )
+        axis.set_xlabel("time from the impact $T_r$, ms")
+        axis.set_title(label, loc="left", fontsize=9)
+        axis.set_xlim(-250.0, 250.0)
+        if name == "position":  # the ante-impact reference goes on through the box: leave it to leave the frame
+            span = np.ptp(recorded)
+            axis.set_ylim(recorded.min() - 0.4 * span, recorded.max() + 1.2 * span)
+    handles, labels = axes[0][0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    _save(figure, path)
+
+
+@mpl.rc_context(_STYLE)
+def figure8(
+    path: Path, trials: Mapping[Controller, LoggedTrial], reference: ExtendedReference, displacement_mm: float
+) -> None:
+    """Draw velocity and desired force, towards the object, of the arm that hits first; a column a controller."""
+    figure, axes = _figure(11.0, 5.2, nrows=2, ncols=len(trials), sharex=True, sharey="row")
+    arm = hit_arm(displacement_mm)
+    sign, nominal_s = INWARD[arm], reference.nominal_impact_s
+    reference_ms = 1e3 * (np.arange(reference.ticks) * reference.period_s - nominal_s)
+    near = (reference_ms > -1e3 * BEFORE_S) & (reference_ms < 1e3 * AFTER_S)
+    for column, (controller, trial) in enumerate(trials.items()):
+        seen = trial.passage
+        t_ms = 1e3 * (seen.t_s - nominal_s)
+        shown = (t_ms > -1e3 * BEFORE_S) & (t_ms < 1e3 * AFTER_S)
+        force = sign * trial.columns.control[arm]["wrench_desired"][:, 1]
+        for row, (measured, name) in enumerate(((sign * seen.velocity_y[arm], "twist"), (force, "wrench_ff"))):
+            axis: Axes = axes[row][column]
+            _bands(axis, t_ms[shown], trial.columns.control[arm]["mode"][shown])
+            for points, mode in ((reference.ante, Mode.ANTE_IMPACT), (reference.post, Mode.POST_IMPACT)):
+                values = sign * points[arm][name][near, 1]
+                axis.plot(reference_ms[near], values, color=MODE_COLOURS[mode], linestyle="--", linewidth=1.0)
+            axis.plot(t_ms[shown], measured[shown], color="#222222")
+            axis.axvline(0.0, color="#222222", linestyle=":", linewidth=0.9)
+            if trial.detected_s is not None:
+                axis.axvline(1e3 * (trial.detected_s - nominal_s), color="#222222", linestyle=":", linewidth=0.9)
+            axis.set_xlim(-1e3 * BEFORE_S, 1e3 * AFTER_S)
+        axes[0][column].set_title(NAMES[controller], fontsize=9)
+        axes[1][column].set_xlabel("time from $T_r$, ms")
+    axes[0][0].set_ylabel("velocity towards the object, m/s")
+    axes[1][0].set_ylabel("desired force towards it, N")
+    handles = [
+        Line2D([], [], color="#222222", label=f"{SIDE[arm]} pad (the one hit first)"),
+        *(
+            Line2D([], [], color=MODE_COLOURS[m], linestyle="--", label=f"{MODE_NAMES[m]} reference, feedforward")
+            for m in (Mode.ANTE_IMPACT, Mode.POST_IMPACT)
+        ),
+        Line2D([], [], color="#222222", linestyle=":", label="detected impact, nominal impact $T_r$"),
+        *(Patch(color=MODE_COLOURS[m], alpha=0.13, label=f"{MODE_NAMES[m]} mode") for m in MODE_COLOURS),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=8)
+    _save(figure, path)
+
+
+def _bands(axis: Axes, t_ms: NDArray[np.float64], mode: NDArray[np.int64]) -> None:
+    """Shade the modes behind a plot."""
+    edges = np.flatnonzero(np.diff(mode)) + 1
+    for start, end in zip([0, *edges], [*edges, len(mode) - 1], strict=True):
+        colour = MODE_COLOURS.get(Mode(int(mode[start])))
+        if colour is not None and end > start:
+            axis.axvspan(float(t_ms[start]), float(t_ms[end]), color=colour, alpha=0.13, linewidth=0, zorder=0)
+
+
+@mpl.rc_context(_STYLE)
+def figure10(path: Path, trials: Sequence[LoggedTrial], nominal_s: float) -> None:
+    """Draw (33) around the impact: every repetition of every controller."""
+    figure, axes = _figure(7.5, 3.8)
+    axis = axes[0][0]
+    axis.axvspan(-1e3 * FORCE_WINDOW_S, 1e3 * FORCE_WINDOW_S, color="#f2f2f2", zorder=0)
+    named: set[Controller] = set()
+    for trial in trials:
+        t_ms = 1e3 * (trial.passage.t_s - nominal_s)
+        shown = (t_ms > -1e3 * BEFORE_S) & (t_ms < 1e3 * AFTER_S)
+        label = None if trial.controller in named else NAMES[trial.controller]
+        named.add(trial.controller)
+        axis.plot(t_ms[shown], trial.passage.force_norm[shown], color=COLOURS[trial.controller], alpha=0.75,
+                  linewidth=0.9, label=label)  # fmt: skip
+    axis.set_xlim(-1e3 * BEFORE_S, 1e3 * AFTER_S)
+    axis.set_ylim(bottom=0.0)
+    axis.set_xlabel("time from the nominal impact $T_r$, ms (grey: the 200 ms of Figure 11)")
+    axis.set_ylabel("desired force norm (33)")
+    axis.legend(loc="upper left")
+    _save(figure, path)
+
+
+@mpl.rc_context(_STYLE)
+def figure11(path: Path, evaluation: Evaluation) -> None:
+    """Draw the mean of (33) by displacement and controller, with its 95 % intervals."""
+    figure, axes = _figure(7.5, 3.8)
+    axis = axes[0][0]
+    displacements = evaluation.displacements()
+    for index, controller in enumerate(COLOURS):
+        points = [(d, evaluation.mean_force(controller, d)) for d in displacements]
+        known = [(d + (index - 1.5) * 0.9, interval) for d, interval in points if interval is not None]
+        means = [interval.mean for _, interval in known]
+        axis.errorbar(
+            [d for d, _ in known], means,
+            yerr=[[m - (i.low if i.low is not None else m) for m, (_, i) in zip(means, known, strict=True)],
+                  [(i.high if i.high is not None else m) - m for m, (_, i) in zip(means, known, strict=True)]],
+            color=COLOURS[controller], marker=MARKERS[controller], markersize=5, capsize=3, linewidth=1.2,
+            label=NAMES[controller],
+        )  # fmt: skip
+    axis.set_xticks(displacements)
+    axis.set_xlabel("displacement of the object, mm")
+    axis.set_ylabel("mean desired force norm, 200 ms around $T_r$")
+    axis.set_ylim(bottom=0.0)
+    figure.legend(loc="outside lower center", ncols=4, fontsize=8)
+    _save(figure, path)

@@ -1,0 +1,172 @@
+"""The report of a campaign: PNG figures, CSV, and one HTML page that needs nothing else."""
+
+import base64
+import html
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from rtstack.campaign.claims import Claim, judge_claims, shown
+from rtstack.campaign.evaluation import FIGURE11, NAMES, PAPER_TABLE2, TABLE2, Evaluation
+from rtstack.campaign.figures import figure5, figure8, figure10, figure11, logged_trial
+from rtstack.campaign.plan import Experiment, Plan, PlanFile
+from rtstack.campaign.store import Row, Store
+from rtstack.campaign.trial import Reference
+from rtstack.campaign.worker import RECORDINGS
+from rtstack.model.cell_description import CellDescription
+from rtstack.references.recording import load_recording
+from rtstack.references.spreading import extend
+from rtstack.trials.assembly import arm_controllers, default_parameters
+from rtstack.trials.specification import Controller
+
+PAGE = "report.html"
+FIGURES = "figures"
+EXAMPLE_MM = -30.0  # the displacement of the paper's figures of single trials
+
+Chosen = Callable[[Experiment], list[Reference]]
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """The report under one set of conditions, as the page shows it."""
+
+    name: str
+    conditions: str
+    claims: list[Claim]
+    table2: list[dict[str, str]]
+    force: list[dict[str, Any]]
+    failures: dict[str, list[int]]
+    figure11: str | None
+
+
+def write_report(store: Store, plan: Plan, file: PlanFile, description: CellDescription, chosen: Chosen) -> Path:
+    """Write results.csv, times.csv, figures/*.png and report.html. Returns the page's path."""
+    selected = {experiment.name: chosen(experiment) for experiment in plan.experiments}
+    trials = [trial for e in plan.experiments for trial in plan.trials(e, selected[e.name])]
+    rows = store.rows(trials)
+    store.write_csv(rows)
+    folder = store.out / FIGURES
+    folder.mkdir(exist_ok=True)
+    names = [name for name in plan.conditions if any(row["conditions"] == name for row in rows)]
+    parts = [_part(Evaluation(rows, name), plan, folder) for name in names]
+    figures = _single_trials(rows, store.out, folder, description)
+    about = store.about()
+    environment = Environment(
+        loader=PackageLoader("rtstack.campaign", "pages"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )
+    environment.globals["figure"] = lambda name, caption: _embedded(folder / name, caption)
+    page = environment.get_template(PAGE).render(
+        plan=plan, file=file, rows=rows, planned=plan.size(), parts=parts, figures=figures,
+        verdicts=Counter(str(claim.verdict) for part in parts for claim in part.claims),
+        controllers=list(NAMES.values()), plan_commit=about["plan_commit"],
+        commits=sorted({row["git_commit"] for row in rows}),
+        conditions={name: _words(asdict(plan.conditions[name])) for name in names},
+        references=[reference.name for reference in plan.references()],
+        chosen=[reference.name for references in selected.values() for reference in references],
+        pace=_pace(store.noted("invocations") or []),
+    )  # fmt: skip
+    path = store.out / PAGE
+    path.write_text(page, encoding="utf-8")
+    return path
+
+
+def _part(evaluation: Evaluation, plan: Plan, folder: Path) -> Part:
+    has_force, has_table = bool(evaluation.of(FIGURE11)), bool(evaluation.of(TABLE2))
+    drawn = None
+    if has_force:
+        drawn = f"figure11-{evaluation.conditions}.png"
+        figure11(folder / drawn, evaluation)
+    return Part(
+        name=evaluation.conditions,
+        conditions=_words(asdict(plan.conditions[evaluation.conditions])),
+        claims=judge_claims(evaluation),
+        table2=_table2(evaluation) if has_table else [],
+        force=[
+            {
+                "displacement": f"{d:+g} mm",
+                "norm": [shown(evaluation.mean_force(c, d)) for c in NAMES],
+                "linear": [shown(evaluation.mean_force(c, d, "average_force_norm_linear_n")) for c in NAMES],
+            }
+            for d in evaluation.displacements()
+        ],
+        failures={why: [by.get(c, 0) for c in NAMES] for why, by in evaluation.failures().items()},
+        figure11=drawn,
+    )
+
+
+def _table2(evaluation: Evaluation) -> list[dict[str, str]]:
+    lines = []
+    for line in evaluation.table2():
+        success, lift = PAPER_TABLE2[line.controller]
+        lines.append(
+            {
+                "name": NAMES[line.controller],
+                "paper_success": f"{success:.0f} %",
+                "success": shown(line.success, " %", 0, 100.0),
+                "paper_lift": f"{lift:+.2f} mm",
+                "lift": shown(line.lift_mm, " mm", 2),
+            }
+        )
+    return lines
+
+
+def _single_trials(rows: list[Row], out: Path, folder: Path, description: CellDescription) -> list[tuple[str, str]]:
+    """Draw figures 5, 8 and 10 from a rice box's reference; returns their names and captions."""
+    some = [row for row in rows if row["displacement_mm"] == EXAMPLE_MM]
+    example = next(
+        (row for name in (FIGURE11, TABLE2) for row in some if row["experiment"] == name), next(iter(some), None)
+    )
+    if example is None:
+        return []
+    wanted = ("experiment", "conditions", "reference", "displacement_mm")
+    same = [row for row in some if all(row[name] == example[name] for name in wanted)]
+    parameters = default_parameters()
+    recording = load_recording(
+        out / RECORDINGS / Reference.named(example["reference"]).file,
+        arm_controllers(description, parameters),
+        parameters.detector,
+        parameters.control.period_s,
+    )
+    reference = extend(recording, parameters.control.exclusion_s)
+    logged = [logged_trial(out / row["log"], Controller(row["controller"]), row["object"], description) for row in same]
+    first = {trial.controller: trial for trial in reversed(logged)}
+    figure5(folder / "figure5.png", recording, reference)
+    figure8(folder / "figure8.png", {c: first[c] for c in NAMES if c in first}, reference, example["displacement_mm"])
+    figure10(folder / "figure10.png", logged, reference.nominal_impact_s)
+    name, of = example["reference"], f"{example['reference']}, {EXAMPLE_MM:+g} mm"
+    log = f"log {example['log']} and its three fellows"
+    return [
+        ("figure5.png", f"Figure 5: the recording {name} around its impact, and the extended references. Right arm, "
+         "towards the object; grey: the interval that is left out."),
+        ("figure8.png", f"Figure 8: velocity and desired force towards the object ({of}, {log})."),
+        ("figure10.png", f"Figure 10: desired force norm (33), {of}, every repetition."),
+    ]  # fmt: skip
+
+
+def _embedded(path: Path, caption: str) -> Markup:
+    data = base64.b64encode(path.read_bytes()).decode()
+    text = html.escape(caption)
+    return Markup(
+        f'<figure><img alt="{text}" src="data:image/png;base64,{data}"><figcaption>{text} '
+        f"<code>{FIGURES}/{path.name}</code></figcaption></figure>"
+    )
+
+
+def _words(values: dict[str, Any]) -> str:
+    return ", ".join(f"{name} {value:g}" for name, value in values.items())
+
+
+def _pace(invocations: list[dict[str, float]]) -> str:
+    robot_s, wall_s = (sum(each[name] for each in invocations) for name in ("robot_s", "wall_s"))
+    if not wall_s:
+        return "-"
+    workers = sorted({int(each["workers"]) for each in invocations})
+    return (
+        f"{robot_s / wall_s:.1f}: {robot_s:.0f} s of the robot in {wall_s:.0f} s, logs included, with "
+        f"{' or '.join(map(str, workers))} workers, as measured while it ran"
+    )

@@ -1,0 +1,65 @@
+"""Means with 95 % confidence intervals over repetitions."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+from scipy.stats import norm, t
+
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """A mean of n values; low and high are None where there are too few repetitions to tell."""
+
+    mean: float
+    low: float | None
+    high: float | None
+    n: int
+
+    def below(self, other: "Interval") -> bool | None:
+        """Whether this interval lies wholly below the other one; None where one of them is unknown."""
+        if self.high is None or other.low is None:
+            return None
+        return self.high < other.low
+
+
+def stratified_mean(groups: Mapping[object, Sequence[float]]) -> Interval | None:
+    """Return the mean of the groups' means and its t interval over the repetitions within the groups.
+
+    The groups (references, or references and displacements) are fixed, as in the paper: the interval says what the
+    same experiment would give again, not what other references would. Its variance is the sum of the groups' s^2/n over
+    the squared number of groups, its degrees of freedom Welch and Satterthwaite's. None without values.
+    """
+    values = [np.asarray(group, dtype=float) for group in groups.values() if len(group)]
+    if not values:
+        return None
+    mean = float(np.mean([group.mean() for group in values]))
+    n = sum(map(len, values))
+    if any(len(group) < 2 for group in values):
+        return Interval(mean, None, None, n)
+    parts = np.array([group.var(ddof=1) / len(group) for group in values]) / len(values) ** 2
+    variance = float(parts.sum())
+    if variance == 0.0:
+        return Interval(mean, mean, mean, n)
+    freedom = variance**2 / float(np.sum(parts**2 / np.array([len(group) - 1 for group in values])))
+    half = float(t.ppf(0.5 + CONFIDENCE / 2, freedom)) * sqrt(variance)
+    return Interval(mean, mean - half, mean + half, n)
+
+
+def plain_mean(values: Iterable[float]) -> Interval | None:
+    """Return the mean and its t interval, of values that are one group."""
+    return stratified_mean({0: list(values)})
+
+
+def proportion(successes: int, n: int) -> Interval | None:
+    """Return a share and its Wilson interval (Wilson 1927), which stays within 0 and 1."""
+    if n == 0:
+        return None
+    z = float(norm.ppf(0.5 + CONFIDENCE / 2))
+    share = successes / n
+    middle = (share + z * z / (2 * n)) / (1 + z * z / n)
+    half = z / (1 + z * z / n) * sqrt(share * (1 - share) / n + z * z / (4 * n * n))
+    return Interval(share, max(0.0, middle - half), min(1.0, middle + half), n)

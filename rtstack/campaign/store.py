@@ -1,0 +1,169 @@
+"""Where results are kept: one SQLite table, a transaction a result, and CSV made from it.
+
+The logs are the truth: a result that was written to its log but not to the table, because the program was killed in
+between, is taken from the log.
+"""
+
+import csv
+import fcntl
+import json
+import sqlite3
+import typing
+from collections.abc import Iterable
+from dataclasses import fields
+from pathlib import Path
+from types import TracebackType
+from typing import Any, TextIO
+
+from rtstack.campaign.measures import Measures
+from rtstack.campaign.plan import Plan, PlanFile
+from rtstack.campaign.trial import Trial
+from rtstack.trials.errors import TrialError
+from rtstack.trials.result import TrialResult
+
+DATABASE = "campaign.sqlite"
+RESULTS = "results.csv"
+TIMES = "times.csv"
+# what a host makes of a trial, and not the trial: in a table of their own when written as CSV
+OF_THE_HOST = ("wall_s", "worker", "compute_us_p50", "compute_us_p99", "real_time_factor")
+_PROVENANCE: dict[str, Any] = {"git_commit": str, "digest": str, "wall_s": float, "worker": str}
+
+Row = dict[str, Any]
+
+
+def _columns() -> dict[str, Any]:
+    columns: dict[str, Any] = {"id": str}
+    for record in (Trial, TrialResult, Measures):
+        hints = typing.get_type_hints(record)
+        columns |= {field.name: hints[field.name] for field in fields(record)}
+    return columns | _PROVENANCE
+
+
+COLUMNS = _columns()
+
+
+def _sql_type(kind: Any) -> str:
+    kinds = set(typing.get_args(kind)) or {kind}
+    if float in kinds:
+        return "REAL"
+    return "INTEGER" if kinds & {int, bool} else "TEXT"
+
+
+class Store:
+    """The results in a campaign's folder. A context manager: one program at a time works on a folder."""
+
+    def __init__(self, out: Path) -> None:
+        """Open or create the table. Raises TrialError where another program works here."""
+        self.out = out
+        self._lock = _locked(out)
+        self._database = sqlite3.connect(out / DATABASE)
+        self._database.row_factory = sqlite3.Row
+        self._database.execute("PRAGMA journal_mode=WAL")
+        columns = ", ".join(f"{name} {_sql_type(kind)}" for name, kind in COLUMNS.items() if name != "id")
+        with self._database as database:
+            database.execute(f"CREATE TABLE IF NOT EXISTS results (id TEXT PRIMARY KEY, {columns})")
+            database.execute("CREATE TABLE IF NOT EXISTS campaign (name TEXT PRIMARY KEY, value TEXT)")
+
+    def __enter__(self) -> "Store":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let go of the folder."""
+        self._database.close()
+        self._lock.close()
+
+    def claim(self, plan: Plan, file: PlanFile) -> None:
+        """Note whose results these are."""
+        values = {"name": plan.name, "quick": json.dumps(plan.quick), "digest": plan.digest, "plan_commit": file.commit}
+        with self._database as database:
+            rows = list(values.items())
+            database.executemany("INSERT OR IGNORE INTO campaign VALUES (?, ?)", rows)
+
+    def note(self, name: str, value: Any) -> None:
+        """Keep a value about the campaign (JSON)."""
+        with self._database as database:
+            database.execute("INSERT OR REPLACE INTO campaign VALUES (?, ?)", (name, json.dumps(value)))
+
+    def noted(self, name: str) -> Any:
+        """Return a value that was kept, None where there is none."""
+        row = self._database.execute("SELECT value FROM campaign WHERE name = ?", (name,)).fetchone()
+        return None if row is None else json.loads(row["value"])
+
+    def about(self) -> dict[str, str]:
+        """Return what `claim` noted."""
+        return {row["name"]: row["value"] for row in self._database.execute("SELECT name, value FROM campaign")}
+
+    def add(self, row: Row) -> None:
+        """Keep a result. A second one of the same trial replaces the first."""
+        marks = ", ".join(f":{name}" for name in COLUMNS)
+        with self._database as database:
+            values = {name: row[name] for name in COLUMNS}
+            database.execute(f"INSERT OR REPLACE INTO results ({', '.join(COLUMNS)}) VALUES ({marks})", values)
+
+    def rows(self, trials: Iterable[Trial] | None = None) -> list[Row]:
+        """Return all results by id, or those of these trials in their order."""
+        found = {row["id"]: _row(row) for row in self._database.execute("SELECT * FROM results ORDER BY id")}
+        return list(found.values()) if trials is None else [found[t.id] for t in trials if t.id in found]
+
+    def write_csv(self, rows: list[Row]) -> None:
+        """Write the results and, in a file of their own, what depends on the host."""
+        results = [name for name in COLUMNS if name not in OF_THE_HOST]
+        for file, names in ((RESULTS, results), (TIMES, ["id", *OF_THE_HOST])):
+            with open(self.out / file, "w", newline="", encoding="utf-8") as out:
+                writer = csv.DictWriter(out, names, extrasaction="ignore", lineterminator="\n")
+                writer.writeheader()
+                writer.writerows(rows)
+
+
+def _row(row: sqlite3.Row) -> Row:
+    return {name: bool(row[name]) if kind is bool else row[name] for name, kind in COLUMNS.items()}
+
+
+def _locked(out: Path) -> TextIO:
+    lock = open(out / ".lock", "w", encoding="utf-8")  # noqa: SIM115 (held until the store is closed)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        lock.close()
+        raise TrialError(f"another campaign is running in {out}: wait for it, or choose another folder") from None
+    return lock
+
+
+def check_folder(out: Path, plan: Plan, resume: bool) -> None:
+    """Raise TrialError where `out` cannot be this campaign's folder. Nothing is written."""
+    if out.exists() and not out.is_dir():
+        raise TrialError(f"{out} is not a folder")
+    if not out.parent.is_dir() and not out.exists():
+        raise TrialError(f"cannot make {out}: the folder {out.parent} does not exist")
+    database = out / DATABASE
+    if not database.exists():
+        if resume:
+            raise TrialError(f"there is nothing to resume in {out}: leave --resume out to begin there")
+        if out.is_dir() and any(entry.name != ".lock" for entry in out.iterdir()):
+            raise TrialError(f"{out} is not empty: choose another folder")
+        return
+    try:
+        connection = sqlite3.connect(f"file:{database}?mode=rw", uri=True)
+        try:
+            about = dict(connection.execute("SELECT name, value FROM campaign").fetchall())
+        finally:
+            connection.close()
+    except sqlite3.Error as error:
+        raise TrialError(f"{database} cannot be read ({error}): choose another folder") from None
+    mine = {"name": plan.name, "quick": json.dumps(plan.quick), "digest": plan.digest}
+    theirs = {name: about.get(name, value) for name, value in mine.items()}
+    if theirs != mine:
+        quick = " --quick" * (theirs["quick"] == "true")
+        what = (
+            f"{theirs['name']}{quick}"
+            if theirs["digest"] == mine["digest"] or theirs["name"] != mine["name"]
+            else (f"{theirs['name']}{quick} with other parameters (digest {theirs['digest']}, now {mine['digest']})")
+        )
+        raise TrialError(f"{out} has another campaign, {what}: choose another folder")
+    if not resume:
+        raise TrialError(f"{out} has results of this campaign: go on with --resume, or choose another folder")

@@ -1,0 +1,110 @@
+"""`rtstack campaign`: everything is checked before the folder is made and a worker started."""
+
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.resources import as_file, files
+from pathlib import Path
+from types import FrameType
+
+import typer
+
+from rtstack.campaign.plan import load_plan, plan_file
+from rtstack.campaign.store import Store, check_folder
+from rtstack.campaign.worker import Bench, digests
+from rtstack.cli.campaign_cell import open_conditioned_cell
+from rtstack.cli.cells import load_description
+from rtstack.trials.errors import TrialError
+from rtstack.trials.run import check_object
+
+FAILED = 1
+INTERRUPTED = 1
+
+
+def campaign(name: str, out: Path, quick: bool, workers: int | None, scheduler: str | None, resume: bool) -> None:
+    """Run the campaign `name` in the folder `out`, or what is missing of it, and write its report."""
+    if scheduler is not None and workers is not None:
+        raise TrialError("--workers starts processes here, --scheduler has workers of its own: give one of them")
+    file = plan_file(name)
+    plan = load_plan(file.path, quick)
+    description, cell_file = load_description(None)
+    for reference in plan.references():
+        check_object(reference.object, description)
+    sources = [file.path, cell_file, *_plant_files()]
+    plan = plan.sealed([path.read_bytes() for path in sources])
+    out = out.resolve()
+    check_folder(out, plan, resume)
+    with _interruptible():
+        try:
+            _run(plan, file, out, cell_file, digests(sources), description, workers, scheduler)
+        except KeyboardInterrupt:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+            print(f"rtstack: interrupted; go on with: {_again(name, out, quick)}", file=sys.stderr)
+            sys.stderr.flush()
+            os._exit(INTERRUPTED)
+
+
+def _run(plan, file, out, cell_file, sources, description, workers, scheduler) -> None:
+    from rtstack.campaign.crew import distant_crew, local_crew, slots
+    from rtstack.campaign.report import write_report
+    from rtstack.campaign.runner import Runner
+    from rtstack.cli.campaign_progress import campaign_progress
+
+    bench = Bench(out, cell_file, open_conditioned_cell, plan.criterion, plan.digest, sources)
+    crew = distant_crew(scheduler) if scheduler else local_crew(workers or len(os.sched_getaffinity(0)))
+    with crew as client:
+        out.mkdir(exist_ok=True)
+        with Store(out) as store:
+            store.claim(plan, file)
+            at_once = slots(client)
+            with campaign_progress() as progress:
+                runner = Runner(plan, bench, store, client, progress, description)
+                try:
+                    runner.run()
+                finally:
+                    tally = runner.tally
+            store.note(
+                "invocations",
+                [*(store.noted("invocations") or []),
+                 {"trials": tally.trials, "robot_s": tally.robot_s, "wall_s": tally.wall_s, "workers": at_once}],
+            )  # fmt: skip
+            page = write_report(store, plan, file, description, runner.chosen)
+    print(
+        f"{tally.trials} trials, {tally.robot_s:.0f} s of the robot in {tally.wall_s:.0f} s with {at_once} workers: "
+        f"{tally.real_time_factor:.1f} x real time, logs included"
+    )
+    print(f"report: {page}")
+    for trial, reason in tally.failures.items():
+        print(f"rtstack: {trial} could not be run: {reason}", file=sys.stderr)
+    if tally.failures:
+        print("rtstack: run the same with --resume to try them again", file=sys.stderr)
+        raise typer.Exit(FAILED)
+
+
+def _plant_files() -> list[Path]:
+    """The files of the simulated cell: contact and scatter of a result come from them too."""
+    paths = []
+    for package, name in (("sim_robot.scenes", "grab.toml"), ("sim_robot.parameters", "plant.toml")):
+        with as_file(files(package) / name) as path:
+            paths.append(path)
+    return paths
+
+
+def _again(name: str, out: Path, quick: bool) -> str:
+    return f"rtstack campaign {name} --out {out}{' --quick' * quick} --resume"
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """Let Ctrl-C and SIGTERM break the work off in order; a second one ends the program at once."""
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        raise KeyboardInterrupt
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, interrupt)
+    yield

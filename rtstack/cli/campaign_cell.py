@@ -1,0 +1,37 @@
+"""The simulated cell of a campaign: its scene as the campaign has fixed it, scattered by the seed."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from hal.cell import Cell
+from rtstack.campaign.plan import Conditions
+from sim_robot.cell import SimulatedCell
+from sim_robot.plant import Plant
+from sim_robot.plant_parameters import load_plant_parameters
+from sim_robot.scene import PlacementScatter, Scene, load_scene
+
+SMALLEST_FACTOR = 0.2  # of friction, however large the scatter
+FRICTION_DRAW = 3  # beside 0 arms and placement, 1 sensors, 2 tracker (sim_robot)
+
+
+def open_conditioned_cell(object_name: str, displacement_m: float, seed: int, conditions: Conditions) -> Cell:
+    """Open the cell in this process, in lockstep, with the object in its place. Raises HardwareError."""
+    scene = conditioned(load_scene(), conditions, seed)
+    parameters = load_plant_parameters()
+    sensors = replace(parameters.sensors, tau_ext_cutoff_hz=conditions.tau_ext_cutoff_hz)
+    parameters = replace(parameters, sensors=sensors)
+    plant = Plant(scene, parameters, object_name, displacement_m, seed)
+    return SimulatedCell(plant, scene, parameters, seed).as_cell("direct")
+
+
+def conditioned(scene: Scene, conditions: Conditions, seed: int) -> Scene:
+    """Return the scene under these conditions; this seed's draw of both frictions."""
+    draws = np.random.default_rng(np.random.SeedSequence([seed, FRICTION_DRAW])).standard_normal(2)
+    pad, table = np.maximum(1.0 + conditions.friction_scatter * draws, SMALLEST_FACTOR).tolist()
+    return replace(
+        scene,
+        pad=replace(scene.pad, stiffness=conditions.pad_stiffness, friction=conditions.pad_friction * pad),
+        table=replace(scene.table, friction=conditions.table_friction * table),
+        placement_scatter=PlacementScatter(conditions.placement_mm, conditions.placement_yaw_deg),
+    )
