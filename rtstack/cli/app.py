@@ -87,11 +87,16 @@ def recover(log: Annotated[Path, typer.Argument(metavar="LOG.mcap")]) -> None:
 
 
 @app.command("recover-arms")
-def recover_arms(cell: Annotated[str, typer.Option(help="fci:LEFT,RIGHT.")]) -> None:
-    """Clear what a robot arm has latched (a reflex), once its cause is gone."""
+def recover_arms(
+    cell: Annotated[str | None, typer.Option(help="fci:LEFT,RIGHT; by default the arms of the running stack.")] = None,
+    stack: Annotated[
+        Path | None, typer.Option(metavar="SOCKET", help="Which stack, where several are running.")
+    ] = None,
+) -> None:
+    """Clear what the arms have latched (a fault, a reflex), once its cause is gone."""
     from rtstack.cli.recovery import recover_arms as run
 
-    run(cell)
+    run(cell, stack)
 
 
 @app.command()
