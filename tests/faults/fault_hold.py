@@ -1,0 +1,35 @@
+"""The smallest motion that there is: both arms hold where they are, under the whole loop."""
+
+import numpy as np
+
+from hal.cell import Cell
+from hal.errors import HardwareError
+from rtstack.control.modes import Strategy
+from rtstack.control.records import POINT
+from rtstack.loop.end import End
+from rtstack.loop.publisher import Publisher
+from rtstack.loop.session import Plan, Session
+from rtstack.model.cell_description import CellDescription
+from rtstack.samples import Mode
+from rtstack.trials.assembly import default_parameters, dual_arm_controller, safety_judges
+
+TICKS = 60
+
+
+def hold(cell: Cell, description: CellDescription) -> None:
+    """Hold both arms for some ticks. Raises HardwareError where the session does not come to its end."""
+    parameters = default_parameters()
+    controller = dual_arm_controller(description, parameters, Strategy.PROPOSED, 0.0)
+    points = np.zeros((2, TICKS), POINT)
+    for side, (arm, robot) in enumerate(zip(controller.arms, (cell.left, cell.right), strict=True)):
+        arm.sample["q"][0] = robot.read().q
+        arm.observe()
+        work = arm.workspace[0]
+        points[side]["position"], points[side]["rotation"] = work["position"], work["rotation"]
+        points[side]["xi"] = arm.sample["q"][0, parameters.control.posture_joint]
+    plan = Plan(
+        points, points, Mode.TELEOPERATION, parameters.control.stiffness_teleoperation, parameters.control.period_s
+    )
+    outcome = Session(cell, controller, safety_judges(description), Publisher([], None), plan).run()
+    if outcome.end is not End.COMPLETED:
+        raise HardwareError(f"{outcome.end}: {outcome.detail}")

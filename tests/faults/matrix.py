@@ -1,0 +1,206 @@
+"""The fault matrix: each fault at each moment, in lockstep, over the real client and with the real log process.
+
+    python tests/faults/matrix.py [--fault NAME] [--moment NAME] [--jobs 2] [--out DIR] [--fresh]
+
+Writes table.md and table.csv. Exit status 1 where anything was missed. Ctrl-C ends it; started again it goes on, unless
+the sources have changed since. docs/faults.md says how to read the table and to add a fault.
+"""
+
+import argparse
+import hashlib
+import json
+import os
+import select
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import fault_catalogue
+import numpy as np
+from fault_case import Ground
+from fault_catalogue import FAULTS, case_name
+from fault_hold import hold
+from fault_model import CaseResult, Fault, Moment
+from fault_process import CaseProcess, adopt_orphans
+from fault_table import write_table
+
+from rtstack.cli.cells import load_description, open_cell
+from rtstack.log.reader import read_log
+from rtstack.samples import Mode
+from rtstack.trials.record import open_log
+from rtstack.trials.run import prepare_trial, run_demonstration, run_trial
+from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
+
+ROOT = Path(__file__).resolve().parents[2]
+SOURCES = ("hal", "sim_robot", "rtstack", "deploy", "tests/faults")
+MISSED, BAD_INPUT, INTERRUPTED = 1, 2, 130
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """What to play, where to write it."""
+
+    cases: tuple[tuple[Fault, Moment], ...]
+    jobs: int
+    folder: Path
+    fresh: bool
+
+
+def sources_digest() -> str:
+    """Return what a result belongs to: the state of everything that is tested, and of these tests."""
+    digest = hashlib.sha256()
+    for folder in SOURCES:
+        for path in sorted((ROOT / folder).rglob("*")):
+            if path.suffix in (".py", ".toml", ".urdf"):
+                digest.update(str(path.relative_to(ROOT)).encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
+
+
+def make_ground(folder: Path) -> Ground:
+    """Record a demonstration, and find out when its trial meets the box, in a process that is then forgotten."""
+    folder.mkdir(parents=True, exist_ok=True)
+    reference, found = folder / "reference.mcap", folder / "impact_tick"
+    if not found.exists():
+        child = os.fork()
+        if child == 0:
+            status = 1
+            try:
+                found.write_text(str(_look_for_impact(reference)))
+                status = 0
+            finally:
+                os._exit(status)
+        if os.waitpid(child, 0)[1]:
+            raise SystemExit("the demonstration and its trial do not run without any fault: see above")
+    description, _ = load_description(None)
+    prepared = prepare_trial(TrialSpecification(str(reference), seed=1), description)
+    return Ground(prepared, int(found.read_text()))
+
+
+def _look_for_impact(reference: Path) -> int:
+    description, source = load_description(None)
+    cell = open_cell("direct", "rice_box", 0.0, 0, description)
+    specification = DemonstrationSpecification()
+    log = open_log(reference, specification, description, "direct", source, overwrite=True)
+    run_demonstration(specification, description, cell, log=log)
+    cell.close()
+    trial = TrialSpecification(str(reference), seed=1)
+    prepared = prepare_trial(trial, description)
+    # what runs in this process runs in lockstep, too, bit for bit
+    cell = open_cell("direct", "rice_box", 0.0, 1, description)
+    path = reference.with_name("trial.mcap")
+    log = open_log(path, trial, description, "direct", source, reference=prepared.reference, overwrite=True)
+    result = run_trial(prepared, cell, log=log)
+    cell.close()
+    if not result.success:
+        raise SystemExit(f"the trial without any fault failed: {result.failure_reason}")
+    cell = open_cell("lockstep", "rice_box", 0.0, 1, description)  # compiles what only the server needs
+    hold(cell, description)
+    cell.close()
+    return int(np.flatnonzero(read_log(path).topic("/left/control")["mode"] == Mode.INTERIM)[0])
+
+
+class Kept:
+    """Results by case, kept for the present sources."""
+
+    def __init__(self, folder: Path, digest: str) -> None:
+        self._folder, self._digest = folder, digest
+        folder.mkdir(parents=True, exist_ok=True)
+
+    def get(self, name: str) -> CaseResult | None:
+        """Return a kept result."""
+        path = self._folder / f"{name}.json"
+        if not path.exists():
+            return None
+        kept = json.loads(path.read_text())
+        return CaseResult(**kept["result"]) if kept["sources"] == self._digest else None
+
+    def put(self, name: str, result: CaseResult) -> None:
+        """Keep a result."""
+        document = json.dumps({"sources": self._digest, "result": result.as_dict()})
+        (self._folder / f"{name}.json").write_text(document)
+
+
+def play(choice: Choice) -> list[CaseResult]:
+    """Play what is not kept; return all results in the order of the choice. KeyboardInterrupt leaves no process."""
+    digest = sources_digest()
+    kept = Kept(choice.folder / "cases", digest)
+    results: dict[str, CaseResult] = {}
+    waiting = []
+    for fault, moment in choice.cases:
+        old = None if choice.fresh else kept.get(case_name(fault, moment))
+        if old is None:
+            waiting.append((fault, moment))
+        else:
+            results[case_name(fault, moment)] = old
+    running: list[CaseProcess] = []
+    began_s, count, done = time.monotonic(), len(waiting), 0
+    try:
+        if waiting:
+            print(f"{count} cases, {len(results)} kept; recording the demonstration they stand on", flush=True)
+            ground = make_ground(choice.folder / "ground" / digest[:16])
+            began_s = time.monotonic()
+        while waiting or running:
+            while waiting and len(running) < choice.jobs:
+                fault, moment = waiting.pop(0)
+                running.append(CaseProcess(fault, moment, ground, choice.folder / "runs" / case_name(fault, moment)))
+            select.select([case.descriptor for case in running], (), (), 1.0)
+            for case in [case for case in running if case.ended or case.hangs]:
+                running.remove(case)
+                name, result = case_name(case.fault, case.moment), case.result()
+                kept.put(name, result)
+                results[name], done = result, done + 1
+                _say(result, done, count, began_s)
+    finally:
+        for case in running:
+            case.kill()
+        ordered = [results[name] for name in (case_name(*case) for case in choice.cases) if name in results]
+        path = write_table(ordered, len(choice.cases), choice.folder)
+        missed = sum(bool(result.misses) for result in ordered)
+        print(f"{len(ordered)} of {len(choice.cases)} cases, {missed} missed: {path}", flush=True)
+    return ordered
+
+
+def _say(result: CaseResult, done: int, count: int, began_s: float) -> None:
+    left_s = (time.monotonic() - began_s) / done * (count - done)
+    line = f"{done}/{count}, about {left_s / 60:.1f} min left | {result.fault}, {result.moment}: "
+    print(line + (f"MISSED: {'; '.join(result.misses)}" if result.misses else "ok"), flush=True)
+
+
+def choose(arguments: list[str] | None) -> Choice:
+    """Read the command line. Exit status 2 for a fault or a moment that there is not."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--fault", action="append", help="only this fault (may be given again)")
+    parser.add_argument("--moment", action="append", choices=list(Moment), help="only this moment (likewise)")
+    parser.add_argument("--jobs", type=int, default=2, help="cases at a time")
+    parser.add_argument("--out", type=Path, default=ROOT / "out" / "faults", help="where results and the table go")
+    parser.add_argument("--fresh", action="store_true", help="play again what is kept")
+    options = parser.parse_args(arguments)
+    names = [fault.name for fault in FAULTS]
+    for name in options.fault or ():
+        if name not in names:
+            parser.error(f"there is no fault {name!r}; there are {', '.join(names)}")
+    if options.jobs < 1:
+        parser.error("--jobs must be 1 or more")
+    cases = tuple(
+        (fault, moment)
+        for fault in fault_catalogue.FAULTS
+        for moment in Moment
+        if (not options.fault or fault.name in options.fault) and (not options.moment or moment in options.moment)
+    )
+    return Choice(cases, options.jobs, options.out, options.fresh)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Play the chosen cases. Returns the exit status."""
+    choice = choose(arguments)
+    adopt_orphans()
+    try:
+        results = play(choice)
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    return MISSED if any(result.misses for result in results) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
