@@ -53,7 +53,7 @@ class FaultNotes:
         self.now_ns = 0  # since the start of the reference
         self.reaction_ticks: int | None = None
         self.error: Exception | None = None
-        self._qp_side = -1
+        self.qp_side = -1  # of the QP that was not solved
         self._qp_status, self._qp_iterations = QpStatus.NOT_USED, 0
         self._problem = np.zeros(1, WORKSPACE)
         self._problem_bytes = self._problem.view(np.uint8)
@@ -67,11 +67,11 @@ class FaultNotes:
 
     def take_qp(self, side: int, arm: ArmController) -> None:
         """Keep the problem that was not solved in this tick; the first one stays."""
-        if self._qp_side < 0:
+        if self.qp_side < 0:
             self._problem_bytes[:] = arm.workspace.view(np.uint8)
             self._qp_status = QpStatus(int(arm.control["qp_status"][0]))
             self._qp_iterations = int(arm.control["qp_iterations"][0])
-            self._qp_side = side
+            self.qp_side = side
 
     def fault(self) -> Fault | None:
         """Return the fault, None for a session without one. Not for the tick."""
@@ -79,6 +79,6 @@ class FaultNotes:
             return None
         text = "".join(traceback.format_exception(self.error)) if self.error is not None else ""
         qp = None
-        if self._qp_side >= 0:
-            qp = FailedQp(SIDES[self._qp_side], self._qp_status, self._qp_iterations, self._problem)
+        if self.qp_side >= 0:
+            qp = FailedQp(SIDES[self.qp_side], self._qp_status, self._qp_iterations, self._problem)
         return Fault(self.trip, self.t_ns, self.reaction_ticks, text, qp)

@@ -301,7 +301,7 @@ class Session:
             k = stopping.index(True) if k is None else k
             judge = self._judges[k]
             if judge.reason is Reason.CONTROLLER:
-                trip = Trip(End.QP, status.name.lower(), side=SIDES[k])
+                trip = Trip(End.QP, status.name.lower(), side=SIDES[self._notes.qp_side])
             else:
                 value, bound = float(judge.memory["value"][0]), float(judge.memory["bound"][0])
                 detail = f"{SIDES[k]}: {judge.explanation}"
