@@ -1,0 +1,1 @@
+"""Scenes of impacts, for `rtstack impact-map`."""

@@ -1,0 +1,215 @@
+"""The rigid impact map: which velocity follows an impact of rigid bodies, configuration and time standing still.
+
+Plastic impacts (restitution 0) with Coulomb friction at points; M (v+ - v-) = J^T lambda, with M of (10) of the
+impact-map paper, and the law of rtstack.impact_map.coulomb.
+
+**Single step**: the law once, at all contacts together. Where a pad hits a face, its reflected inertia at the corners is
+not the same, and the single step mostly leaves some corners opening: the pad tilts away.
+
+**Converged**: the end of the sequence of impacts that follows in the next milliseconds, because a controller goes on
+pressing: corners that have opened close again, with further impacts, until the pad lies on the face. The end is told
+without the sequence. Let Lambda >= 0 be the sums of all impulses at the corners, and P the sum of the pressing, which is
+even over the corners of a patch. Taken as a pair of forces between the two bodies it leaves their momentum alone, and
+
+    M (v+ - v-) = J^T (Lambda - P e),     v_N = 0 and v_T = 0 at the corners of a maintained patch:
+
+what the law bounds is Lambda, so lambda = Lambda - P e is free in sign, at the maintained patches only. The map solves
+this for lambda, with the law itself at all other contacts (no support ever pulls), and tells as `pressing_ns` the least
+P with which Lambda is within the friction cone (for lambda of least norm, where it is not unique). P = 0: the single step
+ends there by itself. The assumptions, then:
+  - somebody presses at least that much while the sequence lasts: P over the clamping force is the time that it takes,
+    and the map means nothing where that is not short (some 10 ms);
+  - what the pressing does to the motion of both bodies together is not part of the impact. Two pads that clamp a box
+    cancel. A pad that pushes a box along adds its force times the time: that belongs to the motion after the impact;
+  - it is even over the patch, and goes on until slip has ended, too. Where it is known to end earlier, `pressed` gives
+    the single step under a given P, in which a patch may slip on. Without friction only v_N = 0 is asked;
+  - each patch pushes in the sum. Where one would have to pull, the bodies part, and the status is infeasible.
+
+The velocity is then the unique one wherever friction at the other contacts leaves it so; see Impact.impulses_unique.
+"""
+
+from collections.abc import Sequence
+
+import daqp
+import numpy as np
+from numpy.typing import NDArray
+
+from rtstack.impact_map.coulomb import ContactState, contact_states, law_residuals
+from rtstack.impact_map.problem import Problem, problem_of
+from rtstack.impact_map.result import Impact, ImpactMap, Status
+from rtstack.impact_map.scene import Scene
+from rtstack.impact_map.solvers import Solution, Solver, solve
+
+Array = NDArray[np.floating]
+
+SAME = 1e-6  # m/s, rad/s: solvers that agree; they agree to 1e-8 or differ by far
+NOTHING = 1e-8  # N s, m/s: an impulse or a slip that is none
+RANK = 1e-9  # of the largest singular value: what counts as zero
+
+
+def impact_map(scene: Scene, second_opinion: bool = True) -> ImpactMap:
+    """Return both maps of a scene. second_opinion: whether PGS is asked, too. Raises SceneError for a bad scene only."""
+    problem = problem_of(scene)
+    return ImpactMap(problem, single_step(problem, second_opinion), converged(problem, second_opinion))
+
+
+def single_step(problem: Problem, second_opinion: bool = True) -> Impact:
+    """Return the single step: the law at all contacts, once."""
+    return pressed(problem, np.zeros(len(problem.contacts)), second_opinion)
+
+
+def pressed(problem: Problem, pressing_ns: Array | Sequence[float], second_opinion: bool = True) -> Impact:
+    """Return the single step while each contact's bodies are pressed together with an impulse, (contacts,) N s.
+
+    The impulses that are told include the reaction to the pressing; it does not move the bodies' common momentum.
+    """
+    pressing = np.asarray(pressing_ns, dtype=float)
+    load = np.zeros((len(problem.friction), 3))
+    for rows, impulse in zip(problem.points, pressing, strict=True):
+        load[rows, 2] = impulse / (rows.stop - rows.start)
+    w = problem.w - problem.A @ load.ravel()
+    free = np.arange(len(problem.friction))
+    solution, other = _solutions(problem.A, w, problem, free, second_opinion)
+    after = w + problem.A @ solution.impulses.ravel()
+    return _impact(problem, solution, other, after, solution.impulses, load, pressing, np.array([], dtype=int))
+
+
+def converged(problem: Problem, second_opinion: bool = True) -> Impact:
+    """Return the end of the impact sequence: maintained patches closed, the law at all other contacts."""
+    maintained = list(problem.maintained())
+    held = np.concatenate([np.arange(n)[problem.points[k]] for n in [len(problem.friction)] for k in maintained] or [[]])
+    held = held.astype(int)
+    if len(held) == 0:
+        return single_step(problem, second_opinion)
+    rows = (3 * held[:, None] + np.arange(3))[:, :]
+    tied = np.concatenate([row if problem.friction[i] > 0.0 else row[2:] for i, row in zip(held, rows, strict=True)])
+    U, S, Vt = np.linalg.svd(problem.A[:, tied], full_matrices=False)
+    rank = int(np.sum(S > RANK * S[0]))
+    U, S, Vt = U[:, :rank], S[:rank], Vt[:rank]
+    w = problem.w - U @ (U.T @ problem.w) + U @ ((Vt @ problem.s[tied]) / S)
+    free = np.setdiff1d(np.arange(len(problem.friction)), held)
+    A = problem.A - U @ (U.T @ problem.A)
+    solution, other = _solutions(A, w, problem, free, second_opinion)
+    columns = (3 * free[:, None] + np.arange(3)).ravel()
+    after = w + A[:, columns] @ solution.impulses.ravel()
+    impulses = np.zeros((len(problem.friction), 3))
+    impulses[free] = solution.impulses
+    rest = after - problem.w - problem.A @ impulses.ravel()
+    impulses.ravel()[tied] = Vt.T @ ((U.T @ rest) / S)
+    pressing = np.zeros(len(problem.contacts))
+    for k in maintained:
+        points = problem.points[k]
+        pressing[k] = (points.stop - points.start) * _lacking(impulses[points], problem.friction[points])
+    return _impact(problem, solution, other, after, impulses, np.zeros_like(impulses), pressing, held)
+
+
+def _lacking(impulses: Array, friction: Array) -> float:
+    """Return the least normal impulse, N s, that put on top of each of these makes all of them obey the law's cone."""
+    sideways = np.hypot(impulses[:, 0], impulses[:, 1]) / np.where(friction > 0.0, friction, 1.0)
+    return max(0.0, float((np.where(friction > 0.0, sideways, 0.0) - impulses[:, 2]).max()))
+
+
+def _solutions(
+    A: Array, w: Array, problem: Problem, free: Array, second_opinion: bool
+) -> tuple[Solution, float | None]:
+    """Return ADMM's solution at the contacts `free`, and how far PGS's velocity is from it, if it has one."""
+    columns = (3 * free[:, None] + np.arange(3)).ravel()
+    A = A[:, columns]
+    G, b, friction = A.T @ A, A.T @ w - problem.s[columns], problem.friction[free]
+    solution = solve(Solver.ADMM, G, b, friction)
+    if not second_opinion or not solution.solved:
+        return solution, None
+    other = solve(Solver.PGS, G, b, friction)
+    if not other.solved:
+        return solution, None
+    change = A @ (other.impulses - solution.impulses).ravel()
+    return solution, float(np.abs(problem.velocity(change)).max())
+
+
+def _impact(
+    problem: Problem, solution: Solution, other: float | None, after: Array, impulses: Array, load: Array,
+    pressing: Array, held: Array,
+) -> Impact:  # fmt: skip
+    """Return the result. load (n, 3): the pressing, within `impulses`; held: points where the law bounds no impulse."""
+    velocity = problem.velocity(after)
+    velocities = (problem.A.T @ after - problem.s).reshape(-1, 3)
+    law_bound = np.setdiff1d(np.arange(len(impulses)), held)
+    law = law_residuals(impulses[law_bound], velocities[law_bound], problem.friction[law_bound])
+    states = contact_states(impulses, velocities, NOTHING)
+    for i in held:
+        states[i] = ContactState.STICKING if problem.friction[i] > 0.0 else ContactState.SLIDING
+    status, detail = _status(problem, solution, other, impulses, velocities, held)
+    return Impact(
+        status=status,
+        detail=detail,
+        velocity=velocity,
+        impulses=impulses,
+        velocities=velocities,
+        states=tuple(states),
+        impulses_unique=_unique(problem, impulses, velocities, states, held),
+        kinetic_energy_before_j=float(problem.w @ problem.w) / 2,
+        kinetic_energy_after_j=float(after @ after) / 2,
+        law=law,
+        momentum_ns=_momentum_error(problem, velocity, (impulses - load).ravel()),
+        pressing_ns=pressing,
+        iterations=solution.iterations,
+        second_opinion_m_s=other,
+    )
+
+
+def _status(
+    problem: Problem, solution: Solution, other: float | None, impulses: Array, velocities: Array, held: Array
+) -> tuple[Status, str]:
+    if len(held) and np.abs(velocities[held, 2]).max() > NOTHING:
+        return Status.INFEASIBLE, "the maintained patches cannot all be closed: a moving support forces them apart"
+    if not solution.solved:
+        if _penetrates(problem, held):
+            return Status.INFEASIBLE, "no velocity keeps all contacts from penetrating: a moving support leaves no room"
+        return Status.UNSOLVED, "no solver came to 1e-9; the figures are the best attempt"
+    for k in problem.maintained() if len(held) else ():
+        total = float(impulses[problem.points[k], 2].sum())
+        if total < -NOTHING:
+            first, second = problem.contacts[k].between
+            return Status.INFEASIBLE, f"{first} and {second} part: to stay together they would pull with {-total:.3g} Ns"
+    if other is not None and other > SAME:
+        return Status.NOT_UNIQUE, (
+            f"velocities are not unique: two solutions of the law differ by up to {other:.3g} m/s or rad/s"
+        )
+    return Status.SOLVED, "confirmed by PGS" if other is not None else "no second opinion"
+
+
+def _penetrates(problem: Problem, held: Array) -> bool:
+    """Whether no velocity is without penetration: the nearest one (a QP in whitened velocities) does not exist."""
+    normals = problem.A[:, 2::3].T
+    lower = problem.s[2::3]
+    upper = np.full(len(lower), 1e30)
+    upper[held] = lower[held]
+    *_, flag, _ = daqp.solve(np.eye(len(problem.w)), -problem.w, np.ascontiguousarray(normals), upper, lower)
+    return flag == -1
+
+
+def _unique(problem: Problem, impulses: Array, velocities: Array, states: list[ContactState], held: Array) -> bool:
+    """Whether no other impulses of the same contact states give the same velocity: no direction is left in them."""
+    columns = []
+    tied = set(held.tolist())
+    for i, state in enumerate(states):
+        block = problem.A[:, 3 * i : 3 * i + 3]
+        if i in tied or state is ContactState.STICKING:
+            columns.append(block if problem.friction[i] > 0.0 else block[:, 2:])
+        elif state is ContactState.SLIDING:
+            slip = velocities[i, :2] / np.hypot(*velocities[i, :2])
+            columns.append((block[:, 2] - problem.friction[i] * block[:, :2] @ slip)[:, None])
+    if not columns:
+        return True
+    together = np.hstack(columns)
+    if together.shape[1] > together.shape[0]:
+        return False
+    return int(np.linalg.matrix_rank(together, rtol=RANK)) == together.shape[1]
+
+
+def _momentum_error(problem: Problem, velocity: Array, impulses: Array) -> float:
+    worst = 0.0
+    given = problem.A @ impulses
+    for body, at, L in zip(problem.bodies, problem.slices, problem.factors, strict=True):
+        worst = max(worst, float(np.abs(body.M @ (velocity[at] - body.velocity) - L @ given[at]).max()))
+    return worst
