@@ -12,6 +12,7 @@ from judge_samples import HOME, arm_sample
 
 from hal.limits import FR3
 from rtstack.safety.judge import Base, Reason, SafetyJudge, Verdict
+from rtstack.safety.judge import judge as compiled
 from rtstack.safety.limits import HARDWARE
 
 # run as plain Python, numpy remarks on inf - inf; compiled code does not
@@ -111,10 +112,10 @@ def test_a_value_that_is_not_finite_stops_wherever_it_is(name, bad):
 
 def test_face_and_velocity_are_those_of_the_published_kinematics():
     rng = np.random.default_rng(1)
-    for _ in range(5):
+    judge = SafetyJudge(base=TURNED)
+    for t_ms in range(5):
         q, dq = rng.uniform(FR3.q_lower + 0.5, FR3.q_upper - 0.5), rng.normal(size=7) * 0.3
-        judge = SafetyJudge(base=TURNED)
-        judge.judge(arm_sample(q=q, dq=dq))
+        judge.judge(arm_sample(t_ms, q=q, dq=dq))
         np.testing.assert_allclose(judge.memory["face_world"][0], face(q, TURNED), atol=1e-12)
         np.testing.assert_allclose(judge.memory["face_velocity"][0], face_velocity(q, dq, TURNED), atol=1e-8)
 
@@ -174,6 +175,18 @@ def test_torque_and_torque_rate_are_limited_exactly(joint, sign):
                 assert judge.memory["value"][0] == (sign * wanted if over else sign * wanted - sign * start)
 
 
+def test_the_compiled_judge_answers_with_the_codes_of_verdict_and_reason():
+    for field, value, expected in (
+        ("tau_desired", 0.5, (Verdict.PASS, Reason.NONE)),
+        ("tau_desired", 2.0, (Verdict.LIMITED, Reason.TORQUE_RATE)),
+        ("tau_desired", 88.0, (Verdict.LIMITED, Reason.TORQUE)),
+        ("tau_J", -88.0, (Verdict.STOPPING, Reason.MEASURED_TORQUE)),
+    ):
+        judge = SafetyJudge()
+        sample = arm_sample(**{field: np.array([0, 0, 0, value, 0, 0, 0])})
+        assert compiled(sample, NONE, judge.memory, judge._other, judge._rules, 0) == expected
+
+
 def test_a_limit_of_torque_is_told_before_one_of_its_rate():
     judge = SafetyJudge()
     sample = arm_sample()
@@ -191,6 +204,69 @@ def test_the_torque_s_bound_comes_first_where_the_robot_was_commanded_more(joint
         judge.memory["tau_applied"][0, joint] = sign * told
         assert judge.judge(sample) is Verdict.LIMITED
         assert sample["tau_applied"][0, joint] == sign * (HARDWARE.tau_max[joint] - (1.0 - 1e-4))
+
+
+def _evidence(sample, reason: Reason, joint: int, residual=NONE, limits=HARDWARE) -> tuple[float, float]:
+    """Return what was found and what was allowed."""
+    judge = SafetyJudge(limits)
+    judge.judge(sample, residual=residual)
+    assert (judge.reason, judge.joint) == (reason, joint)
+    return float(judge.memory["value"][0]), float(judge.memory["bound"][0])
+
+
+@pytest.mark.parametrize("joint", range(7))
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_evidence_of_a_joint_is_what_was_found_and_what_was_allowed(joint, sign):
+    line = (HARDWARE.q_upper if sign > 0 else HARDWARE.q_lower)[joint]
+    middle = (FR3.q_lower + FR3.q_upper) / 2
+    for place, dq in ((line - sign * 1e-3, sign * 2.0), (line + sign * 0.1, -sign * 0.5), (line + sign * 0.1, 0.0)):
+        sample = arm_sample()
+        sample["q"][0, joint], sample["dq"][0, joint] = place, dq
+        travel = dq * REACTION_S + dq * abs(dq) / (2.0 * BRAKING[joint])
+        found, allowed = _evidence(sample, Reason.JOINT_POSITION, joint + 1)
+        assert found == pytest.approx(place + (travel if dq * sign > 0 else 0.0), abs=1e-12)
+        assert allowed == line
+    sample = arm_sample(q=middle)
+    sample["dq"][0, joint] = sign * HARDWARE.dq_max[joint] * 1.001
+    found = _evidence(sample, Reason.JOINT_VELOCITY, joint + 1)
+    assert found == (sign * HARDWARE.dq_max[joint] * 1.001, HARDWARE.dq_max[joint])
+    for name, reason, lines in (
+        ("tau_J", Reason.MEASURED_TORQUE, HARDWARE.tau_J_max),
+        ("tau_ext_hat_filtered", Reason.EXTERNAL_TORQUE, HARDWARE.tau_ext_max),
+        ("residual", Reason.RESIDUAL, HARDWARE.tau_ext_max),
+    ):
+        sample, residual = arm_sample(), np.zeros(7)
+        (residual if name == "residual" else sample[name][0])[joint] = sign * 200.0
+        assert _evidence(sample, reason, joint + 1, residual) == (sign * 200.0, lines[joint])
+    sample = arm_sample()
+    sample["q"][0, joint] = sign * inf
+    found, allowed = _evidence(sample, Reason.NOT_FINITE, joint + 1)
+    assert np.isnan(found)
+    assert allowed == 0.0
+
+
+def test_the_evidence_of_the_whole_arm_is_what_was_found_and_what_was_allowed():
+    dq, tau = np.array([0.5, 0.4, -0.3, 0.2, 0.1, -0.6, 0.7]), np.array([20.0, -30.0, 9.0, 8.0, 1.0, 2.0, -3.0])
+    place, speed = face(HOME, Base()), np.linalg.norm(face_velocity(HOME, dq, Base()))
+    for axis in range(3):
+        for name, sign in (("ee_lower", 1.0), ("ee_upper", -1.0)):
+            corner = [-9.0 * sign] * 3
+            corner[axis] = place[axis] + 0.125 * sign
+            limits = replace(HARDWARE, **{name: tuple(corner)})
+            found, allowed = _evidence(arm_sample(), Reason.WORKSPACE, 0, limits=limits)
+            assert found == pytest.approx(place[axis], abs=1e-12)
+            assert allowed == corner[axis]
+    for name, reason, value in (("ee_speed_max", Reason.SPEED, speed), ("power_max", Reason.POWER, tau @ dq)):
+        for sign in (1.0, -1.0):
+            sample, limits = arm_sample(dq=dq, tau_J=sign * tau), replace(HARDWARE, **{name: abs(value) / 2.0})
+            found, allowed = _evidence(sample, reason, 0, limits=limits)
+            assert found == pytest.approx(value if name == "ee_speed_max" else sign * value, abs=1e-8)
+            assert allowed == abs(value) / 2.0
+    sample = arm_sample()
+    sample["O_F_ext_hat_K"][0, 3] = nan
+    found, allowed = _evidence(sample, Reason.NOT_FINITE, 0)
+    assert np.isnan(found)
+    assert allowed == 0.0
 
 
 _NASTY = st.sampled_from([0.0, -0.0, 5e-324, -5e-324, 1.0, -1.0, inf, -inf, nan])

@@ -57,6 +57,16 @@ def test_the_distance_of_segments_in_each_of_its_cases():
             assert segment_distance(ends[p], ends[q], ends[r], ends[s]) == pytest.approx(expected, abs=1e-12)
 
 
+def test_segments_that_are_nearly_parallel_and_cross_touch():
+    """Where a solution for parallel ones would be off by the angle."""
+    for length in (0.02, 0.05, 0.5, 5.0):
+        for angle in (3e-5, 1e-4, 1e-3):
+            u = length / 2 * np.array([1.0, 0.0, 0.0])
+            v = 0.7 * length / 2 * np.array([np.cos(angle), np.sin(angle), 0.0])
+            assert segment_distance(-u, u, -v, v) < 1e-3 * length * angle
+            assert segment_distance(v, -v, -u, u) < 1e-3 * length * angle
+
+
 def test_the_arms_distance_is_that_of_their_capsules():
     rng = np.random.default_rng(2)
     for _ in range(12):
@@ -270,6 +280,25 @@ def test_a_stop_is_recovered_from_when_its_cause_is_gone_and_not_before():
     assert judges[0].memory["tau_applied"][0].tolist() == [0.0] * 7
     assert _both(judges, 90_000) == (Verdict.PASS, Verdict.PASS)
     assert _both(judges, 99_000) == (Verdict.PASS, Verdict.PASS)
+
+
+def test_a_recovery_is_of_one_arm_and_one_that_is_refused_changes_nothing():
+    for side in (0, 1):
+        judges = _pair()
+        for t_ms in range(3):
+            _both(judges, t_ms)
+        bad = arm_sample(3, tau_ext_hat_filtered=110.0)
+        judges[side].judge(bad)
+        judges[1 - side].judge(arm_sample(4))
+        mine, others = judges[side].memory.copy(), judges[1 - side].memory.copy()
+        assert judges[side].recover(bad) is Reason.EXTERNAL_TORQUE
+        assert judges[side].memory.tobytes() == mine.tobytes()
+        assert judges[side].recover(arm_sample(5)) is Reason.NONE
+        others["silent_ns"] = 0  # it is waited for anew
+        assert judges[1 - side].memory.tobytes() == others.tobytes()
+        # one arm does not go on while the other one is stopped
+        assert judges[side].judge(arm_sample(6)) is Verdict.STOPPING
+        assert judges[side].reason is Reason.OTHER_ARM
 
 
 def test_every_reason_says_what_is_wrong_in_one_line():

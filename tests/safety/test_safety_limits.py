@@ -51,7 +51,8 @@ def test_a_limit_is_taken_at_its_bound_and_inside_and_refused_one_step_beyond(na
     if name.startswith("ee_") and name != "ee_speed_max":
         return  # nothing is beyond infinity
     outside, _ = _changed(name, outwards=True)
-    with pytest.raises(LimitWidened, match=f"safety.{name} = .*may only tighten"):
+    side = "at least" if name in LOWER else "at most"
+    with pytest.raises(LimitWidened, match=f"safety.{name} = .*may only tighten, .* must be {side} "):
         HARDWARE.tightened({name: outside})
 
 
