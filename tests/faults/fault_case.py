@@ -220,9 +220,9 @@ class Case:
             met = stage.mode_met.name.lower() if stage.mode_met is not None else "none"
             self._misses.append(f"the fault came in the mode {met}")
         seen = self._reaction(stage)
-        result.seen = seen if isinstance(seen, str) else str(seen)
+        result.seen = str(seen)
         if seen not in expected.reactions:
-            self._misses.append(f"the reaction is {result.seen!r}")
+            self._misses.append(f"the reaction is: {result.seen}")
         if not re.search(expected.says, said):
             self._misses.append(f"it says {said!r}, and nothing like {expected.says!r}")
         if moment in MOVING and not (self._proven or self._proof(stage)):

@@ -112,13 +112,13 @@ FAULTS = (
         recovery=Recovery.RESET,
     ),
     Fault(
-        "collision", "the left pad is pushed with 400 N for 60 ms",
-        Scripted('kind = "push"\narm = "left"\nforce_N = [-400.0, 0.0, 0.0]\nduration_s = 0.06'),
+        "collision", "the left pad is pushed with 200 N for 40 ms: more than the wrist can hold",
+        Scripted('kind = "push"\narm = "left"\nforce_N = [-200.0, 0.0, 0.0]\nduration_s = 0.04'),
         Expected(EITHER, f"{SAFETY}|{LEFT_CONTROL}"), GOES_ON, physical=True, reflex=True, recovery=Recovery.RECONNECT,
     ),
     Fault(
-        "joint pushed to its limit", "30 Nm from outside on joint 6 of the left arm, for 40 ms",
-        Scripted('kind = "joint_push"\narm = "left"\ntorque_Nm = [0, 0, 0, 0, 0, 30, 0]\nduration_s = 0.04'),
+        "joint pushed to its limit", "20 Nm from outside on joint 6 of the left arm, for 30 ms",
+        Scripted('kind = "joint_push"\narm = "left"\ntorque_Nm = [0, 0, 0, 0, 0, 20, 0]\nduration_s = 0.03'),
         Expected(EITHER, f"{SAFETY}|{LEFT_CONTROL}"), GOES_ON, physical=True, reflex=True, recovery=Recovery.RECONNECT,
     ),
     Fault(

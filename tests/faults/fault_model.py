@@ -91,9 +91,9 @@ class Fault:
     """One row of the matrix, a cell for each moment.
 
     physical: the loop can see it once a measured value is beyond a limit of the judge, or the robot says so.
-    reflex: the robot may stop itself, too. small_ring: the log's rings hold a second, not eight. own_clocks: each arm is served when its own state arrives, as two control boxes are. proof: what shows that the
-    fault was there, for one that leaves no other trace. log_dies: up to 0.5 s of the log may be missing. others: single
-    moments.
+    reflex: the robot may stop itself, too. small_ring: the log's rings hold a second, not eight. own_clocks: each arm
+    is served when its own state arrives, as two control boxes are. proof: what shows that the fault was there, for one
+    that leaves no other trace. log_dies: up to 0.5 s of the log may be missing. others: single moments.
     """
 
     name: str

@@ -5,6 +5,7 @@ import ctypes
 import json
 import os
 import select
+import shutil
 import signal
 import sys
 import threading
@@ -34,8 +35,8 @@ class CaseProcess:
     def __init__(self, fault: Fault, moment: Moment, ground: Ground, folder: Path) -> None:
         self.fault, self.moment = fault, moment
         self._name, self._folder = case_name(fault, moment), folder
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "result.json").unlink(missing_ok=True)
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
         self._began_s = time.monotonic()
         said, says = os.pipe()
         held, self._lifeline = os.pipe()
