@@ -1,12 +1,17 @@
 """A real stack, and a real Chromium that signs in by the address that it printed. Without Chromium: an error."""
 
+import os
 import subprocess
 import sys
+import tempfile
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, Page, expect, sync_playwright
+
+from rtstack.live.client import RUN_PREFIX, SOCKET_NAME, RobotClient
 
 CHROMIUM = "/usr/bin/chromium"  # Debian's
 ARGUMENTS = [
@@ -23,7 +28,14 @@ COMMAND = Path(sys.executable).with_name("rtstack")
 
 
 @pytest.fixture(scope="module")
-def printed_address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+def temporary() -> Iterator[Path]:
+    """Where the stack of this module has its socket: among its temporary files."""
+    with tempfile.TemporaryDirectory(dir="/tmp") as name:  # short: a socket's path has 107 letters at most
+        yield Path(name)
+
+
+@pytest.fixture(scope="module")
+def printed_address(tmp_path_factory: pytest.TempPathFactory, temporary: Path) -> Iterator[str]:
     """Run a stack; give the address that it printed."""
     logs = tmp_path_factory.mktemp("stack") / "logs"
     process = subprocess.Popen(
@@ -31,6 +43,7 @@ def printed_address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        env={**os.environ, "TMPDIR": str(temporary)},
     )
     assert process.stdout is not None
     yield process.stdout.readline().removeprefix("rtstack is up: ").strip()
@@ -62,8 +75,20 @@ class Console:
         page.on("request", lambda request: self.requests.append(request.url))
         page.goto(address)
 
+    def arm(self) -> None:
+        """Take control and arm, where that has not been done."""
+        phase = self.page.locator("#control-light")
+        expect(phase).not_to_have_attribute("data-phase", "unknown")
+        if phase.get_attribute("data-phase") == "armed":
+            return
+        if self.page.locator("#take").is_enabled():
+            self.page.click("#take")
+        self.page.click("#arm")
+        expect(phase).to_have_attribute("data-phase", "armed")
+
     def record(self) -> None:
         """Record the scripted demonstration."""
+        self.arm()
         rows = self.page.locator("#logs tbody tr").count()
         self.page.click("#demonstration button[type=submit]")
         expect(self.page.locator("#job-line")).to_contain_text("succeeded", timeout=JOB_TIMEOUT_MS)
@@ -71,6 +96,7 @@ class Console:
 
     def start_trial(self, controller: str, displacement_mm: str) -> None:
         """Start a trial and wait until it runs."""
+        self.arm()
         self.page.select_option("#trial select[name=controller]", controller)
         self.page.fill("#trial input[name=displacement_mm]", displacement_mm)
         self.page.click("#trial button[type=submit]")
@@ -83,6 +109,35 @@ def console(browser: Browser, printed_address: str) -> Iterator[Console]:
     context = browser.new_context(viewport={"width": 1440, "height": 900}, color_scheme="dark", accept_downloads=True)
     yield Console(context.new_page(), printed_address)
     context.close()
+
+
+class Program:
+    """A program that speaks with the robot process itself, as ben, and gives signs of life until it goes."""
+
+    def __init__(self, socket: Path) -> None:
+        self.robot = RobotClient(socket)
+        self._gone = threading.Event()
+        self._thread = threading.Thread(target=self._beat)
+        self._thread.start()
+
+    def _beat(self) -> None:
+        while not self._gone.wait(0.1):
+            self.robot.beat("ben")
+
+    def go(self) -> None:
+        """Give no sign of life any more."""
+        self._gone.set()
+        self._thread.join()
+
+
+@pytest.fixture
+def program(console: Console, temporary: Path) -> Iterator[Program]:
+    """Give a program; it has gone after the test."""
+    (socket,) = temporary.glob(f"{RUN_PREFIX}*/{SOCKET_NAME}")
+    program = Program(socket)
+    yield program
+    program.go()
+    program.robot.close()
 
 
 @pytest.fixture(scope="module")

@@ -2,13 +2,16 @@
 
 import io
 import re
+import time
 
 import numpy as np
 import pytest
 from PIL import Image
 from playwright.sync_api import expect
 
+from rtstack.live.protocol import DemonstrationRequest
 from rtstack.log.reader import read_log
+from rtstack.safety.permit import LEASE_S
 
 pytestmark = pytest.mark.browser
 FINISHED_MS = 120_000
@@ -67,13 +70,94 @@ def _centre_of_hue(image, colour):
     return float(np.nonzero(fits)[1].mean()) if fits.sum() > 80 else None
 
 
-def test_what_cannot_act_says_why(console):
-    if console.page.locator("#logs tbody tr").count() == 0:
-        expect(console.page.locator("#trial button[type=submit]")).to_be_disabled()
-        expect(console.page.locator("#trial [data-why]")).to_contain_text("record a demonstration first")
-        expect(console.page.locator("#empty")).to_contain_text("Record a demonstration")
-    expect(console.page.locator("#recover")).to_be_disabled()
-    expect(console.page.locator("#recover")).to_have_attribute("title", "Nothing to recover")
+def test_what_cannot_act_says_why_until_somebody_has_armed(console):
+    page = console.page
+    phase, holder, why = page.locator("#control-light .word"), page.locator("#holder"), "#demonstration [data-why]"
+    expect(phase).to_have_text("disarmed")
+    expect(holder).to_have_text("nobody has the robot")
+    expect(page.locator("#demonstration button[type=submit]")).to_be_disabled()
+    expect(page.locator(why)).to_contain_text("take control first")
+    for name, reason in (("release", "You do not have the robot"), ("arm", "Take control first")):
+        expect(page.locator(f"#{name}")).to_be_disabled()
+        expect(page.locator(f"#{name}")).to_have_attribute("title", reason)
+    expect(page.locator("#recover")).to_be_hidden()
+    page.fill("#operator", "anna")
+    page.click("#take")
+    expect(holder).to_have_text("you, anna")
+    expect(page.locator(why)).to_contain_text("arm them first")
+    page.click("#arm")
+    expect(phase).to_have_text("armed")
+    expect(page.locator("#demonstration button[type=submit]")).to_be_enabled()
+    page.click("#disarm")
+    expect(phase).to_have_text("disarmed")
+    page.click("#release")
+    expect(holder).to_have_text("nobody has the robot")
+    expect(page.locator("#event")).to_contain_text("anna released control")
+    if page.locator("#logs tbody tr").count() == 0:
+        console.arm()
+        expect(page.locator("#trial button[type=submit]")).to_be_disabled()
+        expect(page.locator("#trial [data-why]")).to_contain_text("record a demonstration first")
+        expect(page.locator("#empty")).to_contain_text("Record a demonstration")
+
+
+def test_a_page_that_is_open_keeps_control_and_a_closed_one_loses_it(console, program):
+    console.arm()
+    console.page.wait_for_timeout(1500 * LEASE_S)
+    assert (program.robot.status().holder, program.robot.status().phase) == ("anna", "armed")
+    console.page.goto("about:blank")
+    deadline_s = time.monotonic() + 30.0
+    while program.robot.status().holder is not None:
+        assert time.monotonic() < deadline_s
+        time.sleep(0.05)
+    assert program.robot.status().phase == "disarmed"
+    console.page.goto(console.address.split("?")[0])
+    expect(console.page.locator("#holder")).to_have_text("nobody has the robot")
+
+
+def test_another_operator_is_named_and_can_be_taken_over_from_while_nothing_moves(console, program):
+    page = console.page
+    take = page.locator("#take")
+    program.robot.take("ben")
+    expect(page.locator("#holder")).to_have_text("ben")
+    expect(take).to_have_text("Take over from ben")
+    expect(page.locator("#demonstration [data-why]")).to_contain_text("ben has the robot")
+    take.click()
+    expect(page.locator("#holder")).to_have_text("you, anna")
+    expect(page.locator("#event")).to_contain_text("anna took over from ben")
+    page.click("#release")
+
+
+def test_an_operator_who_goes_in_a_motion_leaves_a_fault_that_the_page_shows_and_recovers(console, program):
+    page = console.page
+    phase, fault = page.locator("#control-light .word"), page.locator("#fault")
+    program.robot.take("ben")
+    program.robot.arm("ben")
+    program.robot.start(DemonstrationRequest(operator="ben"))
+    expect(phase).to_have_text("moving")
+    expect(page.locator("#take")).to_be_disabled()
+    expect(page.locator("#take")).to_have_attribute("title", re.compile("once nothing moves"))
+    program.go()
+    expect(phase).to_have_text("fault", timeout=FINISHED_MS)
+    expect(fault).to_contain_text("the operator has gone: no sign of life")
+    expect(page.locator("#demonstration [data-why]")).to_contain_text("recover first")
+    expect(page.locator("#arm")).to_be_disabled()
+    expect(page.locator("#recover")).to_be_enabled(timeout=FINISHED_MS)
+    _fits(page, "#recover", "#fault", "#take")
+    page.click("#recover")
+    expect(phase).to_have_text("disarmed")
+    expect(fault).to_be_hidden()
+    expect(page.locator("#recover")).to_be_hidden()
+
+
+def _fits(page, *selectors):
+    """Everything is inside of the smallest window."""
+    page.set_viewport_size({"width": 1280, "height": 720})
+    for selector in selectors:
+        box = page.locator(selector).bounding_box()
+        assert box is not None
+        assert box["x"] + box["width"] <= 1280, selector
+        assert box["y"] + box["height"] <= 720, selector
+    page.set_viewport_size({"width": 1440, "height": 900})
 
 
 def test_a_recording_becomes_the_reference_of_a_trial_whose_log_comes_down(recorded, tmp_path):
@@ -120,6 +204,7 @@ def test_stop_stops_a_trial(recorded, way):
     expect(rows.first.locator(".outcome")).to_contain_text("stop requested")
     expect(page.locator("#stop")).to_have_text("STOP")
     expect(page.locator("#light-left .word")).to_have_text("idle", timeout=30_000)
+    expect(page.locator("#control-light .word")).to_have_text("disarmed")
 
 
 def test_a_space_in_a_text_field_is_a_space(recorded):
@@ -135,6 +220,7 @@ def test_a_space_in_a_text_field_is_a_space(recorded):
 
 def test_an_impossible_displacement_is_refused_with_the_reason(recorded):
     page = recorded.page
+    recorded.arm()
     page.fill("#trial input[name=displacement_mm]", "900")
     page.click("#trial button[type=submit]")
     expect(page.locator("#job-line")).to_contain_text("allowed are", timeout=FINISHED_MS)
@@ -142,6 +228,7 @@ def test_an_impossible_displacement_is_refused_with_the_reason(recorded):
     page.click("#errors .error button")
     expect(page.locator("#errors .error")).to_have_count(0)
     page.fill("#trial input[name=displacement_mm]", "0")
+    expect(page.locator("#control-light .word")).to_have_text("armed")
     expect(page.locator("#light-left .word")).to_have_text("idle", timeout=30_000)
 
 
@@ -156,15 +243,13 @@ def test_the_events_open_from_the_strip(recorded):
 
 def test_every_control_fits_into_the_smallest_window(recorded):
     page = recorded.page
+    buttons = ("#demonstration button[type=submit]", "#trial button[type=submit]")
+    _fits(page, "#stop", "#take", "#disarm", "#event", *buttons)
     page.set_viewport_size({"width": 1280, "height": 720})
     column = page.locator(".column").bounding_box()
-    for selector in ("#stop", "#recover", "#demonstration button[type=submit]", "#trial button[type=submit]", "#event"):
+    for selector in buttons:
         box = page.locator(selector).bounding_box()
-        assert box is not None
-        assert box["x"] + box["width"] <= 1280, selector
-        assert box["y"] + box["height"] <= 720, selector
-        if selector.startswith(("#demonstration", "#trial")):
-            assert box["y"] + box["height"] <= column["y"] + column["height"], selector
+        assert box["y"] + box["height"] <= column["y"] + column["height"], selector
     page.set_viewport_size({"width": 1440, "height": 900})
 
 

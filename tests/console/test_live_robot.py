@@ -257,9 +257,7 @@ def test_a_recovery_is_refused_while_the_judge_would_stop_the_arms_where_they_ar
         robot.order(DEMONSTRATION)
         assert robot.finished().reason.startswith(End.SAFETY)
         for _ in range(2):
-            with pytest.raises(
-                RecoveryRefused, match="the end effector has left its box: the cause persists"
-            ):
+            with pytest.raises(RecoveryRefused, match="the end effector has left its box: the cause persists"):
                 robot.desk.recover("anna").result(PATIENCE_S)
             assert robot.helm.view().phase is Phase.FAULT
     finally:

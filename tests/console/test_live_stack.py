@@ -7,10 +7,19 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
+import threading
+import time
 from pathlib import Path
 
+import httpx
 import psutil
 import pytest
+
+from rtstack.live.client import RobotClient
+from rtstack.live.protocol import DemonstrationRequest
+from rtstack.log.reader import read_log
+from rtstack.loop.end import End
 
 TIMEOUT_S = 120.0
 
@@ -20,12 +29,14 @@ COMMAND = Path(sys.executable).with_name("rtstack")
 class Stack:
     """A running stack, and what it said."""
 
-    def __init__(self, logs: Path, port: int = 0) -> None:
+    def __init__(self, logs: Path, port: int = 0, **environment: str) -> None:
+        self.logs = logs
         self.process = subprocess.Popen(
             [str(COMMAND), "up", "--port", str(port), "--logs", str(logs)],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
+            env={**os.environ, **environment},
         )
         assert self.process.stdout is not None
         self.line = self.process.stdout.readline()
@@ -38,6 +49,40 @@ class Stack:
             words = child.cmdline()
             found[words[words.index("-m") + 1]] = child
         return found
+
+    @property
+    def run(self) -> Path:
+        """The folder of the robot process's socket."""
+        command = self.children["console"].cmdline()
+        return Path(command[command.index("--run") + 1])
+
+    def start_a_job(self) -> None:
+        """Sign in, take control, arm, order a demonstration, and wait until the arms move: over HTTP, as a program."""
+        address, token = self.line.split()[-1].split("/?token=")
+        client = httpx.Client(base_url=address, trust_env=False)
+        page = client.get("/", params={"token": token}, follow_redirects=True).text
+        words = re.search(r'name="csrf-token" content="([^"]+)"', page)
+        assert words is not None
+        client.headers["x-csrf-token"] = words[1]
+        for order in ("take", "arm", "jobs/demonstration"):
+            client.post(f"/api/{order}", json={"object": "rice_box"} if "/" in order else {}).raise_for_status()
+
+        def beat() -> None:
+            try:
+                while client.post("/api/beat").status_code in (200, 409):
+                    time.sleep(0.2)
+            except httpx.HTTPError:
+                pass  # the console is gone
+            client.close()
+
+        threading.Thread(target=beat, daemon=True).start()
+        robot = RobotClient(self.run / "robot.sock")
+        try:
+            while (status := robot.status()).job is None or status.job.progress < 0.05:
+                assert status.phase == "moving", status
+                time.sleep(0.05)
+        finally:
+            robot.close()
 
     def end(self) -> tuple[int, str]:
         """Wait for the end; return the exit status and what went to stderr."""
@@ -54,9 +99,20 @@ def stack(tmp_path):
     running.end()
 
 
-def left_behind(pid: int) -> list[str]:
-    """Names of shared memory of a supervisor that has ended."""
-    return [name for name in os.listdir("/dev/shm") if name.startswith(f"rtstack-{pid}-")]
+def left_behind(*pids: int) -> list[str]:
+    """Names of shared memory of processes that have ended."""
+    return [name for name in os.listdir("/dev/shm") if name.startswith(tuple(f"rtstack-{pid}-" for pid in pids))]
+
+
+def all_of(stack: Stack) -> list[psutil.Process]:
+    """Every process of a stack below the supervisor: the log process is the robot process's."""
+    return psutil.Process(stack.process.pid).children(recursive=True)
+
+
+def log_of(stack: Stack):
+    """Return the only log."""
+    (path,) = stack.logs.glob("*.mcap")
+    return read_log(path)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -78,30 +134,82 @@ def test_its_secrets_are_in_no_command_line(stack):
         assert token not in " ".join(child.cmdline())
 
 
-@pytest.mark.parametrize(("module", "what"), [("rtstack.live.robot", "robot process"), ("console", "console")])
-def test_when_one_dies_it_says_which_and_ends_the_other(stack, module, what):
-    children = stack.children
-    children[module].kill()
+@pytest.mark.parametrize(
+    ("module", "what", "end"),
+    [("rtstack.live.robot", "robot process", None), ("console", "console", End.CONSOLE_GONE)],
+)
+def test_when_one_dies_in_a_motion_it_says_which_and_ends_everything(stack, module, what, end):
+    stack.start_a_job()
+    everything, pids = all_of(stack), [stack.process.pid, *(child.pid for child in all_of(stack))]
+    assert len(everything) >= 3
+    stack.children[module].kill()
     status, errors = stack.end()
     assert status == 1
     # before it, Python's own resource tracker may say that it unlinks the dead process's memory
     assert errors.splitlines()[-1] == f"rtstack: the {what} died: killed by SIGKILL"
     assert "Traceback" not in errors
-    assert not any(child.is_running() for child in children.values())
-    assert left_behind(stack.process.pid) == []
+    _, alive = psutil.wait_procs(everything, timeout=30)  # the log process finishes its file
+    assert alive == []
+    assert left_behind(*pids) == []
+    if end is None:
+        assert log_of(stack).metadata["log"]["ended"] == "the program died"
+    else:
+        assert log_of(stack).metadata["result"]["failure_reason"].startswith(end)
 
 
-def test_a_supervisor_that_is_killed_leaves_no_orphan(stack):
-    children = list(stack.children.values())
-    command = children[0].cmdline()
-    run = Path(command[command.index("--run") + 1])
+def test_a_supervisor_that_is_killed_in_a_motion_leaves_nothing_and_the_next_one_starts(stack):
+    port = int(re.search(r":(\d+)/", stack.line)[1])
+    run = stack.run
     assert run.is_dir()
+    stack.start_a_job()
+    everything, pids = all_of(stack), [stack.process.pid, *(child.pid for child in all_of(stack))]
     stack.process.kill()
     stack.process.wait()
-    _, alive = psutil.wait_procs(children, timeout=30)
+    _, alive = psutil.wait_procs(everything, timeout=30)
     assert alive == []
-    assert left_behind(stack.process.pid) == []
+    assert left_behind(*pids) == []
     assert not run.exists()
+    assert log_of(stack).metadata["result"]["failure_reason"].startswith(End.PARENT_GONE)
+    again = Stack(stack.logs, port)
+    assert again.line.startswith(f"rtstack is up: http://127.0.0.1:{port}/")
+    again.process.terminate()
+    assert again.end() == (0, "")
+    trail = [json.loads(line)["action"] for line in (stack.logs / "audit.jsonl").read_text().splitlines()]
+    assert trail == ["take", "arm", "begin", "fault"]
+
+
+def recover_arms(temporary: Path) -> tuple[int, str, str]:
+    """Run the command; return exit status, stdout, stderr."""
+    done = subprocess.run(
+        [str(COMMAND), "recover-arms"], env={**os.environ, "TMPDIR": str(temporary)}, capture_output=True, text=True
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+def test_a_running_stack_recovers_at_a_terminal(tmp_path):
+    with tempfile.TemporaryDirectory(dir="/tmp") as name:  # short: a socket's path has 107 letters at most
+        folder = Path(name)
+        status, _, errors = recover_arms(folder)
+        assert (status, errors.count("\n")) == (2, 1)
+        assert "no stack is running" in errors
+        stack = Stack(tmp_path / "logs", TMPDIR=name)
+        status, said, errors = recover_arms(folder)
+        assert (status, said) == (1, "grab: disarmed\n")
+        assert errors == "rtstack: nothing to recover from: the arms are disarmed\n"
+        robot = RobotClient(stack.run / "robot.sock")
+        robot.take("a program")
+        robot.arm("a program")
+        robot.start(DemonstrationRequest(operator="a program"))  # and gives no sign of life any more
+        while (now := robot.status()).phase != "fault" or now.job.active:
+            time.sleep(0.05)
+        status, said, errors = recover_arms(folder)
+        assert (status, errors) == (0, "")
+        assert said.startswith(f"grab: fault: {End.OPERATOR_GONE}: no sign of life")
+        assert said.endswith("grab: disarmed: take control and arm to go on\n")
+        assert robot.status().phase == "disarmed"
+        robot.close()
+        stack.process.terminate()
+        assert stack.end() == (0, "")
 
 
 def test_a_busy_port_is_one_line_and_status_two(tmp_path):
