@@ -134,7 +134,7 @@ class Case:
             arm.stop()
         reads = iter(range(WATCHED_TICKS))
         with Rings.create(capacity=1024) as rings, contextlib.suppress(HardwareError):
-            IdleView(rings).watch(stage.cell, lambda: next(reads, None) is None, lambda reason: None)
+            IdleView(rings).watch(stage.cell, lambda: next(reads, None) is None, lambda reason: None, stage.remarks)
         with contextlib.suppress(HardwareError):
             self._moved_rad = float(np.nanmax(np.abs(posture(stage.cell) - before)))
         if isinstance(self._fault.how, Scripted):

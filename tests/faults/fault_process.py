@@ -24,8 +24,10 @@ LONGEST_S = 120.0
 GRACE_S = 5.0  # for what a case has started to end by itself
 
 
-def adopt_orphans() -> None:
-    """Become the parent of every process whose parents end: then none can hide."""
+def take_charge() -> None:
+    """Become the parent of every process whose parents end, so that none can hide; SIGTERM is a Ctrl-C, too."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
     ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1)
 
 
@@ -62,6 +64,8 @@ class CaseProcess:
     def _become_case(self, ground: Ground, held: int) -> None:
         status = 1
         try:
+            for number in (signal.SIGINT, signal.SIGTERM):
+                signal.signal(number, signal.SIG_DFL)
             os.environ[NAME] = self._name
             output = os.open(self._folder / "output.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
             nothing = os.open(os.devnull, os.O_RDONLY)
@@ -142,6 +146,9 @@ class CaseProcess:
         for path in Path("/dev/shm").glob(f"rtstack-{self._pid}-*"):
             found.append(f"shared memory left behind: {path.name}")
             path.unlink(missing_ok=True)
+        with contextlib.suppress(ChildProcessError):  # those who ended before they were looked for
+            while os.waitpid(-1, os.WNOHANG)[0]:
+                continue
         return found
 
 

@@ -10,8 +10,8 @@ from fault_model import CaseResult
 HEAD = ("fault", "moment", "expected", "seen", "ticks", "robot at the end", "log", "recovered", "")
 
 
-def write_table(results: Sequence[CaseResult], expected_cases: int, folder: Path) -> Path:
-    """Write table.md and table.csv; return the first one's path."""
+def write_table(results: Sequence[CaseResult], expected_cases: int, folder: Path, name: str = "table") -> Path:
+    """Write the table as .md and .csv; return the first one's path."""
     missed = [result for result in results if result.misses]
     lines = [
         "# Faults",
@@ -26,9 +26,9 @@ def write_table(results: Sequence[CaseResult], expected_cases: int, folder: Path
     if missed:
         lines += ["", "## Missed", ""]
         lines += [f"- {r.fault}, {r.moment}: {'; '.join(r.misses)}. It said: {r.said or 'nothing'}" for r in missed]
-    path = folder / "table.md"
+    path = folder / f"{name}.md"
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    with (folder / "table.csv").open("w", newline="", encoding="utf-8") as file:
+    with (folder / f"{name}.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow([field.name for field in fields(CaseResult)])
         for result in results:

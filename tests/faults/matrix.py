@@ -22,7 +22,7 @@ from fault_case import Ground
 from fault_catalogue import FAULTS, case_name
 from fault_hold import hold
 from fault_model import CaseResult, Fault, Moment
-from fault_process import CaseProcess, adopt_orphans
+from fault_process import CaseProcess, take_charge
 from fault_table import write_table
 
 from rtstack.cli.cells import load_description, open_cell
@@ -194,7 +194,7 @@ def choose(arguments: list[str] | None) -> Choice:
 def main(arguments: list[str] | None = None) -> int:
     """Play the chosen cases. Returns the exit status."""
     choice = choose(arguments)
-    adopt_orphans()
+    take_charge()
     try:
         results = play(choice)
     except KeyboardInterrupt:
