@@ -7,7 +7,7 @@ STAMP := $(VENV)/.installed
 SAFETY_TESTS := $(filter-out %_plant.py,$(wildcard tests/safety/test_*.py))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test realtime check bench coverage mutate explore good-trials clean
+.PHONY: help setup run test realtime check bench coverage mutate explore faults soak good-trials clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -44,6 +44,12 @@ mutate: setup  ## change the judge in one place at a time: do its tests notice? 
 
 explore: setup  ## 10000 sequences of events: no motion without arming, no way out of a fault but recovery
 	RTSTACK_SEQUENCES=10000 $(BIN)/python -m pytest --timeout=0 tests/safety/test_permit.py
+
+faults: setup  ## each fault at each moment, kill -9 of each process: what happens, in a table (resumes, out/faults/)
+	@status=0; $(BIN)/python tests/faults/matrix.py || status=$$?; $(BIN)/python tests/faults/kills.py && exit $$status
+
+soak: setup  ## half an hour of the whole stack at work: memory, descriptors, missed deadlines
+	@$(BIN)/python tests/bench/soak.py --minutes 30
 
 good-trials: setup  ## 140 grabs without an intervention, and one with each limit in reach (resumes, .good-trials/)
 	@$(BIN)/python tests/safety/good_trials.py

@@ -51,7 +51,7 @@ GOES_ON_TICKS = 150  # without a reaction for so long: the session goes on
 SMALL_RING = 1024  # records
 STILL_RAD = 2e-3
 REST_DQ = 0.02  # rad/s
-RECOVERY_S = 8.0
+RECOVERY_S = 30.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +117,8 @@ class Case:
             return None
         tick = IDLE_AT_TICK if self._moment is Moment.IDLE else self._ground.tick(self._moment)
         path = self._folder / "faults.toml"
-        path.write_text(f"[[fault]]\nat_s = {(tick - 1) * 1e-3:.3f}\n{self._fault.how.keys}\n", encoding="utf-8")
+        idle = self._moment is Moment.IDLE
+        path.write_text(self._fault.how.script((tick - 1) * 1e-3, idle), encoding="utf-8")
         return path
 
     def _idle(self, stage: Stage) -> None:

@@ -14,6 +14,7 @@ LOOKS_AT_LOG_TICKS = 16  # how often the loop asks whether the log process lives
 FLUSH_TICKS = 400  # the log process writes every quarter of a second, and somewhat later
 RING_TICKS = 1024
 OVERRUN_TICKS = 10  # half of them: a machine that stalls once is no reason
+IDLE_S = 8.0  # what lasts when a run is asked for
 STOP, LEAVE, GO_ON, NO_MOTION = (Reaction.STOP,), (Reaction.LEAVE,), (Reaction.GO_ON,), (Reaction.NO_MOTION,)
 EITHER = (Reaction.STOP, Reaction.LEAVE)  # judge or robot, whoever is first
 STOPPED = "stop requested by the operator"
@@ -40,23 +41,23 @@ FAULTS = (
     # the link
     Fault(
         "packets lost for 10 ms", "ten states of the left arm do not arrive: fewer than the robot itself tolerates",
-        Scripted('kind = "states_lost"\narm = "left"\nduration_s = 0.010'),
+        Scripted('kind = "states_lost"\narm = "left"', 0.01),
         GOES_ON, GOES_ON, own_clocks=True, proof=_gap_in_states,
     ),
     Fault(
         "packets lost", "no state of the left arm arrives any more, and both arms share one clock",
-        Scripted('kind = "states_lost"\narm = "left"\nduration_s = 0.5'),
+        Scripted('kind = "states_lost"\narm = "left"', 0.5, IDLE_S),
         Expected(LEAVE, LEFT_CONTROL), Expected(NO_MOTION, "left|lost|does not answer"), recovery=Recovery.RECONNECT,
     ),
     Fault(
         "one arm silent", "no state of the left arm arrives any more, and each arm has its own clock",
-        Scripted('kind = "states_lost"\narm = "left"\nduration_s = 0.5'),
+        Scripted('kind = "states_lost"\narm = "left"', 0.5, IDLE_S),
         Expected(EITHER, f"{SAFETY}.*no new state|{LEFT_CONTROL}", LOST_PACKETS),
         Expected(NO_MOTION, "left|lost|does not answer"), recovery=Recovery.RECONNECT, own_clocks=True, reflex=True,
     ),
     Fault(
         "answers lost", "the left arm gets no torque of ours any more",
-        Scripted('kind = "answers_lost"\narm = "left"\nduration_s = 0.3'),
+        Scripted('kind = "answers_lost"\narm = "left"', 0.3, IDLE_S),
         Expected(LEAVE, f"{LEFT_CONTROL}communication_constraints_violation", LOST_PACKETS),
         Expected(NO_MOTION, "communication_constraints_violation"), recovery=Recovery.RECONNECT,
     ),
@@ -73,23 +74,23 @@ FAULTS = (
     # the state
     Fault(
         "frozen state", "the left arm repeats its state under rising time",
-        Scripted('kind = "state_frozen"\narm = "left"\nduration_s = 2.0'),
+        Scripted('kind = "state_frozen"\narm = "left"', 2.0, IDLE_S),
         Expected(STOP, f"{SAFETY}(left: the state is stale|right: the other arm has shown no new state)", LOST_PACKETS),
         Expected(NO_MOTION, "the state is stale|no new state"),
     ),
     Fault(
         "NaN in the state", "the left arm's joint positions are no numbers",
-        Scripted('kind = "state_nan"\narm = "left"\nfield = "q"\nduration_s = 0.5'),
+        Scripted('kind = "state_nan"\narm = "left"\nfield = "q"', 0.5, IDLE_S),
         Expected(STOP, f"{SAFETY}left: .*not finite"), Expected(NO_MOTION, "not finite"),
     ),
     Fault(
         "NaN in the force", "the left arm's estimate of the external wrench is no number",
-        Scripted('kind = "state_nan"\narm = "left"\nfield = "O_F_ext_hat_K"\nduration_s = 0.5'),
+        Scripted('kind = "state_nan"\narm = "left"\nfield = "O_F_ext_hat_K"', 0.5, IDLE_S),
         Expected(STOP, f"{SAFETY}left: .*not finite"), Expected(NO_MOTION, "not finite"),
     ),
     Fault(
-        "time runs backwards (robot)", "the left arm's clock jumps back by 30 ms; libfranka ignores what is older",
-        Scripted('kind = "time_back"\narm = "left"\nback_ms = 30.0\nduration_s = 0.3'),
+        "time runs backwards (robot)", "the left arm's clock jumps back by 30 s; libfranka ignores what is older",
+        Scripted('kind = "time_back"\narm = "left"\nback_ms = 30000.0', 0.3, IDLE_S),
         Expected(LEAVE, LEFT_CONTROL), Expected(NO_MOTION, "left|lost|does not answer"), recovery=Recovery.RECONNECT,
     ),
     Fault(
@@ -101,29 +102,29 @@ FAULTS = (
     # the robot
     Fault(
         "reflex", "the left arm stops itself, and cannot be recovered for a while",
-        Scripted('kind = "reflex"\narm = "left"\nerror = "cartesian_reflex"\nduration_s = 1.0'),
+        Scripted('kind = "reflex"\narm = "left"\nerror = "cartesian_reflex"', 1.0, IDLE_S),
         Expected(LEAVE, f"{LEFT_CONTROL}cartesian_reflex"), Expected(NO_MOTION, "cartesian_reflex|Reflex"),
         recovery=Recovery.RESET,
     ),
     Fault(
         "user stop", "somebody presses the activation device of the left arm",
-        Scripted('kind = "user_stop"\narm = "left"\nduration_s = 1.0'),
+        Scripted('kind = "user_stop"\narm = "left"', 1.0, IDLE_S),
         Expected(LEAVE, f"(?i){LEFT_CONTROL}(user|emergency)"), Expected(NO_MOTION, "(?i)user|emergency"),
         recovery=Recovery.RESET,
     ),
     Fault(
         "collision", "the left pad is pushed with 200 N for 40 ms: more than the wrist can hold",
-        Scripted('kind = "push"\narm = "left"\nforce_N = [-200.0, 0.0, 0.0]\nduration_s = 0.04'),
+        Scripted('kind = "push"\narm = "left"\nforce_N = [-200.0, 0.0, 0.0]', 0.04),
         Expected(EITHER, f"{SAFETY}|{LEFT_CONTROL}"), GOES_ON, physical=True, reflex=True, recovery=Recovery.RECONNECT,
     ),
     Fault(
         "joint pushed to its limit", "20 Nm from outside on joint 6 of the left arm, for 30 ms",
-        Scripted('kind = "joint_push"\narm = "left"\ntorque_Nm = [0, 0, 0, 0, 0, 20, 0]\nduration_s = 0.03'),
+        Scripted('kind = "joint_push"\narm = "left"\ntorque_Nm = [0, 0, 0, 0, 0, 20, 0]', 0.03),
         Expected(EITHER, f"{SAFETY}|{LEFT_CONTROL}"), GOES_ON, physical=True, reflex=True, recovery=Recovery.RECONNECT,
     ),
     Fault(
         "torque sensor spike", "the sensor of joint 2 of the left arm is off by 120 Nm for 5 ms",
-        Scripted('kind = "tau_sensor_bias"\narm = "left"\nbias_Nm = [0, 120, 0, 0, 0, 0, 0]\nduration_s = 0.005'),
+        Scripted('kind = "tau_sensor_bias"\narm = "left"\nbias_Nm = [0, 120, 0, 0, 0, 0, 0]', 0.005),
         Expected(EITHER, f"{SAFETY}|{LEFT_CONTROL}"), GOES_ON, physical=True, reflex=True, recovery=Recovery.RECONNECT,
     ),
     Fault(

@@ -65,9 +65,21 @@ class Expected:
 
 @dataclass(frozen=True, slots=True)
 class Scripted:
-    """A fault of the simulated robot: keys of a [[fault]] table but for the moment (sim_robot/faults/kinds.py)."""
+    """A fault of the simulated robot: keys of a [[fault]] table but for the moment (sim_robot/faults/kinds.py).
+
+    lasts_s: None to the end. What has to be there still when an idle cell is asked for a run lasts longer there:
+    lasts_idle_s, of the host's time.
+    """
 
     keys: str
+    lasts_s: float | None = None
+    lasts_idle_s: float | None = None
+
+    def script(self, at_s: float, idle: bool) -> str:
+        """Return the faults file."""
+        lasts_s = self.lasts_idle_s if idle and self.lasts_idle_s is not None else self.lasts_s
+        duration = "" if lasts_s is None else f"duration_s = {lasts_s}\n"
+        return f"[[fault]]\nat_s = {at_s:.3f}\n{self.keys}\n{duration}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,6 @@
 """The fault matrix: each fault at each moment, in lockstep, over the real client and with the real log process.
 
-    python tests/faults/matrix.py [--fault NAME] [--moment NAME] [--jobs 2] [--out DIR] [--fresh]
+    python tests/faults/matrix.py [--fault NAME] [--moment NAME] [--case FAULT.MOMENT] [--jobs 2] [--out DIR] [--fresh]
 
 Writes table.md and table.csv. Exit status 1 where anything was missed. Ctrl-C ends it; started again it goes on, unless
 the sources have changed since. docs/faults.md says how to read the table and to add a fault.
@@ -19,7 +19,7 @@ from pathlib import Path
 import fault_catalogue
 import numpy as np
 from fault_case import Ground
-from fault_catalogue import FAULTS, case_name
+from fault_catalogue import case_name
 from fault_hold import hold
 from fault_model import CaseResult, Fault, Moment
 from fault_process import CaseProcess, take_charge
@@ -172,11 +172,12 @@ def choose(arguments: list[str] | None) -> Choice:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--fault", action="append", help="only this fault (may be given again)")
     parser.add_argument("--moment", action="append", choices=list(Moment), help="only this moment (likewise)")
+    parser.add_argument("--case", action="append", help="only this case, as nan-torque.ante (likewise)")
     parser.add_argument("--jobs", type=int, default=2, help="cases at a time")
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "faults", help="where results and the table go")
     parser.add_argument("--fresh", action="store_true", help="play again what is kept")
     options = parser.parse_args(arguments)
-    names = [fault.name for fault in FAULTS]
+    names = [fault.name for fault in fault_catalogue.FAULTS]
     for name in options.fault or ():
         if name not in names:
             parser.error(f"there is no fault {name!r}; there are {', '.join(names)}")
@@ -186,8 +187,12 @@ def choose(arguments: list[str] | None) -> Choice:
         (fault, moment)
         for fault in fault_catalogue.FAULTS
         for moment in Moment
-        if (not options.fault or fault.name in options.fault) and (not options.moment or moment in options.moment)
+        if (not options.fault or fault.name in options.fault)
+        and (not options.moment or moment in options.moment)
+        and (not options.case or case_name(fault, moment) in options.case)
     )
+    if not cases:
+        parser.error("there is no such case")
     return Choice(cases, options.jobs, options.out, options.fresh)
 
 

@@ -1,0 +1,296 @@
+"""A soak of the whole stack: an operator at work for half an hour, watched by others, and what that costs the host.
+
+    python tests/bench/soak.py [--minutes 30] [--viewers 2] [--json FILE]
+
+Starts `rtstack up` with the simulated cell. A client signs in, takes control, arms, and then over and over records a
+demonstration, runs trials on it, downloads and reviews a log, while viewers read the live socket. After each round the
+memory (RSS) and the descriptors of each process of the stack are noted. Exit status 1 where memory has grown by 5 % or
+more since the warm-up (5 minutes, or a third of a shorter run), descriptors have, a run failed, or somebody was left
+behind. Ctrl-C gives what there is so far.
+"""
+
+import argparse
+import itertools
+import json
+import re
+import signal
+import statistics
+import subprocess
+import sys
+import threading
+import time
+from collections import defaultdict
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import httpx
+import psutil
+from mcap.reader import make_reader
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
+COMMAND = Path(sys.executable).with_name("rtstack")
+WARM_UP_S = 300.0
+MOST_GROWTH = 0.05
+KEPT_LOGS = 12  # older ones are deleted, as an operator would
+DISPLACEMENTS_MM = (0.0, -30.0, 30.0)
+CONTROLLERS = ("proposed", "no_reference_spreading", "no_velocity_feedback", "no_interim")
+SETTLE_S = 1.0  # after a round, before the processes are looked at
+LONGEST_JOB_S = 300.0
+OPERATOR = "soak"
+
+
+class SoakFailed(Exception):
+    """The stack did not do what was asked. The message is one line."""
+
+
+@dataclass(slots=True)
+class Samples:
+    """What was seen of one process after each round."""
+
+    times_s: list[float] = field(default_factory=list)
+    rss_mb: list[float] = field(default_factory=list)
+    descriptors: list[int] = field(default_factory=list)
+
+    def after(self, begin_s: float) -> tuple[list[float], list[int]]:
+        """Return memory and descriptors since a time."""
+        kept = [k for k, t_s in enumerate(self.times_s) if t_s >= begin_s]
+        return [self.rss_mb[k] for k in kept], [self.descriptors[k] for k in kept]
+
+
+class Stack:
+    """`rtstack up`, and a session of an operator at its console."""
+
+    def __init__(self, logs: Path) -> None:
+        self.logs = logs
+        self.process = subprocess.Popen(
+            [str(COMMAND), "up", "--port", "0", "--logs", str(logs)], stdout=subprocess.PIPE, text=True
+        )
+        assert self.process.stdout is not None
+        found = re.search(r"(http://\S+?)/\?token=(\S+)", self.process.stdout.readline())
+        if found is None:
+            raise SoakFailed("the stack did not come up: see above")
+        self.base, token = found.groups()
+        self.client = httpx.Client(base_url=self.base, trust_env=False, timeout=60.0, follow_redirects=True)
+        page = self.client.get("/", params={"token": token}).raise_for_status().text
+        word = re.search(r'name="csrf-token" content="([^"]+)"', page)
+        if word is None:
+            raise SoakFailed("the page has no word for its requests")
+        self.headers = {"x-csrf-token": word.group(1)}
+        self._members = [psutil.Process(self.process.pid), *psutil.Process(self.process.pid).children()]
+
+    @property
+    def members(self) -> dict[str, psutil.Process]:
+        """Supervisor, robot process and console, by the module that each runs."""
+        named = {"supervisor": self._members[0]}
+        for process in self._members[1:]:
+            words = process.cmdline()
+            if "-m" in words:
+                named[words[words.index("-m") + 1]] = process
+        return named
+
+    def post(self, path: str, **body: object) -> dict:
+        """Make a change. Raises SoakFailed with what the console says."""
+        answer = self.client.post(f"/api/{path}", json=body, headers=self.headers)
+        if answer.is_error:
+            raise SoakFailed(f"{path}: {answer.status_code} {answer.text}")
+        return answer.json()
+
+    def run(self, path: str, **order: object) -> str:
+        """Order a job and wait for its end; return the name of its log. Raises SoakFailed where it failed."""
+        self.post(path, **order)
+        deadline_s = time.monotonic() + LONGEST_JOB_S
+        while time.monotonic() < deadline_s:
+            job = self.client.get("/api/status").raise_for_status().json()["job"]
+            if job is not None and job["state"] in ("done", "stopped", "failed"):
+                if job["state"] != "done":
+                    raise SoakFailed(f"{job['title']}: {job['state']}: {job['reason']}")
+                return job["log"]
+            time.sleep(0.1)
+        raise SoakFailed(f"{path}: no end within {LONGEST_JOB_S:g} s")
+
+    def log_id(self, name: str) -> str:
+        """Return the id of a log by its name."""
+        return next(row["id"] for row in self.client.get("/api/logs").raise_for_status().json() if row["name"] == name)
+
+    def end(self) -> list[str]:
+        """End it as Ctrl-C does; return who or what was left behind."""
+        self.client.close()
+        self.process.send_signal(signal.SIGINT)
+        self.process.communicate(timeout=60.0)
+        _, left = psutil.wait_procs(self._members[1:], timeout=10.0)
+        shared = [path.name for process in self._members for path in Path("/dev/shm").glob(f"rtstack-{process.pid}-*")]
+        status = [f"exit status {self.process.returncode}"] if self.process.returncode else []
+        return status + [f"left behind: {what}" for what in (*left, *shared)]
+
+
+class Viewer:
+    """A page that is open: it reads the live socket, and the operator's answers each view."""
+
+    def __init__(self, stack: Stack, answers: bool) -> None:
+        self._answers = answers
+        self._address = stack.base.replace("http", "ws") + "/live"
+        self._cookie = "; ".join(f"{name}={value}" for name, value in stack.client.cookies.items())
+        self._origin = stack.base
+        self.views = 0
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._look, daemon=True)
+        self._thread.start()
+
+    def _look(self) -> None:
+        with connect(self._address, origin=self._origin, additional_headers={"cookie": self._cookie}) as socket:
+            while not self._over.is_set():
+                try:
+                    socket.recv(timeout=1.0)
+                except TimeoutError:
+                    continue
+                except ConnectionClosed:
+                    return
+                self.views += 1
+                if self._answers:
+                    socket.send("beat")
+
+    def close(self) -> None:
+        """Close the page."""
+        self._over.set()
+        self._thread.join()
+
+
+class Soak:
+    """The operator's rounds, and what was noted after each."""
+
+    def __init__(self, stack: Stack) -> None:
+        self._stack = stack
+        self.samples: dict[str, Samples] = defaultdict(Samples)
+        self.rounds = self.runs = self.successes = self.ticks = self.missed = 0
+        self._began_s = time.monotonic()
+
+    @property
+    def elapsed_s(self) -> float:
+        """How long it has been running."""
+        return time.monotonic() - self._began_s
+
+    def round(self, number: int) -> None:
+        """Record, try, read, review; then note what everybody uses. Raises SoakFailed."""
+        stack = self._stack
+        stack.post("take", operator=OPERATOR)
+        stack.post("arm")
+        recording = stack.run("jobs/demonstration", object="rice_box", variation=number % 5, seed=number)
+        self._count(recording)
+        reference = stack.log_id(recording)
+        for trial in range(2):
+            k = 2 * number + trial
+            controller, displacement_mm = CONTROLLERS[k % len(CONTROLLERS)], DISPLACEMENTS_MM[k % len(DISPLACEMENTS_MM)]
+            name = stack.run(
+                "jobs/trial", reference=reference, object="rice_box", seed=k, controller=controller,
+                displacement_mm=displacement_mm,
+            )  # fmt: skip
+            self._count(name)
+        self._read(name)
+        stack.post("disarm")
+        stack.post("release")
+        self._tidy()
+        time.sleep(SETTLE_S)
+        self.rounds += 1
+        self._note()
+
+    def _count(self, name: str) -> None:
+        with (self._stack.logs / name).open("rb") as file:
+            result = next(r.metadata for r in make_reader(file).iter_metadata() if r.name == "result")
+        self.runs += 1
+        self.successes += result["success"] == "true"
+        self.ticks += int(result["ticks"])
+        self.missed += int(result["missed_deadlines"])
+
+    def _read(self, name: str) -> None:
+        """Download a log as the page does, and review it as `rtstack review` does."""
+        size = len(self._stack.client.get(f"/api/logs/{self._stack.log_id(name)}/download").raise_for_status().content)
+        if size != (self._stack.logs / name).stat().st_size:
+            raise SoakFailed(f"{name}: {size} bytes were downloaded")
+        command = [str(COMMAND), "review", str(self._stack.logs / name), "--json"]
+        review = subprocess.run(command, capture_output=True, text=True)
+        if review.returncode:
+            raise SoakFailed(f"review of {name}: {review.stderr.strip()}")
+
+    def _tidy(self) -> None:
+        logs = sorted(self._stack.logs.glob("*.mcap"), key=lambda path: path.stat().st_mtime)
+        for path in logs[:-KEPT_LOGS]:
+            path.unlink()
+
+    def _note(self) -> None:
+        for name, process in self._stack.members.items():
+            samples = self.samples[name]
+            samples.times_s.append(self.elapsed_s)
+            samples.rss_mb.append(process.memory_info().rss / 1e6)
+            samples.descriptors.append(process.num_fds())
+
+    def report(self, warm_up_s: float, trouble: list[str]) -> dict:
+        """Return what was found, JSON-ready. trouble: what else went wrong."""
+        found = list(trouble)
+        processes = {}
+        for name, samples in self.samples.items():
+            rss, descriptors = samples.after(warm_up_s)
+            if len(rss) < 2:
+                found.append(f"{name}: too few rounds after the warm-up to say anything")
+                continue
+            part = max(1, len(rss) // 4)
+            first, last = statistics.median(rss[:part]), statistics.median(rss[-part:])
+            growth = last / first - 1.0
+            processes[name] = {
+                "rss_mb": [round(first, 1), round(last, 1)], "growth_percent": round(100.0 * growth, 2),
+                "descriptors": [max(descriptors[:part]), max(descriptors[-part:])],
+            }  # fmt: skip
+            if growth >= MOST_GROWTH:
+                found.append(f"{name}: memory grew by {100.0 * growth:.1f} %")
+            if max(descriptors[-part:]) > max(descriptors[:part]):
+                found.append(f"{name}: descriptors from {max(descriptors[:part])} to {max(descriptors[-part:])}")
+        return {
+            "minutes": round(self.elapsed_s / 60.0, 2), "rounds": self.rounds, "runs": self.runs,
+            "successes": self.successes, "ticks": self.ticks, "missed_deadlines": self.missed,
+            "missed_per_million_ticks": round(1e6 * self.missed / self.ticks, 1) if self.ticks else None,
+            "processes": processes, "trouble": found,
+        }  # fmt: skip
+
+
+def main() -> int:
+    """Soak. Returns 0 where all stayed flat, else 1."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--minutes", type=float, default=30.0)
+    parser.add_argument("--viewers", type=int, default=2, help="pages that only look")
+    parser.add_argument("--json", type=Path, help="write the report here, too")
+    options = parser.parse_args()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    whole_s = 60.0 * options.minutes
+    warm_up_s = min(WARM_UP_S, whole_s / 3.0)
+    trouble: list[str] = []
+    with TemporaryDirectory() as folder:
+        stack = Stack(Path(folder) / "logs")
+        soak, viewers = Soak(stack), []
+        try:
+            viewers += [Viewer(stack, answers=k == 0) for k in range(1 + options.viewers)]
+            for number in itertools.count():
+                soak.round(number)
+                left_min = max(0.0, whole_s - soak.elapsed_s) / 60.0
+                print(f"round {soak.rounds}, {soak.runs} runs, about {left_min:.1f} min left", flush=True)
+                if soak.elapsed_s >= whole_s:
+                    break
+        except KeyboardInterrupt:
+            print("ended early: what there is so far")
+        except (SoakFailed, httpx.HTTPError) as error:
+            trouble.append(str(error))
+        finally:
+            for viewer in viewers:
+                viewer.close()
+            trouble += stack.end()
+    if not all(viewer.views for viewer in viewers):
+        trouble.append("a viewer was shown nothing")
+    report = soak.report(warm_up_s, trouble)
+    print(json.dumps(report, indent=2))
+    if options.json is not None:
+        options.json.write_text(json.dumps(report) + "\n")
+    return 1 if report["trouble"] else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
