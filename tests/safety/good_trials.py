@@ -20,15 +20,17 @@ from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from multiprocessing.synchronize import Event
 from pathlib import Path
-from signal import SIG_IGN, SIGINT, signal
+from signal import SIG_IGN, SIGINT, SIGTERM, default_int_handler, signal
+from threading import Thread
 from typing import Any
 
+import numpy as np
 from judge_version import digest
 from reachable_limits import LIMITS, cases
-from recorded_trial import Recorded, empty_places, judges_of, read_recorded, replay
+from recorded_trial import Recorded, empty_places, furthest, judges_of, read_recorded, replay
 
 from rtstack.cli.cells import default_cell_file, open_cell
 from rtstack.model.cell_description import CellDescription, load_cell_description
@@ -126,13 +128,13 @@ def judged(trial: Recorded, cell: CellDescription) -> dict[str, Any]:
     stock, judges, places = HARDWARE.tightened(cell.safety), judges_of(cell), empty_places(trial)
     good = replay(trial, judges(stock), places)
     if good is not None:
-        return {"again": f"{good.reason.text}, at tick {good.tick}", "ticks": good.tick, "cases": []}
+        return {"again": f"{good.reason.text}, at tick {good.tick}", "ticks": good.tick, "cases": [], "furthest": {}}
     found = []
     for case in cases(trial, places, stock):
         seen = replay(case.trial, judges(case.limits))
         name, tick = (seen.reason.name, seen.tick) if seen else ("nothing", -1)
         found.append((case.limit, case.detail, name, tick, case.reached_by(seen)))
-    return {"again": None, "ticks": trial.arms.shape[1], "cases": found}
+    return {"again": None, "ticks": trial.arms.shape[1], "cases": found, "furthest": furthest(trial, places)}
 
 
 _recorder: Recorder | None = None
@@ -141,8 +143,16 @@ _recorder: Recorder | None = None
 def _begin(folder: Path, ended: Event) -> None:
     global _recorder
     signal(SIGINT, SIG_IGN)  # Ctrl-C goes to all; the first process tells the others
+    Thread(target=_end_with_the_first, daemon=True).start()
     os.nice(10)
     _recorder = Recorder(folder, ended)
+
+
+def _end_with_the_first() -> None:
+    first = parent_process()
+    assert first is not None
+    first.join()
+    os._exit(1)
 
 
 def _examine(grab: Grab) -> dict[str, Any] | None:
@@ -193,6 +203,13 @@ def report(found: dict[Grab, dict[str, Any]]) -> int:
         print(f"{limit:<34}{trials:>7}{len(seen):>9}{sum(reached for _, _, reached in seen):>12}  {reasons}")
     for line in bad:
         print(line)
+    print("\nthe furthest that good grabs go")
+    for name in next((k["furthest"] for k in good.values() if k["cases"]), ()):
+        lows, highs = np.moveaxis([known["furthest"][name] for known in good.values() if known["cases"]], 1, 0)
+        low, high = (
+            np.array2string(v, precision=3, suppress_small=True) for v in (lows.min(axis=0), highs.max(axis=0))
+        )
+        print(f"{name:<34}{low} to {high}")
     trials = [grab for grab in good if grab.controller is not None]
     interventions = sum(known["interventions"] + bool(known.get("again")) for known in found.values())
     of = {f"{len(set(values))} {what}" for what, values in (
@@ -214,6 +231,8 @@ def main() -> int:
     arguments.add_argument("--jobs", type=int, default=os.cpu_count())
     arguments.add_argument("--folder", type=Path, default=HERE.parents[1] / ".good-trials")
     options = arguments.parse_args()
+    for number in (SIGINT, SIGTERM):
+        signal(number, default_int_handler)
     options.folder.mkdir(exist_ok=True)
     (options.folder / ".gitignore").write_text("*\n")
     trials = list(grabs(load_cell_description(default_cell_file()), options.trials))

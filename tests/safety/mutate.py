@@ -92,7 +92,7 @@ def report(names: list[str], results: Results) -> int:
     """Print killed / total, and the survivors that nobody has listed; return the exit status."""
     done = [name for name in names if name in results.killed]
     survivors = [name for name in done if not results.killed[name]]
-    listed = {line.split(" # ")[0] for line in SURVIVORS.read_text().splitlines() if " # " in line}
+    listed = {line.rpartition(" # ")[0] for line in SURVIVORS.read_text().splitlines() if " # " in line}
     unlisted = [name for name in survivors if name not in listed]
     for name in unlisted:
         print(f"survived and not listed: {name}")
@@ -111,7 +111,7 @@ def main() -> int:
     arguments.add_argument("--jobs", type=int, default=1)
     arguments.add_argument("--module", choices=MODULES, action="append")
     options = arguments.parse_args()
-    os.nice(19)
+    os.nice(10)
     sys.path[:0] = [str(ROOT)]
     os.chdir(ROOT)
     hypothesis.settings.register_profile(

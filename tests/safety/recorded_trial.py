@@ -103,3 +103,12 @@ def _note(places: Places, side: int, k: int, sample: np.void, mine: np.void, oth
     places.power[side, k] = abs(sample["tau_J"] @ sample["dq"])
     if other["placed"]:
         places.distance[k] = min(places.distance[k], arm_distance(mine, other, rule, FAR_M))
+
+
+def furthest(trial: Recorded, places: Places) -> dict[str, tuple[list[float], list[float]]]:
+    """Return the lowest and the highest of what the limits are about, over both arms."""
+    values = {name: np.abs(trial.arms[name]) for name in ("dq", "tau_desired", "tau_J", "tau_ext_hat_filtered")}
+    values |= {"q": trial.arms["q"], "residual": np.abs(trial.residuals), "face": places.face}
+    values |= {"speed": places.speed[..., None], "power": places.power[..., None]}
+    values["distance of the arms"] = np.stack([places.distance[1:]] * 2)[..., None]
+    return {name: (v.min(axis=(0, 1)).tolist(), v.max(axis=(0, 1)).tolist()) for name, v in values.items()}

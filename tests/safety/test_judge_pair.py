@@ -200,6 +200,7 @@ def test_time_never_runs_backwards(seen):
     assert judge.judge(sample) is Verdict.STOPPING
     assert (judge.reason, judge.joint) == (Reason.TIME_BACKWARDS, 0)
     assert judge.memory["value"][0] == pytest.approx(-1e-9)
+    assert judge.memory["bound"][0] == 0.0
 
 
 def test_what_is_wrong_with_the_state_is_told_before_its_age():
