@@ -181,6 +181,20 @@ def campaign(
     run(name, out, quick, workers, scheduler, resume)
 
 
+@app.command("impact-map")
+def impact_map(
+    scene: Annotated[Path, typer.Argument(metavar="SCENE.toml", help="A scene, such as deploy/impacts/grab.toml.")],
+    reflected: Annotated[
+        str | None, typer.Option(help="Inertia of the motors, B_theta, B or none; the default is the scene's.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Say what velocity follows an impact: single step and converged, with impulses, energy and residuals."""
+    from rtstack.cli.impact_map import run
+
+    run(scene, reflected, json)
+
+
 @bench_app.command("tick")
 def bench_tick(
     ticks: Annotated[int, typer.Option(help="Ticks of each kind.", min=100)] = 3000,

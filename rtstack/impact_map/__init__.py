@@ -1,9 +1,9 @@
 """Rigid impact maps of any scene: arms, free boxes, supports, unilateral contacts with Coulomb friction.
 
-    from rtstack.impact_map import impact_map, load_scene
-    result = impact_map(load_scene(path))
-    result.twist("left")            # the pad after the impact, contacts maintained
-    result.single_step.impulses     # what one step says
+from rtstack.impact_map import impact_map, load_scene
+result = impact_map(load_scene(path))
+result.twist("left")            # the pad after the impact, contacts maintained
+result.single_step.impulses     # what one step says
 """
 
 from rtstack.impact_map.coulomb import ContactState, LawResiduals

@@ -20,6 +20,8 @@ from rtstack.model.rotation import rotation_from_quaternion
 
 Array = NDArray[np.floating]
 
+_LOWER, _DIAGONAL = np.tril_indices(7, -1), np.diag_indices(7)
+
 
 @dataclass(frozen=True, slots=True)
 class Body:
@@ -41,7 +43,9 @@ class Body:
 
 def moved_to(point: Array, origin: Array) -> Array:
     """Return the Jacobian (6, nv) of the twist at `point`, from the one at the world's origin: v + w x p."""
-    return np.vstack([origin[:3] - skew(point) @ origin[3:], origin[3:]])
+    move = np.eye(6)
+    move[:3, 3:] = -skew(point)
+    return move @ origin
 
 
 def skew(p: Array) -> Array:
@@ -55,14 +59,14 @@ def arm_body(arm: Arm, pad: Pad, reflected: ReflectedInertia) -> tuple[Body, Fac
     data = model.createData()
     q = np.array(arm.q)
     pin.crba(model, data, q, pin.Convention.WORLD)
-    upper = np.triu(data.M)  # crba fills the upper triangle only
-    M = upper + np.triu(upper, 1).T
-    M[np.diag_indices(7)] += joint_inertia(reflected)
+    M = np.array(data.M)
+    M[_LOWER] = M.T[_LOWER]  # crba fills the upper triangle only
+    M[_DIAGONAL] += joint_inertia(reflected)
     origin = np.array(pin.computeJointJacobians(model, data, q))
     placed = data.oMi[flange] * face
     place = placed.translation.copy()
     if arm.pad_twist is not None:
-        velocity = np.linalg.pinv(moved_to(place, origin)) @ np.array(arm.pad_twist)
+        velocity = np.linalg.lstsq(moved_to(place, origin), np.array(arm.pad_twist))[0]
     else:
         velocity = np.zeros(7) if arm.dq is None else np.array(arm.dq)
     half = np.array(pad.size[:2]) / 2
@@ -74,7 +78,7 @@ def _arm_model(
     position: tuple[float, float, float], orientation: tuple[float, float, float, float], pad: Pad
 ) -> tuple[pin.Model, int, pin.SE3]:
     """Return the arm's model, its last joint, and the pad's face in that joint's frame."""
-    mounting = ArmMounting("", position, orientation, (0.0,) * 7)
+    mounting = ArmMounting("", position, orientation, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     model = build_model(mounting, pad)
     flange = model.frames[model.getFrameId("link8")]
     face = flange.placement * pin.SE3(np.eye(3), np.array([0.0, 0.0, pad.flange_to_face]))

@@ -7,7 +7,7 @@ body to the first. Of contact i, with friction mu_i, the law asks for
     |lambda_T| <= mu lambda_N                              friction cone
     v_T = 0  or  lambda_T = -mu lambda_N v_T / |v_T|       sticking, or sliding against the velocity
 
-It is the nonlinear complementarity problem itself, not its convex relaxation, in which a contact that slides also opens.
+It is the complementarity problem itself, not its convex relaxation, in which a contact that slides opens, too.
 """
 
 from dataclasses import asdict, dataclass

@@ -3,20 +3,20 @@
 Plastic impacts (restitution 0) with Coulomb friction at points; M (v+ - v-) = J^T lambda, with M of (10) of the
 impact-map paper, and the law of rtstack.impact_map.coulomb.
 
-**Single step**: the law once, at all contacts together. Where a pad hits a face, its reflected inertia at the corners is
-not the same, and the single step mostly leaves some corners opening: the pad tilts away.
+**Single step**: the law once, at all contacts together. Where a pad hits a face, the arm's inertia is not the same at
+all corners, and the single step mostly leaves some of them opening: the pad tilts away.
 
 **Converged**: the end of the sequence of impacts that follows in the next milliseconds, because a controller goes on
 pressing: corners that have opened close again, with further impacts, until the pad lies on the face. The end is told
-without the sequence. Let Lambda >= 0 be the sums of all impulses at the corners, and P the sum of the pressing, which is
-even over the corners of a patch. Taken as a pair of forces between the two bodies it leaves their momentum alone, and
+without the sequence. Let Lambda >= 0 be the sums of all impulses at the corners, and P the sum of the pressing, even
+over the corners of a patch (e). Taken as a pair of forces between the two bodies it leaves their momentum alone, and
 
     M (v+ - v-) = J^T (Lambda - P e),     v_N = 0 and v_T = 0 at the corners of a maintained patch:
 
 what the law bounds is Lambda, so lambda = Lambda - P e is free in sign, at the maintained patches only. The map solves
-this for lambda, with the law itself at all other contacts (no support ever pulls), and tells as `pressing_ns` the least
-P with which Lambda is within the friction cone (for lambda of least norm, where it is not unique). P = 0: the single step
-ends there by itself. The assumptions, then:
+this for lambda, with the law itself at all other contacts (no support ever pulls), and tells as `pressing_ns` the
+least P with which Lambda is within the friction cone (for lambda of least norm, where it is not unique). P = 0: a
+single step ends there by itself. The assumptions, then:
   - somebody presses at least that much while the sequence lasts: P over the clamping force is the time that it takes,
     and the map means nothing where that is not short (some 10 ms);
   - what the pressing does to the motion of both bodies together is not part of the impact. Two pads that clamp a box
@@ -41,6 +41,7 @@ from rtstack.impact_map.scene import Scene
 from rtstack.impact_map.solvers import Solution, Solver, solve
 
 Array = NDArray[np.floating]
+Mask = NDArray[np.bool_]
 
 SAME = 1e-6  # m/s, rad/s: solvers that agree; they agree to 1e-8 or differ by far
 NOTHING = 1e-8  # N s, m/s: an impulse or a slip that is none
@@ -48,7 +49,7 @@ RANK = 1e-9  # of the largest singular value: what counts as zero
 
 
 def impact_map(scene: Scene, second_opinion: bool = True) -> ImpactMap:
-    """Return both maps of a scene. second_opinion: whether PGS is asked, too. Raises SceneError for a bad scene only."""
+    """Return both maps of a scene. second_opinion: whether PGS is asked, too. Raises SceneError, for a bad scene."""
     problem = problem_of(scene)
     return ImpactMap(problem, single_step(problem, second_opinion), converged(problem, second_opinion))
 
@@ -68,54 +69,50 @@ def pressed(problem: Problem, pressing_ns: Array | Sequence[float], second_opini
     for rows, impulse in zip(problem.points, pressing, strict=True):
         load[rows, 2] = impulse / (rows.stop - rows.start)
     w = problem.w - problem.A @ load.ravel()
-    free = np.arange(len(problem.friction))
-    solution, other = _solutions(problem.A, w, problem, free, second_opinion)
+    none = np.zeros(len(problem.friction), dtype=bool)
+    solution, other = _solutions(problem, problem.A, w, none, second_opinion)
     after = w + problem.A @ solution.impulses.ravel()
-    return _impact(problem, solution, other, after, solution.impulses, load, pressing, np.array([], dtype=int))
+    return _impact(problem, solution, other, after, solution.impulses, load, pressing, none)
 
 
 def converged(problem: Problem, second_opinion: bool = True) -> Impact:
     """Return the end of the impact sequence: maintained patches closed, the law at all other contacts."""
-    maintained = list(problem.maintained())
-    held = np.concatenate([np.arange(n)[problem.points[k]] for n in [len(problem.friction)] for k in maintained] or [[]])
-    held = held.astype(int)
-    if len(held) == 0:
+    held = np.zeros(len(problem.friction), dtype=bool)
+    for k in problem.maintained():
+        held[problem.points[k]] = True
+    if not held.any():
         return single_step(problem, second_opinion)
-    rows = (3 * held[:, None] + np.arange(3))[:, :]
-    tied = np.concatenate([row if problem.friction[i] > 0.0 else row[2:] for i, row in zip(held, rows, strict=True)])
+    tied = np.repeat(held, 3)
+    tied[:-2:3] &= problem.friction > 0.0
+    tied[1:-1:3] &= problem.friction > 0.0
     U, S, Vt = np.linalg.svd(problem.A[:, tied], full_matrices=False)
-    rank = int(np.sum(S > RANK * S[0]))
+    rank = int(np.sum(RANK * S[0] < S))
     U, S, Vt = U[:, :rank], S[:rank], Vt[:rank]
-    w = problem.w - U @ (U.T @ problem.w) + U @ ((Vt @ problem.s[tied]) / S)
-    free = np.setdiff1d(np.arange(len(problem.friction)), held)
-    A = problem.A - U @ (U.T @ problem.A)
-    solution, other = _solutions(A, w, problem, free, second_opinion)
-    columns = (3 * free[:, None] + np.arange(3)).ravel()
-    after = w + A[:, columns] @ solution.impulses.ravel()
-    impulses = np.zeros((len(problem.friction), 3))
-    impulses[free] = solution.impulses
+    w = problem.w + U @ ((Vt @ problem.s[tied]) / S - U.T @ problem.w)
+    A = problem.A[:, np.repeat(~held, 3)]
+    A = A - U @ (U.T @ A)
+    solution, other = _solutions(problem, A, w, held, second_opinion)
+    after = w + A @ solution.impulses.ravel()
+    impulses = np.zeros((len(held), 3))
+    impulses[~held] = solution.impulses
     rest = after - problem.w - problem.A @ impulses.ravel()
     impulses.ravel()[tied] = Vt.T @ ((U.T @ rest) / S)
     pressing = np.zeros(len(problem.contacts))
-    for k in maintained:
+    for k in problem.maintained():
         points = problem.points[k]
-        pressing[k] = (points.stop - points.start) * _lacking(impulses[points], problem.friction[points])
+        pressing[k] = (points.stop - points.start) * _lacking(impulses[points], problem.contacts[k].friction)
     return _impact(problem, solution, other, after, impulses, np.zeros_like(impulses), pressing, held)
 
 
-def _lacking(impulses: Array, friction: Array) -> float:
+def _lacking(impulses: Array, friction: float) -> float:
     """Return the least normal impulse, N s, that put on top of each of these makes all of them obey the law's cone."""
-    sideways = np.hypot(impulses[:, 0], impulses[:, 1]) / np.where(friction > 0.0, friction, 1.0)
-    return max(0.0, float((np.where(friction > 0.0, sideways, 0.0) - impulses[:, 2]).max()))
+    sideways = np.hypot(impulses[:, 0], impulses[:, 1]) / friction if friction > 0.0 else 0.0
+    return max(0.0, float((sideways - impulses[:, 2]).max()))
 
 
-def _solutions(
-    A: Array, w: Array, problem: Problem, free: Array, second_opinion: bool
-) -> tuple[Solution, float | None]:
-    """Return ADMM's solution at the contacts `free`, and how far PGS's velocity is from it, if it has one."""
-    columns = (3 * free[:, None] + np.arange(3)).ravel()
-    A = A[:, columns]
-    G, b, friction = A.T @ A, A.T @ w - problem.s[columns], problem.friction[free]
+def _solutions(problem: Problem, A: Array, w: Array, held: Mask, second_opinion: bool) -> tuple[Solution, float | None]:
+    """Return ADMM's solution at the contacts not held, and how far PGS's velocity is from it, if it has one."""
+    G, b, friction = A.T @ A, A.T @ w - problem.s[np.repeat(~held, 3)], problem.friction[~held]
     solution = solve(Solver.ADMM, G, b, friction)
     if not second_opinion or not solution.solved:
         return solution, None
@@ -123,21 +120,21 @@ def _solutions(
     if not other.solved:
         return solution, None
     change = A @ (other.impulses - solution.impulses).ravel()
-    return solution, float(np.abs(problem.velocity(change)).max())
+    return solution, float(np.abs(problem.coloured(change)).max())
 
 
 def _impact(
     problem: Problem, solution: Solution, other: float | None, after: Array, impulses: Array, load: Array,
-    pressing: Array, held: Array,
+    pressing: Array, held: Mask,
 ) -> Impact:  # fmt: skip
-    """Return the result. load (n, 3): the pressing, within `impulses`; held: points where the law bounds no impulse."""
-    velocity = problem.velocity(after)
+    """Return the result. load (n, 3): the pressing, within `impulses`; held (n,): where the law bounds no impulse."""
+    velocity = problem.coloured(after)
     velocities = (problem.A.T @ after - problem.s).reshape(-1, 3)
-    law_bound = np.setdiff1d(np.arange(len(impulses)), held)
-    law = law_residuals(impulses[law_bound], velocities[law_bound], problem.friction[law_bound])
+    law = law_residuals(impulses[~held], velocities[~held], problem.friction[~held])
     states = contact_states(impulses, velocities, NOTHING)
-    for i in held:
+    for i in np.flatnonzero(held):
         states[i] = ContactState.STICKING if problem.friction[i] > 0.0 else ContactState.SLIDING
+    momentum = problem.M @ (velocity - problem.velocity) - problem.J.T @ (impulses - load).ravel()
     status, detail = _status(problem, solution, other, impulses, velocities, held)
     return Impact(
         status=status,
@@ -150,7 +147,7 @@ def _impact(
         kinetic_energy_before_j=float(problem.w @ problem.w) / 2,
         kinetic_energy_after_j=float(after @ after) / 2,
         law=law,
-        momentum_ns=_momentum_error(problem, velocity, (impulses - load).ravel()),
+        momentum_ns=float(np.abs(momentum).max()),
         pressing_ns=pressing,
         iterations=solution.iterations,
         second_opinion_m_s=other,
@@ -158,27 +155,30 @@ def _impact(
 
 
 def _status(
-    problem: Problem, solution: Solution, other: float | None, impulses: Array, velocities: Array, held: Array
+    problem: Problem, solution: Solution, other: float | None, impulses: Array, velocities: Array, held: Mask
 ) -> tuple[Status, str]:
-    if len(held) and np.abs(velocities[held, 2]).max() > NOTHING:
+    if np.abs(velocities[held, 2]).max(initial=0.0) > NOTHING:
         return Status.INFEASIBLE, "the maintained patches cannot all be closed: a moving support forces them apart"
     if not solution.solved:
         if _penetrates(problem, held):
             return Status.INFEASIBLE, "no velocity keeps all contacts from penetrating: a moving support leaves no room"
         return Status.UNSOLVED, "no solver came to 1e-9; the figures are the best attempt"
-    for k in problem.maintained() if len(held) else ():
+    for k in problem.maintained() if held.any() else ():
         total = float(impulses[problem.points[k], 2].sum())
         if total < -NOTHING:
             first, second = problem.contacts[k].between
-            return Status.INFEASIBLE, f"{first} and {second} part: to stay together they would pull with {-total:.3g} Ns"
+            return (
+                Status.INFEASIBLE,
+                f"{first} and {second} part: together they would pull with {-total:.3g} Ns",
+            )
     if other is not None and other > SAME:
         return Status.NOT_UNIQUE, (
             f"velocities are not unique: two solutions of the law differ by up to {other:.3g} m/s or rad/s"
         )
-    return Status.SOLVED, "confirmed by PGS" if other is not None else "no second opinion"
+    return Status.SOLVED, "confirmed by PGS" if other is not None else "unconfirmed: PGS not asked, or not precise"
 
 
-def _penetrates(problem: Problem, held: Array) -> bool:
+def _penetrates(problem: Problem, held: Mask) -> bool:
     """Whether no velocity is without penetration: the nearest one (a QP in whitened velocities) does not exist."""
     normals = problem.A[:, 2::3].T
     lower = problem.s[2::3]
@@ -188,13 +188,12 @@ def _penetrates(problem: Problem, held: Array) -> bool:
     return flag == -1
 
 
-def _unique(problem: Problem, impulses: Array, velocities: Array, states: list[ContactState], held: Array) -> bool:
+def _unique(problem: Problem, impulses: Array, velocities: Array, states: list[ContactState], held: Mask) -> bool:
     """Whether no other impulses of the same contact states give the same velocity: no direction is left in them."""
     columns = []
-    tied = set(held.tolist())
     for i, state in enumerate(states):
         block = problem.A[:, 3 * i : 3 * i + 3]
-        if i in tied or state is ContactState.STICKING:
+        if held[i] or state is ContactState.STICKING:
             columns.append(block if problem.friction[i] > 0.0 else block[:, 2:])
         elif state is ContactState.SLIDING:
             slip = velocities[i, :2] / np.hypot(*velocities[i, :2])
@@ -202,14 +201,5 @@ def _unique(problem: Problem, impulses: Array, velocities: Array, states: list[C
     if not columns:
         return True
     together = np.hstack(columns)
-    if together.shape[1] > together.shape[0]:
-        return False
-    return int(np.linalg.matrix_rank(together, rtol=RANK)) == together.shape[1]
-
-
-def _momentum_error(problem: Problem, velocity: Array, impulses: Array) -> float:
-    worst = 0.0
-    given = problem.A @ impulses
-    for body, at, L in zip(problem.bodies, problem.slices, problem.factors, strict=True):
-        worst = max(worst, float(np.abs(body.M @ (velocity[at] - body.velocity) - L @ given[at]).max()))
-    return worst
+    rows, count = together.shape
+    return count <= rows and int(np.linalg.matrix_rank(together, rtol=RANK)) == count

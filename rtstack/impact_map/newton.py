@@ -1,7 +1,7 @@
 """Newton's method on Coulomb's law, from a solver's answer to machine precision.
 
 Alart and Curnier's equations: with x = lambda - rho v of each contact, it is open where x_N <= 0 (lambda = 0), closed
-otherwise (v_N = 0), and then sticking where |x_T| <= mu x_N (v_T = 0), else sliding (lambda_T = mu lambda_N x_T / |x_T|).
+otherwise (v_N = 0), then sticking where |x_T| <= mu x_N (v_T = 0), else sliding: lambda_T = mu lambda_N x_T / |x_T|.
 Each step solves the equations of the states that the last iterate shows: an active-set method. Redundant contacts make
 the equations singular but consistent; a proximal term, 1e-9 of their size, picks the answer next to the last one.
 """

@@ -38,12 +38,15 @@ _TURN = np.array([[1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
 
 def box_face(position: Array, rotation: Array, size: Array, towards: Array) -> Face:
     """Return the face of a box, whose centre is at position, that looks most in the direction `towards` (3,)."""
-    along = rotation.T @ towards
-    axis = int(np.argmax(np.abs(along)))
+    along = (towards @ rotation).tolist()
+    axis = max(range(3), key=lambda k: abs(along[k]))
     sign = 1.0 if along[axis] > 0.0 else -1.0
     u, v = (axis + 1) % 3, (axis + 2) % 3
-    axes = rotation[:, (u, v, axis)] * np.array([sign, 1.0, sign])
-    return Face(position + axes[:, 2] * size[axis] / 2, axes, size[[u, v]] / 2)
+    axes = np.empty((3, 3))
+    axes[:, 0] = sign * rotation[:, u]
+    axes[:, 1] = rotation[:, v]
+    axes[:, 2] = sign * rotation[:, axis]
+    return Face(position + axes[:, 2] * (size[axis] / 2), axes, np.array([size[u] / 2, size[v] / 2]))
 
 
 def face_on_face(first: Face, second: Face) -> Patch | None:
@@ -69,12 +72,12 @@ def face_on_plane(face: Face, point: Array, normal: Array) -> Patch | None:
 
 
 def frame_of(normal: Array) -> Array:
-    """Return a rotation (3, 3) whose third column is the direction of `normal`."""
-    n = normal / np.linalg.norm(normal)
-    aside = np.eye(3)[int(np.argmin(np.abs(n)))]
-    t = np.cross(aside, n)
-    t /= np.linalg.norm(t)
-    return np.column_stack([t, np.cross(n, t), n])
+    """Return a rotation (3, 3) whose third column is the direction of `normal` (Duff et al., JCGT 2017)."""
+    x, y, z = (normal / np.linalg.norm(normal)).tolist()
+    sign = 1.0 if z >= 0.0 else -1.0
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    return np.array([[1.0 + sign * x * x * a, b, x], [sign * b, sign + y * y * a, y], [-sign * x, -y, z]])
 
 
 def _clipped(polygon: Array, half: Array) -> Array:

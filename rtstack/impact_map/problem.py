@@ -4,26 +4,30 @@ The velocity is whitened: w = L^T v with M = L L^T, so that kinetic energy is |w
 w+ = w- + A lambda with A = L^-1 J^T, and contact velocities are A^T w - s, with s the supports' own velocity.
 """
 
+import itertools
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rtstack.impact_map.bodies import Body, BoxBody, arm_body, skew
+from rtstack.impact_map.bodies import Body, BoxBody, arm_body
 from rtstack.impact_map.patch import Face, Patch, face_on_face, face_on_plane, frame_of
 from rtstack.impact_map.scene import Contact, Scene, SceneError, check_scene
 
 Array = NDArray[np.floating]
+
+JOINTS = 7  # velocities of an arm; a box has 6
+_NEXT, _LAST = [1, 2, 0], [2, 0, 1]  # of a cross product
 
 
 @dataclass(frozen=True, slots=True)
 class Problem:
     """The impact of a scene with n contact points and nv velocities.
 
-    names, bodies, slices: the moving bodies and where their velocities are. patches: the scene's contacts, with the
-    rows (points) of each. A (nv, 3n) 1/sqrt(kg), w (nv,) sqrt(J) before the impact, s (3n,) m/s, friction (n,).
-    factors: L of each body.
+    names, bodies, slices: the moving bodies and where their velocities are. contacts, patches, points: the scene's
+    contacts, where they touch, and which of the n points are theirs. M (nv, nv) mass matrix, whitening (nv, nv) = L^-1,
+    velocity (nv,) before the impact. A (nv, 3n) 1/sqrt(kg), w (nv,) sqrt(J), s (3n,) m/s, friction (n,).
     """
 
     names: tuple[str, ...]
@@ -32,22 +36,22 @@ class Problem:
     contacts: tuple[Contact, ...]
     patches: tuple[Patch, ...]
     points: tuple[slice, ...]
+    M: Array
+    whitening: Array
+    velocity: Array
+    J: Array
     A: Array
     w: Array
     s: Array
     friction: Array
-    factors: tuple[Array, ...]
 
-    def velocity(self, w: Array) -> Array:
+    def coloured(self, w: Array) -> Array:
         """Return the generalised velocity (nv,) of a whitened one."""
-        out = np.empty_like(w)
-        for at, L in zip(self.slices, self.factors, strict=True):
-            out[at] = np.linalg.solve(L.T, w[at])
-        return out
+        return w @ self.whitening
 
     def maintained(self) -> Iterator[int]:
         """Yield the contacts that somebody presses together."""
-        arms = {name for name, body in zip(self.names, self.bodies, strict=True) if len(body.velocity) == 7}
+        arms = {name for name, body in zip(self.names, self.bodies, strict=True) if len(body.velocity) == JOINTS}
         for k, contact in enumerate(self.contacts):
             if contact.between[0] in arms if contact.maintained is None else contact.maintained:
                 yield k
@@ -66,37 +70,46 @@ def problem_of(scene: Scene) -> Problem:
     points = _slices(len(patch.points) for patch in patches)
     slices = _slices(len(body.velocity) for body in bodies.values())
     at = dict(zip(bodies, slices, strict=True))
-    J = np.zeros((3 * points[-1].stop, slices[-1].stop if slices else 0))
-    s = np.zeros(len(J))
-    for contact, patch, rows in zip(scene.contacts, patches, points, strict=True):
-        rows = slice(3 * rows.start, 3 * rows.stop)
+    nv, rows = slices[-1].stop, 3 * points[-1].stop
+    M, velocity, J, s = np.zeros((nv, nv)), np.zeros(nv), np.zeros((rows, nv)), np.zeros(rows)
+    friction = np.empty(points[-1].stop)
+    for name, body in bodies.items():
+        M[at[name], at[name]] = body.M
+        velocity[at[name]] = body.velocity
+    for contact, patch, where in zip(scene.contacts, patches, points, strict=True):
+        its = slice(3 * where.start, 3 * where.stop)
         motion = _motion(patch)
         first, second = contact.between
-        J[rows, at[first]] = motion @ bodies[first].origin
+        J[its, at[first]] = motion @ bodies[first].origin
         if second in bodies:
-            J[rows, at[second]] = -motion @ bodies[second].origin
+            J[its, at[second]] = -motion @ bodies[second].origin
         else:
-            s[rows] = np.tile(patch.frame.T @ np.array(scene.supports[second].velocity), len(patch.points))
-    factors = tuple(np.linalg.cholesky(body.M) for body in bodies.values())
-    A, w = np.empty((J.shape[1], len(J))), np.empty(J.shape[1])
-    for body, L, columns in zip(bodies.values(), factors, slices, strict=True):
-        A[columns] = np.linalg.solve(L, J[:, columns].T)
-        w[columns] = L.T @ body.velocity
-    friction = np.concatenate([np.full(len(p.points), c.friction) for c, p in zip(scene.contacts, patches, strict=True)])
+            s[its] = motion[:, :3] @ scene.supports[second].velocity
+        friction[where] = contact.friction
+    L = np.linalg.cholesky(M)
+    whitening = np.linalg.inv(L)
+    A, w = whitening @ J.T, velocity @ L
     return Problem(
-        tuple(bodies), tuple(bodies.values()), slices, scene.contacts, tuple(patches), points, A, w, s, friction, factors
-    )
+        tuple(bodies), tuple(bodies.values()), slices, scene.contacts, tuple(patches), points, M, whitening, velocity,
+        J, A, w, s, friction,
+    )  # fmt: skip
 
 
 def _slices(lengths: Iterable[int]) -> tuple[slice, ...]:
     ends = np.cumsum([0, *lengths]).tolist()
-    return tuple(slice(a, b) for a, b in zip(ends, ends[1:], strict=False))
+    return tuple(slice(a, b) for a, b in itertools.pairwise(ends))
 
 
 def _motion(patch: Patch) -> Array:
-    """Return the velocities of a patch's points in its frame, (3n, 6), from a twist at the world's origin: v - p x w."""
-    blocks = [np.hstack([patch.frame.T, -patch.frame.T @ skew(p)]) for p in patch.points]
-    return np.vstack(blocks)
+    """Return the velocities of a patch's points in its frame, (3n, 6), from a twist at the world's origin.
+
+    Along an axis t: t (v + w x p) = t v + (p x t) w.
+    """
+    p, t = patch.points[:, None, :], patch.frame.T[None]
+    motion = np.empty((len(patch.points), 3, 6))
+    motion[:, :, :3] = t
+    motion[:, :, 3:] = p[..., _NEXT] * t[..., _LAST] - p[..., _LAST] * t[..., _NEXT]
+    return motion.reshape(-1, 6)
 
 
 def _patch(k: int, contact: Contact, scene: Scene, pads: dict[str, Face], boxes: dict[str, BoxBody]) -> Patch:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtstack.impact_map.coulomb import ContactState, LawResiduals
-from rtstack.impact_map.problem import Problem
+from rtstack.impact_map.problem import JOINTS, Problem
 
 Array = NDArray[np.floating]
 
@@ -33,7 +33,7 @@ class Impact:
     contacts' frames (two tangents, normal), states (n,). impulses_unique: whether another distribution of impulses over
     the contacts would give the same velocity (with four corners on a face there is one nearly always).
     kinetic energy J. law: residuals of Coulomb's law. momentum_ns: largest error of M (v+ - v-) = J^T lambda, N s and
-    N m s. pressing_ns (number of contacts of the scene,): N s with which each patch has to be pressed together during the
+    N m s. pressing_ns (contacts of the scene,): N s with which each patch has to be pressed together during the
     sequence for this to be what happens; 0 where the impact does it by itself. iterations of ADMM.
     second_opinion_m_s: largest difference of velocity to PGS, m/s and rad/s; None where it was not asked, or did not
     come to 1e-9 itself.
@@ -69,7 +69,7 @@ class ImpactMap:
         return (impact or self.converged).velocity[self.problem.slices[self._index(body)]]
 
     def twist(self, body: str, impact: Impact | None = None) -> Array:
-        """Return the twist (6,) of a pad's face or a box's centre after `impact`, along the world's axes, linear first."""
+        """Return the twist (6,) of a pad's face or box's centre after `impact`, world's axes, linear first."""
         return self.problem.bodies[self._index(body)].twist(self.velocity(body, impact))
 
     def twist_before(self, body: str) -> Array:
@@ -95,7 +95,7 @@ class ImpactMap:
         bodies = {}
         for name, body in zip(self.problem.names, self.problem.bodies, strict=True):
             bodies[name] = {"twist": self.twist(name, impact).tolist()}
-            if len(body.velocity) == 7:
+            if len(body.velocity) == JOINTS:
                 bodies[name]["dq"] = self.velocity(name, impact).tolist()
         contacts = []
         for k, (contact, patch, rows) in enumerate(
