@@ -195,10 +195,10 @@ def _peaks(evaluation: Evaluation) -> list[Claim]:
         Claim(
             "V, p. 8",
             "the proposed controller's only peak is a minor one, from the delay of the detection",
-            f"from contact to detection {shown(delay, ' ms')}; meanwhile the force norm rises by {shown(peak[PROPOSED])}, "
-            f"{shown(share, ' %', 0, 100.0)} of it velocity feedback, as it does without reference spreading "
-            f"({shown(peak[NO_RS])}) and without interim mode ({shown(peak[NO_INTERIM])}): until the detection all three "
-            "are one controller, and nothing is gained or lost",
+            f"from contact to detection {shown(delay, ' ms')}; meanwhile the force norm rises by "
+            f"{shown(peak[PROPOSED])}, {shown(share, ' %', 0, 100.0)} of it velocity feedback, as it does without "
+            f"reference spreading ({shown(peak[NO_RS])}) and without interim mode ({shown(peak[NO_INTERIM])}): until "
+            "the detection all three are one controller, and nothing is gained or lost",
             _share_at_most(MINOR, peak[PROPOSED], window[PROPOSED]),
         ),
         Claim(

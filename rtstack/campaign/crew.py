@@ -1,6 +1,7 @@
 """The workers: processes on this machine, or whoever serves a Dask scheduler elsewhere."""
 
 import logging
+import os
 import signal
 import sys
 from collections.abc import Iterator
@@ -31,6 +32,8 @@ def local_crew(workers: int) -> Iterator[Client]:
     They end with this process, however it ends. Ctrl-C reaches this process alone: its main thread lets go of work in
     order, and whatever it has started, or starts again, keeps the signals blocked.
     """
+    # workers that are ended in a trial leave its memory to Python's resource tracker: no need to warn of that
+    os.environ["PYTHONWARNINGS"] = "ignore::UserWarning:multiprocessing.resource_tracker"
     with dask.config.set(_SETTINGS), _quiet():
         blocked = signal.pthread_sigmask(signal.SIG_BLOCK, INTERRUPTS)
         try:

@@ -180,9 +180,12 @@ def plan_names() -> list[str]:
 
 
 def plan_file(name: str) -> PlanFile:
-    """Return the file of a campaign. Raises TrialError for an unknown name."""
+    """Return the file of a campaign: ours by name, any by path. Raises TrialError for an unknown one."""
+    if name.endswith(".toml"):
+        path = Path(name).resolve()
+        return PlanFile(path, _commit_of(path))
     if name not in plan_names():
-        raise TrialError(f"unknown campaign {name!r}: there are {', '.join(plan_names())}")
+        raise TrialError(f"unknown campaign {name!r}: there are {', '.join(plan_names())}, or give the path of a .toml")
     with as_file(files("deploy.campaigns") / f"{name}.toml") as path:
         return PlanFile(path, _commit_of(path))
 
@@ -199,6 +202,8 @@ def load_plan(path: Path, quick: bool = False) -> Plan:
             raise ConfigurationError(
                 f"{path}: experiment {experiment.name} selects from an experiment that is not before"
             )
+    if quick and not any(experiment.quick for experiment in plan.experiments):
+        raise ConfigurationError(f"{path}: no experiment has a quick sample: run it without --quick")
     return plan.as_sample() if quick else plan
 
 

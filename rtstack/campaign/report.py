@@ -31,6 +31,16 @@ EXAMPLE_MM = -30.0  # the displacement of the paper's figures of single trials
 Chosen = Callable[[Experiment], list[Reference]]
 
 
+# the columns of the table that lays conditions side by side: heading, column of the results, unit, digits, factor
+SIDE_BY_SIDE = (
+    ("mean force norm", "average_force_norm", "", 1, 1.0),
+    ("delay of the detection", "detection_delay_ms", " ms", 1, 1.0),
+    ("rise meanwhile", "delay_peak", "", 1, 1.0),
+    ("swing of the pad", "swing_m_s", " m/s", 3, 1.0),
+    ("highest torque over its limit", "peak_torque_ratio", " %", 0, 100.0),
+)
+
+
 @dataclass(frozen=True, slots=True)
 class Part:
     """The report under one set of conditions, as the page shows it."""
@@ -62,13 +72,15 @@ def write_report(store: Store, plan: Plan, file: PlanFile, description: CellDesc
     environment.globals["figure"] = lambda name, caption: _embedded(folder / name, caption)
     page = environment.get_template(PAGE).render(
         plan=plan, file=file, rows=rows, planned=plan.size(), parts=parts, figures=figures,
+        headings=["success", "lift difference", *(heading for heading, *_ in SIDE_BY_SIDE)],
+        overview=_overview([Evaluation(rows, name) for name in names]) if len(names) > 1 else [],
         verdicts=Counter(str(claim.verdict) for part in parts for claim in part.claims),
         controllers=list(NAMES.values()), plan_commit=about["plan_commit"],
         commits=sorted({row["git_commit"] for row in rows}),
         conditions={name: _words(asdict(plan.conditions[name])) for name in names},
         references=[reference.name for reference in plan.references()],
         chosen=[reference.name for references in selected.values() for reference in references],
-        pace=_pace(store.noted("invocations") or []),
+        pace=_pace(store.invocations()),
     )  # fmt: skip
     path = store.out / PAGE
     path.write_text(page, encoding="utf-8")
@@ -97,6 +109,20 @@ def _part(evaluation: Evaluation, plan: Plan, folder: Path) -> Part:
         failures={why: [by.get(c, 0) for c in NAMES] for why, by in evaluation.failures().items()},
         figure11=drawn,
     )
+
+
+def _overview(evaluations: list[Evaluation]) -> list[list[str]]:
+    """Return a line for each set of conditions and controller: what differs between them, side by side."""
+    lines = []
+    for evaluation in evaluations:
+        for line in evaluation.table2():
+            cells = [
+                shown(evaluation.mean(line.controller, column), unit, digits, factor)
+                for _, column, unit, digits, factor in SIDE_BY_SIDE
+            ]
+            success, lift = shown(line.success, " %", 0, 100.0), shown(line.lift_mm, " mm", 2)
+            lines.append([evaluation.conditions, NAMES[line.controller], success, lift, *cells])
+    return lines
 
 
 def _table2(evaluation: Evaluation) -> list[dict[str, str]]:
@@ -161,7 +187,7 @@ def _words(values: dict[str, Any]) -> str:
     return ", ".join(f"{name} {value:g}" for name, value in values.items())
 
 
-def _pace(invocations: list[dict[str, float]]) -> str:
+def _pace(invocations: list[Row]) -> str:
     robot_s, wall_s = (sum(each[name] for each in invocations) for name in ("robot_s", "wall_s"))
     if not wall_s:
         return "-"

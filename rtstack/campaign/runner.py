@@ -62,6 +62,7 @@ class Runner:
         self._client = client
         self._progress = progress
         self._description = description
+        self._began_s = 0.0
         self.tally = Tally()
 
     def run(self) -> None:
@@ -69,13 +70,12 @@ class Runner:
         for name in (RECORDINGS, LOGS):
             (self._bench.out / name).mkdir(exist_ok=True)
         self._record()
-        began_s = time.perf_counter()
+        self._began_s = time.perf_counter()
         done = {row["id"] for row in self._store.rows()}
         self._progress.begin("trials", len(done), self._plan.size())
         for experiment in self._plan.experiments:
             trials = self._plan.trials(experiment, self.chosen(experiment))
             self._run_missing([trial for trial in trials if trial.id not in done and not self._adopt(trial)])
-            self.tally.wall_s = time.perf_counter() - began_s
 
     def chosen(self, experiment: Experiment) -> list[Reference]:
         """Return the references selected for an experiment: those that succeeded most often in the one before."""
@@ -129,6 +129,7 @@ class Runner:
         robot_s = row["ticks"] * 1e-3
         self.tally.trials += 1
         self.tally.robot_s += robot_s
+        self.tally.wall_s = time.perf_counter() - self._began_s
         self._progress.advance(robot_s)
 
     def _adopt(self, trial: Trial) -> bool:

@@ -63,6 +63,8 @@ class Store:
         with self._database as database:
             database.execute(f"CREATE TABLE IF NOT EXISTS results (id TEXT PRIMARY KEY, {columns})")
             database.execute("CREATE TABLE IF NOT EXISTS campaign (name TEXT PRIMARY KEY, value TEXT)")
+            numbers = "trials INTEGER, robot_s REAL, wall_s REAL, workers INTEGER"
+            database.execute(f"CREATE TABLE IF NOT EXISTS invocations ({numbers})")
 
     def __enter__(self) -> "Store":
         return self
@@ -84,15 +86,16 @@ class Store:
             rows = list(values.items())
             database.executemany("INSERT OR IGNORE INTO campaign VALUES (?, ?)", rows)
 
-    def note(self, name: str, value: Any) -> None:
-        """Keep a value about the campaign (JSON)."""
-        with self._database as database:
-            database.execute("INSERT OR REPLACE INTO campaign VALUES (?, ?)", (name, json.dumps(value)))
+    def note_invocation(self, trials: int, robot_s: float, wall_s: float, workers: int) -> None:
+        """Keep how fast so many trials went."""
+        if trials:
+            with self._database as database:
+                values = (trials, robot_s, wall_s, workers)
+                database.execute("INSERT INTO invocations VALUES (?, ?, ?, ?)", values)
 
-    def noted(self, name: str) -> Any:
-        """Return a value that was kept, None where there is none."""
-        row = self._database.execute("SELECT value FROM campaign WHERE name = ?", (name,)).fetchone()
-        return None if row is None else json.loads(row["value"])
+    def invocations(self) -> list[Row]:
+        """Return what `note_invocation` kept."""
+        return [dict(row) for row in self._database.execute("SELECT * FROM invocations")]
 
     def about(self) -> dict[str, str]:
         """Return what `claim` noted."""

@@ -11,11 +11,12 @@ from types import FrameType
 
 import typer
 
-from rtstack.campaign.plan import load_plan, plan_file
+from rtstack.campaign.plan import Plan, PlanFile, load_plan, plan_file
 from rtstack.campaign.store import Store, check_folder
 from rtstack.campaign.worker import Bench, digests
 from rtstack.cli.campaign_cell import open_conditioned_cell
 from rtstack.cli.cells import load_description
+from rtstack.model.cell_description import CellDescription
 from rtstack.trials.errors import TrialError
 from rtstack.trials.run import check_object
 
@@ -38,7 +39,8 @@ def campaign(name: str, out: Path, quick: bool, workers: int | None, scheduler: 
     check_folder(out, plan, resume)
     with _interruptible():
         try:
-            _run(plan, file, out, cell_file, digests(sources), description, workers, scheduler)
+            bench = Bench(out, cell_file, open_conditioned_cell, plan.criterion, plan.digest, digests(sources))
+            _run(bench, plan, file, description, workers or len(os.sched_getaffinity(0)), scheduler)
         except KeyboardInterrupt:
             signal.signal(signal.SIGINT, signal.SIG_IGN)
             print(f"rtstack: interrupted; go on with: {_again(name, out, quick)}", file=sys.stderr)
@@ -46,36 +48,34 @@ def campaign(name: str, out: Path, quick: bool, workers: int | None, scheduler: 
             os._exit(INTERRUPTED)
 
 
-def _run(plan, file, out, cell_file, sources, description, workers, scheduler) -> None:
+def _run(
+    bench: Bench, plan: Plan, file: PlanFile, description: CellDescription, workers: int, scheduler: str | None
+) -> None:
     from rtstack.campaign.crew import distant_crew, local_crew, slots
     from rtstack.campaign.report import write_report
     from rtstack.campaign.runner import Runner
     from rtstack.cli.campaign_progress import campaign_progress
 
-    bench = Bench(out, cell_file, open_conditioned_cell, plan.criterion, plan.digest, sources)
-    crew = distant_crew(scheduler) if scheduler else local_crew(workers or len(os.sched_getaffinity(0)))
-    with crew as client:
-        out.mkdir(exist_ok=True)
-        with Store(out) as store:
+    with distant_crew(scheduler) if scheduler else local_crew(workers) as client:
+        at_once = slots(client)
+        bench.out.mkdir(exist_ok=True)
+        with Store(bench.out) as store:
             store.claim(plan, file)
-            at_once = slots(client)
             with campaign_progress() as progress:
                 runner = Runner(plan, bench, store, client, progress, description)
+                tally = runner.tally
                 try:
                     runner.run()
                 finally:
-                    tally = runner.tally
-            store.note(
-                "invocations",
-                [*(store.noted("invocations") or []),
-                 {"trials": tally.trials, "robot_s": tally.robot_s, "wall_s": tally.wall_s, "workers": at_once}],
-            )  # fmt: skip
+                    store.note_invocation(tally.trials, tally.robot_s, tally.wall_s, at_once)
             page = write_report(store, plan, file, description, runner.chosen)
     print(
         f"{tally.trials} trials, {tally.robot_s:.0f} s of the robot in {tally.wall_s:.0f} s with {at_once} workers: "
         f"{tally.real_time_factor:.1f} x real time, logs included"
+        if tally.trials
+        else "no trial was missing"
     )
-    print(f"report: {page}")
+    print(f"report: {page}", flush=True)
     for trial, reason in tally.failures.items():
         print(f"rtstack: {trial} could not be run: {reason}", file=sys.stderr)
     if tally.failures:

@@ -1,6 +1,7 @@
 """The simulated cell of a campaign: its scene as the campaign has fixed it, scattered by the seed."""
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -8,7 +9,7 @@ from hal.cell import Cell
 from rtstack.campaign.plan import Conditions
 from sim_robot.cell import SimulatedCell
 from sim_robot.plant import Plant
-from sim_robot.plant_parameters import load_plant_parameters
+from sim_robot.plant_parameters import PlantParameters, load_plant_parameters
 from sim_robot.scene import PlacementScatter, Scene, load_scene
 
 SMALLEST_FACTOR = 0.2  # of friction, however large the scatter
@@ -17,12 +18,18 @@ FRICTION_DRAW = 3  # beside 0 arms and placement, 1 sensors, 2 tracker (sim_robo
 
 def open_conditioned_cell(object_name: str, displacement_m: float, seed: int, conditions: Conditions) -> Cell:
     """Open the cell in this process, in lockstep, with the object in its place. Raises HardwareError."""
-    scene = conditioned(load_scene(), conditions, seed)
-    parameters = load_plant_parameters()
+    nominal, parameters = _files()
+    scene = conditioned(nominal, conditions, seed)
     sensors = replace(parameters.sensors, tau_ext_cutoff_hz=conditions.tau_ext_cutoff_hz)
     parameters = replace(parameters, sensors=sensors)
     plant = Plant(scene, parameters, object_name, displacement_m, seed)
     return SimulatedCell(plant, scene, parameters, seed).as_cell("direct")
+
+
+@lru_cache(maxsize=1)
+def _files() -> tuple[Scene, PlantParameters]:
+    """The simulated cell's files: read once, whatever the number of trials."""
+    return load_scene(), load_plant_parameters()
 
 
 def conditioned(scene: Scene, conditions: Conditions, seed: int) -> Scene:
