@@ -243,6 +243,8 @@ class _Run:
         found: list[Trip] = []
 
         def stop() -> bool:
+            if self._log is not None:
+                self._log.wait_for_room()
             found.extend(filter(None, (watchdog.trip() for watchdog in self._watchdogs)))
             return bool(found) or (self._stop is not None and self._stop.stop_requested)
 
