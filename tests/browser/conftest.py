@@ -79,12 +79,11 @@ class Console:
         """Take control and arm, where that has not been done."""
         phase = self.page.locator("#control-light")
         expect(phase).not_to_have_attribute("data-phase", "unknown")
-        if phase.get_attribute("data-phase") == "armed":
-            return
-        if self.page.locator("#take").is_enabled():
-            self.page.click("#take")
-        self.page.click("#arm")
-        expect(phase).to_have_attribute("data-phase", "armed")
+        while phase.get_attribute("data-phase") != "armed":  # a page that was held up may lose control again
+            for button in ("#take", "#arm"):
+                if self.page.locator(button).is_enabled():
+                    self.page.locator(button).click(force=True)
+            self.page.wait_for_timeout(200)
 
     def record(self) -> None:
         """Record the scripted demonstration."""

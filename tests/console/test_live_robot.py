@@ -1,5 +1,6 @@
 """The robot process's main thread on the simulated cell: idle, orders, what ends them, faults and recovery."""
 
+import tempfile
 import threading
 import time
 from dataclasses import replace
@@ -7,21 +8,26 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 
 from deploy import cells
 from hal.errors import RecoveryRefused
 from hal.robot_errors import error_bit
 from hal.state import RobotMode
 from rtstack.cli.cells import live_source
+from rtstack.cli.recovery import recover_arms
 from rtstack.live.audit import AuditTrail
+from rtstack.live.client import RUN_PREFIX, SOCKET_NAME
 from rtstack.live.desk import Desk
 from rtstack.live.protocol import DemonstrationRequest, JobState, TrialRequest
 from rtstack.live.robot import Robot
+from rtstack.live.service import Service
 from rtstack.log.reader import read_log
 from rtstack.log.ring import Rings
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox, remove_mailbox
 from rtstack.safety.permit import Phase, Refused
+from rtstack.trials.errors import TrialError
 from sim_robot.cell import SimulatedCell, simulated_cell
 from sim_robot.clock import PacedLockstep
 
@@ -276,3 +282,36 @@ def test_what_is_impossible_fails_with_one_line_and_leaves_a_working_cell(robot,
         assert job.log is None
     t_ns = robot.latest("left")["t_ns"]
     wait_for(lambda: robot.latest("left")["t_ns"] != t_ns)
+
+
+def test_a_running_stack_recovers_at_a_terminal(robot, monkeypatch, capsys):
+    with tempfile.TemporaryDirectory(dir="/tmp") as name:  # short: a socket's path has 107 letters at most
+        monkeypatch.setattr(tempfile, "tempdir", name)
+        with pytest.raises(TrialError, match="no stack is running: start one"):
+            recover_arms(None, None)
+        folder = Path(name) / f"{RUN_PREFIX}run"
+        (Path(name) / f"{RUN_PREFIX}dead").mkdir()
+        (Path(name) / f"{RUN_PREFIX}dead" / SOCKET_NAME).touch()
+        folder.mkdir()
+        service = Service(robot.desk, folder / SOCKET_NAME)
+        try:
+            wait_for(lambda: robot.latest("left") is not None)
+            with pytest.raises(typer.Exit) as refused:
+                recover_arms(None, None)
+            assert refused.value.exit_code == 1
+            said = capsys.readouterr()
+            assert (said.out, said.err) == (
+                "grab: disarmed\n",
+                "rtstack: nothing to recover from: the arms are disarmed\n",
+            )
+            robot.opened[0].boxes[1].trip(error_bit("joint_reflex"))
+            wait_for(lambda: robot.helm.view().phase is Phase.FAULT)
+            recover_arms(None, None)
+            first, last = capsys.readouterr().out.splitlines()
+            assert first.startswith("grab: fault: right arm in reflex: joint_reflex")
+            assert last == "grab: disarmed: take control and arm to go on"
+            assert robot.helm.view().phase is Phase.DISARMED
+            with pytest.raises(TrialError, match="not both"):
+                recover_arms("fci:a,b", folder / SOCKET_NAME)
+        finally:
+            service.close()
