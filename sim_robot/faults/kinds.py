@@ -144,7 +144,7 @@ class StateNan:
     field: str
 
     def __post_init__(self) -> None:
-        if self.field not in ARM_STATE.names or ARM_STATE[self.field].base.kind != "f":
+        if self.field not in (ARM_STATE.names or ()) or ARM_STATE[self.field].base.kind != "f":
             raise ValueError(f"field {self.field!r} is none of the state's numbers: see hal/state.py")
 
 
