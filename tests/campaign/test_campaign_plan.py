@@ -1,0 +1,105 @@
+"""A campaign's plan: which trials it has, under which names and seeds, and what is refused."""
+
+from collections import Counter
+
+import pytest
+
+from rtstack.campaign.plan import load_plan, plan_file, plan_names
+from rtstack.campaign.runner import select
+from rtstack.campaign.trial import Reference, seed_of
+from rtstack.configuration import ConfigurationError
+from rtstack.trials.errors import TrialError
+
+
+@pytest.fixture
+def plan():
+    return load_plan(plan_file("reference-spreading").path)
+
+
+def test_it_is_what_the_paper_ran(plan):
+    table2, figure11 = plan.experiments
+    chosen = [Reference("rice_box", n) for n in range(3)]
+    assert len(plan.trials(table2)) == 80
+    trials = plan.trials(figure11, chosen)
+    assert len(trials) == 600
+    assert plan.size() == 680
+    assert len({trial.reference for trial in trials}) == 6
+    assert len({trial.object for trial in trials}) == 4
+    cells = Counter((trial.displacement_mm, trial.controller) for trial in trials)
+    assert set(cells.values()) == {30}
+
+
+def test_a_trial_has_one_name_and_one_seed_for_ever(plan):
+    table2, figure11 = plan.experiments
+    trials = [*plan.trials(table2), *plan.trials(figure11, [Reference("rice_box", n) for n in range(3)])]
+    assert len({trial.id for trial in trials}) == len(trials)
+    first = trials[0]
+    assert first.id == "table2.nominal.rice_box-0.-30mm.0.no_reference_spreading"
+    assert first.seed == seed_of(20260, "table2", "rice_box/0", -30.0, 0) == 1946671048
+    repetitions = {(t.experiment, t.reference, t.displacement_mm, t.repetition): t.seed for t in trials}
+    assert len(set(repetitions.values())) == len(repetitions)  # another repetition has another seed
+    assert all(t.seed == repetitions[t.experiment, t.reference, t.displacement_mm, t.repetition] for t in trials)
+
+
+def test_quick_is_a_part_of_it(plan):
+    quick = plan.as_sample()
+    assert 0 < quick.size() < plan.size() / 5
+    assert quick.references() != plan.references()
+    assert set(quick.references()) < set(plan.references())
+    assert quick.sealed([]).digest != plan.sealed([]).digest
+
+
+def test_the_digest_sees_every_file(plan):
+    digests = {plan.sealed(files).digest for files in ([], [b"a"], [b"b"], [b"a", b"b"], [b"b", b"a"], [b"ab"])}
+    assert len(digests) == 6
+    assert plan.sealed([b"a"]).digest == plan.sealed([b"a"]).digest
+
+
+def test_every_plan_is_read_and_has_a_sample():
+    assert "reference-spreading" in plan_names()
+    for name in plan_names():
+        path = plan_file(name).path
+        assert load_plan(path).name == name
+        assert load_plan(path, quick=True).size() > 0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("pad_friction = 0.9", "pad_friction = -0.9", "key conditions.nominal.pad_friction: Input should be greater"),
+        ("slip_m = 0.04\n", "", "key success.slip_m: "),
+        ('"no_interim"', '"no_such"', r"key controllers.2: "),
+        ("repetitions = 5", "repetitions = 0", "key experiments.1.repetitions: "),
+        (
+            'experiment = "table2", count',
+            'experiment = "table9", count',
+            "selects from an experiment that is not before",
+        ),
+        ('"parcel/0"', '"parcel"', "key experiments.1.references.0: "),
+        ("seed = 20260", "seeds = 20260", "key seed"),
+    ],
+)
+def test_a_plan_that_cannot_be_is_one_line(tmp_path, old, new, said):
+    text = plan_file("reference-spreading").path.read_text()
+    assert old in text
+    path = tmp_path / "plan.toml"
+    path.write_text(text.replace(old, new))
+    with pytest.raises(ConfigurationError, match=said) as refused:
+        load_plan(path)
+    assert str(refused.value).startswith(f"{path}: ")
+    assert "\n" not in str(refused.value)
+
+
+def test_an_unknown_campaign_names_the_known_ones():
+    with pytest.raises(TrialError, match="unknown campaign 'nope': there are .*reference-spreading"):
+        plan_file("nope")
+
+
+def test_references_are_chosen_by_their_success():
+    rows = [
+        {"reference": f"rice_box/{n}", "success": n != 1 and not (n == 0 and k == 0)}
+        for n in range(5)
+        for k in range(4)
+    ]
+    assert [reference.name for reference in select(rows, 3)] == ["rice_box/2", "rice_box/3", "rice_box/4"]
+    assert [reference.name for reference in select(rows, 4)] == ["rice_box/0", "rice_box/2", "rice_box/3", "rice_box/4"]
