@@ -25,10 +25,13 @@ single step ends there by itself. The assumptions, then:
     the single step under a given P, in which a patch may slip on. Without friction only v_N = 0 is asked;
   - each patch pushes in the sum. Where one would have to pull, the bodies part, and the status is infeasible.
 
-The velocity is then the unique one wherever friction at the other contacts leaves it so; see Impact.impulses_unique.
+Neither map need be unique. Impulses mostly are not (Impact.impulses_unique). Velocities are not where contacts whose
+loads are open slide (rtstack.impact_map.solvers: the even solution is told), or where Coulomb's law has separate
+solutions; both are seen by the two solvers' answers, and told by the status. That they agree proves nothing, of course.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import daqp
 import numpy as np
@@ -46,6 +49,15 @@ Mask = NDArray[np.bool_]
 SAME = 1e-6  # m/s, rad/s: solvers that agree; they agree to 1e-8 or differ by far
 NOTHING = 1e-8  # N s, m/s: an impulse or a slip that is none
 RANK = 1e-9  # of the largest singular value: what counts as zero
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """Largest differences of velocity between the solvers, m/s and rad/s: of what is told, and of their first answers
+    (before loads were made even)."""
+
+    told: float
+    first: float
 
 
 def impact_map(scene: Scene, second_opinion: bool = True) -> ImpactMap:
@@ -110,8 +122,10 @@ def _lacking(impulses: Array, friction: float) -> float:
     return max(0.0, float((sideways - impulses[:, 2]).max()))
 
 
-def _solutions(problem: Problem, A: Array, w: Array, held: Mask, second_opinion: bool) -> tuple[Solution, float | None]:
-    """Return ADMM's solution at the contacts not held, and how far PGS's velocity is from it, if it has one."""
+def _solutions(
+    problem: Problem, A: Array, w: Array, held: Mask, second_opinion: bool
+) -> tuple[Solution, Difference | None]:
+    """Return ADMM's solution at the contacts not held, and how far PGS's velocities are from it, if it has some."""
     G, b, friction = A.T @ A, A.T @ w - problem.s[np.repeat(~held, 3)], problem.friction[~held]
     solution = solve(Solver.ADMM, G, b, friction)
     if not second_opinion or not solution.solved:
@@ -119,12 +133,14 @@ def _solutions(problem: Problem, A: Array, w: Array, held: Mask, second_opinion:
     other = solve(Solver.PGS, G, b, friction)
     if not other.solved:
         return solution, None
-    change = A @ (other.impulses - solution.impulses).ravel()
-    return solution, float(np.abs(problem.coloured(change)).max())
+    told, first = (problem.coloured(A @ apart.ravel()) for apart in (
+        other.impulses - solution.impulses, other.first - solution.first
+    ))  # fmt: skip
+    return solution, Difference(float(np.abs(told).max()), float(np.abs(first).max()))
 
 
 def _impact(
-    problem: Problem, solution: Solution, other: float | None, after: Array, impulses: Array, load: Array,
+    problem: Problem, solution: Solution, other: Difference | None, after: Array, impulses: Array, load: Array,
     pressing: Array, held: Mask,
 ) -> Impact:  # fmt: skip
     """Return the result. load (n, 3): the pressing, within `impulses`; held (n,): where the law bounds no impulse."""
@@ -150,12 +166,13 @@ def _impact(
         momentum_ns=float(np.abs(momentum).max()),
         pressing_ns=pressing,
         iterations=solution.iterations,
-        second_opinion_m_s=other,
+        second_opinion_m_s=None if other is None else other.told,
+        spread_m_s=None if other is None else other.first,
     )
 
 
 def _status(
-    problem: Problem, solution: Solution, other: float | None, impulses: Array, velocities: Array, held: Mask
+    problem: Problem, solution: Solution, other: Difference | None, impulses: Array, velocities: Array, held: Mask
 ) -> tuple[Status, str]:
     if np.abs(velocities[held, 2]).max(initial=0.0) > NOTHING:
         return Status.INFEASIBLE, "the maintained patches cannot all be closed: a moving support forces them apart"
@@ -171,9 +188,11 @@ def _status(
                 Status.INFEASIBLE,
                 f"{first} and {second} part: together they would pull with {-total:.3g} Ns",
             )
-    if other is not None and other > SAME:
+    if other is not None and other.told > SAME:
+        return Status.NOT_UNIQUE, f"another solution of the law, by PGS, differs by up to {other.told:.3g} m/s or rad/s"
+    if other is not None and other.first > SAME:
         return Status.NOT_UNIQUE, (
-            f"velocities are not unique: two solutions of the law differ by up to {other:.3g} m/s or rad/s"
+            f"redundant contacts slide, their loads decide over {other.first:.3g} m/s or rad/s: the even ones are told"
         )
     return Status.SOLVED, "confirmed by PGS" if other is not None else "unconfirmed: PGS not asked, or not precise"
 

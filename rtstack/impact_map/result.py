@@ -15,8 +15,8 @@ Array = NDArray[np.floating]
 
 class Status(StrEnum):
     """solved: the law holds to 1e-9, and both solvers say the same where both were asked. not unique: they found
-    different velocities, which both obey the law. infeasible: no velocity does what is asked. unsolved: no solver came
-    to 1e-9; the figures are its best attempt."""
+    different velocities, which both obey the law; `detail` says of which kind. infeasible: no velocity does what is
+    asked. unsolved: no solver came to 1e-9; the figures are the best attempt."""
 
     SOLVED = "solved"
     NOT_UNIQUE = "not unique"
@@ -36,7 +36,7 @@ class Impact:
     N m s. pressing_ns (contacts of the scene,): N s with which each patch has to be pressed together during the
     sequence for this to be what happens; 0 where the impact does it by itself. iterations of ADMM.
     second_opinion_m_s: largest difference of velocity to PGS, m/s and rad/s; None where it was not asked, or did not
-    come to 1e-9 itself.
+    come to 1e-9 itself. spread_m_s: the same before loads that the law leaves open were made even.
     """
 
     status: Status
@@ -53,6 +53,7 @@ class Impact:
     pressing_ns: Array
     iterations: int
     second_opinion_m_s: float | None
+    spread_m_s: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,4 +128,5 @@ class ImpactMap:
             "momentum_residual_ns": impact.momentum_ns,
             "admm_iterations": impact.iterations,
             "second_opinion_m_s": impact.second_opinion_m_s,
+            "spread_m_s": impact.spread_m_s,
         }

@@ -1,4 +1,9 @@
-"""Pinocchio's solvers of the frictional contact problem, as two opinions on the same numbers."""
+"""Pinocchio's solvers of the frictional contact problem, as two opinions on the same numbers.
+
+Rigid bodies leave loads open: four corners on a face carry three resultants. Where such corners slide in different
+directions, another distribution of loads is another friction, and the velocity itself is not unique. Of all solutions
+the even one is then chosen, the limit of contacts with the same, vanishing compliance: it depends on no solver.
+"""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -15,6 +20,7 @@ from rtstack.impact_map.newton import refined
 Array = NDArray[np.floating]
 
 ACCEPTED = 1e-9  # residuals of the law, SI: what counts as solved
+COMPLIANCE = 1e-6  # of the mean of G's diagonal: small enough to be rigid, large enough for Newton's method to see
 # tolerance and iterations, tried in this order until Newton's method can make the answer exact: it needs the right
 # contact states, not digits, and the first attempt mostly shows them
 ADMM_ATTEMPTS = ((1e-4, 400), (1e-7, 4000), (1e-11, 20000))
@@ -30,9 +36,11 @@ class Solver(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """What one solver says: impulses (n, 3) N s, whether they obey the law to `ACCEPTED`, its iterations."""
+    """What one solver says: impulses (n, 3) N s, evenly loaded where loads are open; the solver's own, before that
+    choice; whether they obey the law to `ACCEPTED`; its iterations."""
 
     impulses: Array
+    first: Array
     solved: bool
     iterations: int
 
@@ -44,11 +52,19 @@ def solve(solver: Solver, G: Array, b: Array, friction: Array) -> Solution:
     The solver's answer is made exact by Newton's method; an answer that stays inexact is returned as not solved.
     """
     n = len(friction)
-    best = Solution(np.zeros((n, 3)), n == 0 or bool(np.all(b[2::3] >= 0.0)), 0)
-    if best.solved:  # nothing approaches
-        return best
+    none = np.zeros((n, 3))
+    if n == 0 or np.all(b[2::3] >= 0.0):  # nothing approaches
+        return Solution(none, none, True, 0)
+    best, error, iterations = _exact(solver, G, b, friction)
+    solved = error <= ACCEPTED
+    return Solution(_even(solver, G, b, friction, best) if solved else best, best, solved, iterations)
+
+
+def _exact(solver: Solver, G: Array, b: Array, friction: Array) -> tuple[Array, float, int]:
+    """Return the best impulses of all attempts, made exact, the law's largest residual, and all iterations."""
+    n = len(friction)
     models, datas = _constraints(tuple(friction))
-    smallest, iterations = np.inf, 0
+    best, smallest, iterations = np.zeros((n, 3)), np.inf, 0
     for tolerance, limit in ADMM_ATTEMPTS if solver is Solver.ADMM else PGS_ATTEMPTS:
         engine, settings, answer = _engine(solver, len(b))
         settings.solve_ncp = True
@@ -58,12 +74,29 @@ def solve(solver: Solver, G: Array, b: Array, friction: Array) -> Solution:
         engine.solve(pin.DelassusOperatorDense(G), b, models, datas, settings, answer)
         iterations += answer.iterations
         impulses = refined(G, b, friction, np.array(answer.retrieveConstraintImpulses()).reshape(n, 3))
-        error = law_residuals(impulses, (G @ impulses.ravel() + b).reshape(n, 3), friction).worst
+        error = _error(G, b, friction, impulses)
         if error < smallest:
-            smallest, best = error, Solution(impulses, error <= ACCEPTED, iterations)
-        if best.solved:
+            best, smallest = impulses, error
+        if error <= ACCEPTED:
             break
-    return best
+    return best, smallest, iterations
+
+
+def _even(solver: Solver, G: Array, b: Array, friction: Array, impulses: Array) -> Array:
+    """Return the evenly loaded solution next to `impulses`; `impulses` where there is none to be found."""
+    compliant = G.copy()
+    compliant[np.diag_indices_from(compliant)] += COMPLIANCE * G.diagonal().mean()
+    loads = refined(compliant, b, friction, impulses)
+    if _error(compliant, b, friction, loads) > ACCEPTED:
+        loads, error, _ = _exact(solver, compliant, b, friction)
+        if error > ACCEPTED:
+            return impulses
+    even = refined(G, b, friction, loads)
+    return even if _error(G, b, friction, even) <= ACCEPTED else impulses
+
+
+def _error(G: Array, b: Array, friction: Array, impulses: Array) -> float:
+    return law_residuals(impulses, (G @ impulses.ravel() + b).reshape(-1, 3), friction).worst
 
 
 def _engine(solver: Solver, size: int) -> tuple[Any, Any, Any]:

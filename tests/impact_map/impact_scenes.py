@@ -1,4 +1,4 @@
-"""Scenes of impacts by seed: grabs, hits and pushes, falling boxes, stacks; any friction, velocity and reflected inertia."""
+"""Scenes of impacts by seed: grabs, pushes, falling boxes, stacks; any friction, velocity and reflected inertia."""
 
 from dataclasses import replace
 
