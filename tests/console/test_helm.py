@@ -249,3 +249,30 @@ def test_the_trail_goes_on_after_a_line_that_was_cut(tmp_path):
     lines = path.read_text().splitlines()
     assert len(lines) == 3
     assert json.loads(lines[2])["operator"] == "Zoë"
+
+
+def test_a_stop_counts_at_once_for_the_next_order(bench):
+    bench.helm.take("anna")
+    bench.helm.arm("anna")
+    bench.helm.stop("ben")
+    assert bench.helm.view().phase is Phase.DISARMED
+    bench.helm.arm("anna")
+    bench.mailbox.request_stop()  # and nobody has looked after the helm since
+    with pytest.raises(Refused, match="STOP was pressed"):
+        bench.helm.arm("anna")
+    bench.helm.arm("anna")
+    bench.mailbox.request_stop()
+    with pytest.raises(Refused, match="arm them first"):
+        bench.helm.begin("anna", "a trial")
+
+
+def test_nobody_takes_over_from_a_motion_or_from_somebody_else_than_named(bench):
+    bench.helm.take("anna")
+    with pytest.raises(Refused, match="anna has the robot"):
+        bench.helm.take("ben", over_from="carl")
+    bench.helm.arm("anna")
+    bench.helm.begin("anna", "a trial")
+    with pytest.raises(Refused, match="the arms are moving: take over from anna once they are at rest"):
+        bench.helm.take("ben", over_from="anna")
+    assert bench.helm.view().holder == "anna"
+    assert not bench.mailbox.stop_requested
