@@ -60,8 +60,8 @@ class Finished:
 
 
 @pytest.fixture(scope="session")
-def finished(command: Command, tmp_path_factory: pytest.TempPathFactory) -> Finished:
-    """The small campaign's folder."""
+def finished(command: Command, demonstration: object, tmp_path_factory: pytest.TempPathFactory) -> Finished:
+    """The small campaign's folder. After a demonstration: everything is compiled."""
     out = tmp_path_factory.mktemp("campaign") / "out"
     return Finished(out, command.run(out, "--workers", "1"))
 
