@@ -63,9 +63,7 @@ def _scene(kind, rng):
     if kind == "fall":
         box = replace(box, velocity=tuple(rng.normal(0.0, 0.5, 3)), angular_velocity=tuple(rng.normal(0.0, 2.0, 3)))
         objects["box"] = box
-    return Scene(
-        contacts=tuple(contacts), arms=arms, objects=objects, supports={"table": table}, reflected=reflected
-    )
+    return Scene(contacts=tuple(contacts), arms=arms, objects=objects, supports={"table": table}, reflected=reflected)
 
 
 def _arm(side, rng):
