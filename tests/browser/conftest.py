@@ -70,6 +70,7 @@ class Console:
         self.address = address
         self.errors: list[str] = []
         self.requests: list[str] = []
+        page.set_default_timeout(JOB_TIMEOUT_MS)
         page.on("pageerror", lambda error: self.errors.append(str(error)))
         page.on("console", lambda message: self.errors.append(message.text) if message.type == "error" else None)
         page.on("request", lambda request: self.requests.append(request.url))
@@ -105,7 +106,12 @@ class Console:
 @pytest.fixture(scope="module")
 def console(browser: Browser, printed_address: str) -> Iterator[Console]:
     """Sign in by the printed address."""
-    context = browser.new_context(viewport={"width": 1440, "height": 900}, color_scheme="dark", accept_downloads=True)
+    context = browser.new_context(
+        viewport={"width": 1440, "height": 900},
+        color_scheme="dark",
+        accept_downloads=True,
+        base_url=printed_address.split("?")[0],
+    )
     yield Console(context.new_page(), printed_address)
     context.close()
 
