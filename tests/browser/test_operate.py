@@ -117,7 +117,7 @@ def test_a_page_that_is_open_keeps_control_and_a_closed_one_loses_it(console, pr
 def test_another_operator_is_named_and_can_be_taken_over_from_while_nothing_moves(console, program):
     page = console.page
     take = page.locator("#take")
-    program.robot.take("ben")
+    program.robot.take("ben", over_from="anna")
     expect(page.locator("#holder")).to_have_text("ben")
     expect(take).to_have_text("Take over from ben")
     expect(page.locator("#demonstration [data-why]")).to_contain_text("ben has the robot")
