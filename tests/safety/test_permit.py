@@ -104,6 +104,13 @@ class PermitMachine(RuleBasedStateMachine):
         self.arms(who)
         self.begins(who)
 
+    @rule(who=operators, wait_s=waits)
+    def arms_and_is_heard_of_again_after_a_while(self, who: str, wait_s: float) -> None:
+        self.takes_control(who)
+        self.arms(who)
+        self.time_passes(wait_s)
+        self.gives_a_sign_of_life(who)
+
     @rule()
     def recovers_at_once(self) -> None:
         self.somebody_recovers()
