@@ -113,8 +113,8 @@ FAULTS = (
         recovery=Recovery.RESET,
     ),
     Fault(
-        "collision", "the left pad is pushed with 200 N for 40 ms: more than the wrist can hold",
-        Scripted('kind = "push"\narm = "left"\nforce_N = [-200.0, 0.0, 0.0]', 0.04),
+        "collision", "the left pad is pushed with 300 N for 40 ms: more than the wrist can hold",
+        Scripted('kind = "push"\narm = "left"\nforce_N = [-300.0, 0.0, 0.0]', 0.04),
         Expected(EITHER, f"{SAFETY}|{LEFT_CONTROL}"), GOES_ON, physical=True, reflex=True, recovery=Recovery.RECONNECT,
     ),
     Fault(

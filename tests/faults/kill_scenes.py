@@ -69,8 +69,8 @@ class Robots:
 class Watched:
     """The rings of a process: what its loop has published last."""
 
-    def __init__(self, pid: int, begun_s: float) -> None:
-        self._pid, self._begun_s = pid, begun_s
+    def __init__(self, pid: int) -> None:
+        self._pid = pid
         self._arms: RingReader | None = None
         self._modes: RingReader | None = None
 
@@ -84,7 +84,7 @@ class Watched:
             begun_ns = (begun_ns or t_ns) if moving else 0
             if moving and t_ns - begun_ns > MOVING_S * 1e9:
                 return
-            time.sleep(0.01)
+            time.sleep(0.02)
         raise SceneFailed("the arms did not get into motion")
 
     def _attach(self) -> None:
@@ -117,7 +117,7 @@ class Trial:
             [str(COMMAND), *map(str, arguments)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
         )
         self.loop = psutil.Process(self.process.pid)
-        self.watched = Watched(self.process.pid, time.time())
+        self.watched = Watched(self.process.pid)
 
     def processes(self) -> dict[str, psutil.Process]:
         """Return who can be killed, by name."""
@@ -156,7 +156,7 @@ class Stack:
         self._beating.start()
         self._client.arm(OPERATOR)
         self._client.start(DemonstrationRequest(operator=OPERATOR))
-        self.watched = Watched(self.loop.pid, time.time())
+        self.watched = Watched(self.loop.pid)
 
     def _beat(self) -> None:
         while not self._over.wait(0.2):
@@ -183,7 +183,11 @@ class Stack:
 
     def wait_until_moving(self) -> None:
         """Wait for the moment. Raises SceneFailed."""
-        self.watched.wait_until_moving(lambda: self.process.poll() is None)
+        self.watched.wait_until_moving(lambda: self.process.poll() is None and self._job_runs())
+
+    def _job_runs(self) -> bool:
+        job = self._client.status().job
+        return job is not None and job.active
 
     def reason(self) -> str:
         """Return what the robot process says of its job's end, once it has ended."""
