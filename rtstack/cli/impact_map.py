@@ -44,7 +44,7 @@ def _lines(title: str, result: ImpactMap, impact: Impact) -> list[str]:
     for k, (contact, rows) in enumerate(zip(result.problem.contacts, result.problem.points, strict=True)):
         normals = " ".join(f"{impulse:8.4f}" for impulse in impact.impulses[rows, 2])
         states = ", ".join(state.value for state in impact.states[rows])
-        pressing = f"; has to be pressed with {impact.pressing_ns[k]:.3g} Ns" if impact.pressing_ns[k] > 0.0 else ""
+        pressing = f"; to be pressed with {impact.pressing_ns[k]:.3g} Ns" if impact.pressing_ns[k] > 0.0 else ""
         lines.append(f"  {' on '.join(contact.between)}: normal impulses {normals} Ns: {states}{pressing}")
     lines += [
         f"  kinetic energy {impact.kinetic_energy_before_j:.6g} J, then {impact.kinetic_energy_after_j:.6g} J",

@@ -14,9 +14,9 @@ over the corners of a patch (e). Taken as a pair of forces between the two bodie
     M (v+ - v-) = J^T (Lambda - P e),     v_N = 0 and v_T = 0 at the corners of a maintained patch:
 
 what the law bounds is Lambda, so lambda = Lambda - P e is free in sign, at the maintained patches only. The map solves
-this for lambda, with the law itself at all other contacts (no support ever pulls), and tells as `pressing_ns` the
-least P with which Lambda is within the friction cone (for lambda of least norm, where it is not unique). P = 0: a
-single step ends there by itself. The assumptions, then:
+this for lambda, with the law itself at all other contacts (no support ever pulls), and tells as `pressing_ns` a
+P that suffices for Lambda to be within the friction cone: the least one for the lambda of least norm; where lambda is
+not unique, less may do. P = 0: a single step ends there by itself. The assumptions, then:
   - somebody presses at least that much while the sequence lasts: P over the clamping force is the time that it takes,
     and the map means nothing where that is not short (some 10 ms);
   - what the pressing does to the motion of both bodies together is not part of the impact. Two pads that clamp a box
@@ -200,7 +200,7 @@ def _status(
 def _penetrates(problem: Problem, held: Mask) -> bool:
     """Whether no velocity is without penetration: the nearest one (a QP in whitened velocities) does not exist."""
     normals = problem.A[:, 2::3].T
-    lower = problem.s[2::3]
+    lower = np.ascontiguousarray(problem.s[2::3])
     upper = np.full(len(lower), 1e30)
     upper[held] = lower[held]
     *_, flag, _ = daqp.solve(np.eye(len(problem.w)), -problem.w, np.ascontiguousarray(normals), upper, lower)

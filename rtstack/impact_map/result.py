@@ -33,7 +33,7 @@ class Impact:
     contacts' frames (two tangents, normal), states (n,). impulses_unique: whether another distribution of impulses over
     the contacts would give the same velocity (with four corners on a face there is one nearly always).
     kinetic energy J. law: residuals of Coulomb's law. momentum_ns: largest error of M (v+ - v-) = J^T lambda, N s and
-    N m s. pressing_ns (contacts of the scene,): N s with which each patch has to be pressed together during the
+    N m s. pressing_ns (contacts of the scene,): N s that suffice where each patch is pressed together during the
     sequence for this to be what happens; 0 where the impact does it by itself. iterations of ADMM.
     second_opinion_m_s: largest difference of velocity to PGS, m/s and rad/s; None where it was not asked, or did not
     come to 1e-9 itself. spread_m_s: the same before loads that the law leaves open were made even.

@@ -1,8 +1,8 @@
 """The same impact by MuJoCo: a model of the scene with a small sphere at each contact point, and one very short step.
 
-MuJoCo's law is the convex relaxation of Coulomb's, with a compliance of its own. Damping of 1/dt and no stiffness make it
-plastic within the step. The impedance 0.9999, the largest that it takes, leaves 1e-4 of what it thinks the bodies' inverse
-inertia is: a hundredth of that makes it rigid enough.
+MuJoCo's law is the convex relaxation of Coulomb's, with a compliance of its own. Damping of 1/dt and no stiffness make
+it plastic within the step. The impedance 0.9999, the largest that it takes, leaves 1e-4 of what it thinks the bodies'
+inverse inertia is: a hundredth of that makes it rigid enough.
 """
 
 import mujoco
@@ -21,18 +21,21 @@ IMPEDANCE = 0.9999
 
 
 def relaxed_velocity(problem):
-    """Return the generalised velocity (nv,) that Pinocchio's ADMM finds for the convex relaxation."""
-    n = len(problem.friction)
+    """Return the generalised velocity (nv,) of the convex relaxation by Pinocchio's ADMM, None if it does not converge."""
+    size = 3 * len(problem.friction)
     G, b = problem.A.T @ problem.A, problem.A.T @ problem.w - problem.s
-    settings, answer = pin.ADMMSolverSettings(), pin.ADMMSolverResult()
-    settings.solve_ncp = False
-    settings.max_iterations = 20000
-    settings.absolute_feasibility_tol = settings.absolute_complementarity_tol = 1e-9
-    settings.relative_feasibility_tol = settings.relative_complementarity_tol = 0.0
     models, datas = solvers._constraints(tuple(problem.friction))
-    solver = pin.ADMMConstraintSolver(3 * n)
-    solver.solve(pin.DelassusOperatorDense(G), b, models, datas, settings, answer)
-    return problem.coloured(problem.w + problem.A @ np.array(answer.retrieveConstraintImpulses()))
+    for rule in (pin.ADMMUpdateRule.OSQP, pin.ADMMUpdateRule.SPECTRAL, pin.ADMMUpdateRule.LINEAR):
+        settings, answer = pin.ADMMSolverSettings(), pin.ADMMSolverResult()
+        settings.solve_ncp = False
+        settings.admm_update_rule = rule
+        settings.max_iterations = 10000
+        settings.absolute_feasibility_tol = settings.absolute_complementarity_tol = 1e-8
+        settings.relative_feasibility_tol = settings.relative_complementarity_tol = 0.0
+        delassus = pin.DelassusOperatorDense(G)
+        if pin.ADMMConstraintSolver(size).solve(delassus, b, models, datas, settings, answer):
+            return problem.coloured(problem.w + problem.A @ np.array(answer.retrieveConstraintImpulses()))
+    return None
 
 
 def mujoco_velocity(scene, problem):
@@ -66,7 +69,7 @@ def mujoco_velocity(scene, problem):
 
 
 def _mjcf(scene, problem):
-    bodies, pairs = {name: "" for name in (*problem.names, *scene.supports)}, ""
+    bodies, pairs = dict.fromkeys((*problem.names, *scene.supports), ""), ""
     places = {name: _place(scene, name) for name in bodies}
     for k, (contact, patch) in enumerate(zip(problem.contacts, problem.patches, strict=True)):
         first, second = contact.between
@@ -94,7 +97,8 @@ def _mjcf(scene, problem):
     return (
         f'<mujoco><compiler angle="radian" autolimits="false"/><option timestep="{DT}" gravity="0 0 0" cone="elliptic" '
         f'solver="Newton" tolerance="1e-15" iterations="300" ls_iterations="100"/><default><geom contype="0" '
-        f'conaffinity="0" mass="0"/><pair {solver}/></default><worldbody>{tree}</worldbody><contact>{pairs}</contact></mujoco>'
+        f'conaffinity="0" mass="0"/><pair {solver}/></default><worldbody>{tree}</worldbody><contact>{pairs}</contact>'
+        "</mujoco>"
     )
 
 
