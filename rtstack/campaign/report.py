@@ -11,7 +11,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from rtstack.campaign.claims import Claim, judge_claims, shown
+from rtstack.campaign.claims import Claim, judge_claims, millimetres, shown
 from rtstack.campaign.evaluation import FIGURE11, NAMES, PAPER_TABLE2, TABLE2, Evaluation
 from rtstack.campaign.figures import figure5, figure8, figure10, figure11, logged_trial
 from rtstack.campaign.plan import Experiment, Plan, PlanFile
@@ -100,7 +100,7 @@ def _part(evaluation: Evaluation, plan: Plan, folder: Path) -> Part:
         table2=_table2(evaluation) if has_table else [],
         force=[
             {
-                "displacement": f"{d:+g} mm",
+                "displacement": millimetres(d),
                 "norm": [shown(evaluation.mean_force(c, d)) for c in NAMES],
                 "linear": [shown(evaluation.mean_force(c, d, "average_force_norm_linear_n")) for c in NAMES],
             }
