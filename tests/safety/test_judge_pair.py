@@ -14,6 +14,7 @@ from hal.limits import FR3
 from rtstack.safety.geometry import arm_distance, segment_distance
 from rtstack.safety.judge import Base, Reason, SafetyJudge, Tool, Verdict, pair_of_judges
 from rtstack.safety.limits import HARDWARE
+from rtstack.safety.records import StopProfile
 
 # run as plain Python, numpy remarks on inf - inf; compiled code does not
 pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")
@@ -203,6 +204,20 @@ def test_time_never_runs_backwards(seen):
     assert judge.memory["bound"][0] == 0.0
 
 
+def test_a_nanosecond_is_time_that_passes():
+    judge = SafetyJudge()
+    for t_ns in range(60):  # each state is a new one
+        sample = arm_sample(t_ns)
+        sample["t_ns"] = t_ns
+        assert judge.judge(sample) is Verdict.PASS
+    judge = SafetyJudge()
+    for t_ns in (0, 1, 20 * MS + 2):  # the clock has moved: the gap counts
+        sample = arm_sample(t_ns)
+        sample["t_ns"] = t_ns
+        judge.judge(sample)
+    assert judge.reason is Reason.STATE_GAP
+
+
 def test_what_is_wrong_with_the_state_is_told_before_its_age():
     judge = SafetyJudge()
     for t_ms in (0, 1):
@@ -300,6 +315,25 @@ def test_a_recovery_is_of_one_arm_and_one_that_is_refused_changes_nothing():
         # one arm does not go on while the other one is stopped
         assert judges[side].judge(arm_sample(6)) is Verdict.STOPPING
         assert judges[side].reason is Reason.OTHER_ARM
+
+
+def test_what_is_wrong_with_the_whole_arm_is_said_without_a_joint():
+    judge = SafetyJudge(replace(HARDWARE, power_max=1.0))
+    judge.judge(arm_sample(0, dq=0.5, tau_J=np.array([2, 2, 0, 0, 0, 0, 0])))
+    assert judge.explanation == "the mechanical power is too large (2 W, allowed 1)"
+
+
+def test_a_judge_has_the_base_the_tool_and_the_profile_that_it_was_given():
+    base, tool, profile = Base((1.0, 2.0, 3.0)), Tool((0.2, 0.3, 0.4), 0.5), StopProfile(reaction_s=0.004)
+    rule = SafetyJudge(HARDWARE, base, tool, profile)._rules[0]
+    assert rule["base_position"].tolist() == [1.0, 2.0, 3.0]
+    assert rule["face"].tolist() == pytest.approx([0.0, 0.0, 0.607])
+    assert rule["reaction"] == 0.004
+    for judge, x in zip(pair_of_judges(HARDWARE, base, Base(), tool, profile), (1.0, 0.0), strict=True):
+        rule = judge._rules[0]
+        assert (rule["base_position"][0], rule["face"][2], rule["reaction"]) == (x, pytest.approx(0.607), 0.004)
+    rule = SafetyJudge()._rules[0]
+    assert (rule["face"][2], rule["reaction"]) == (pytest.approx(0.137), 0.002)
 
 
 def test_every_reason_says_what_is_wrong_in_one_line():
