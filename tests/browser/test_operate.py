@@ -121,6 +121,7 @@ def test_another_operator_is_named_and_can_be_taken_over_from_while_nothing_move
     expect(page.locator("#holder")).to_have_text("ben")
     expect(take).to_have_text("Take over from ben")
     expect(page.locator("#demonstration [data-why]")).to_contain_text("ben has the robot")
+    page.fill("#operator", "anna")
     take.click()
     expect(page.locator("#holder")).to_have_text("you, anna")
     assert "anna took over from ben" in page.request.get("/api/events").text()
