@@ -132,10 +132,10 @@ def _table2(evaluation: Evaluation) -> list[Claim]:
         Verdict.UNDECIDED if alike else _order((success[NO_VELOCITY], success[c]) for c in lines if c != NO_VELOCITY)
     )
     best = max(shares.values(), default=0.0)
-    highest = max((row["peak_torque_ratio"] for row in evaluation.of(TABLE2)), default=0.0)
+    highest = max((row["peak_torque_ratio"] or 0.0 for row in evaluation.of(TABLE2)), default=0.0)
     why = (
-        f"The highest joint torque of these trials was {100.0 * highest:.0f} % of its limit: the simulated arms and "
-        "pads leave more room than the paper's. The campaign reference-spreading-sensitivity looks for where grabs fail."
+        f"The highest joint torque of these trials was {100.0 * highest:.0f} % of its limit: simulated arms and pads "
+        "leave more room than the paper's. The campaign reference-spreading-sensitivity looks for where grabs fail."
     )
     lift_why = (
         "The object rises with the pads as soon as both hold it, at their 0.12 to 0.16 m/s: ten milliseconds between "
