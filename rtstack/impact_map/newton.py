@@ -19,22 +19,22 @@ PROXIMAL = 1e-9
 PRECISE = 1e-14  # of the equations, SI: further steps would only stir the last digit
 
 
-def refined(G: Array, b: Array, friction: Array, start: Array) -> Array:
-    """Return impulses (n, 3) N s near `start` that obey the law as well as the arithmetic allows.
+def refined(G: Array, b: Array, friction: Array, start: Array) -> tuple[Array, float]:
+    """Return impulses (n, 3) N s near `start` that obey the law as well as the arithmetic allows, and the error.
 
-    G (3n, 3n) 1/kg Delassus matrix, b (3n,) m/s contact velocities before the impact, friction (n,). Returns the best
-    iterate, `start` included: whether it is good enough is for the caller to say (law_residuals).
+    G (3n, 3n) 1/kg Delassus matrix, b (3n,) m/s contact velocities before the impact, friction (n,). The impulses are
+    the best iterate, `start` included; the error is the largest of the equations', m/s or N s, infinite for no number.
     """
     try:
-        best = _iterate(G, b, friction, np.ascontiguousarray(start).ravel())
+        best, error = _iterate(G, b, friction, np.ascontiguousarray(start).ravel())
     except np.linalg.LinAlgError:
-        return start
-    return best.reshape(-1, 3)
+        return start, np.inf
+    return best.reshape(-1, 3), error
 
 
 @njit(cache=True)
 def _iterate(G, b, friction, start):
-    """Return the best of STEPS iterates, (3n,)."""
+    """Return the best of STEPS iterates, (3n,), and its error."""
     n = len(friction)
     impulses = start.copy()
     best = start
@@ -111,4 +111,4 @@ def _iterate(G, b, friction, start):
         for i in range(count):
             new[rows[i]] = impulses[rows[i]] - step[i]
         impulses = new
-    return best
+    return best, smallest

@@ -14,12 +14,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from rtstack.impact_map.coulomb import law_residuals
 from rtstack.impact_map.newton import refined
 
 Array = NDArray[np.floating]
 
-ACCEPTED = 1e-9  # residuals of the law, SI: what counts as solved
+ACCEPTED = 1e-9  # error of the law's equations, SI: what counts as solved
 COMPLIANCE = 1e-6  # of the mean of G's diagonal: small enough to be rigid, large enough for Newton's method to see
 # tolerance and iterations, tried in this order until Newton's method can make the answer exact: it needs the right
 # contact states, not digits, and the first attempt mostly shows them
@@ -61,7 +60,7 @@ def solve(solver: Solver, G: Array, b: Array, friction: Array) -> Solution:
 
 
 def _exact(solver: Solver, G: Array, b: Array, friction: Array) -> tuple[Array, float, int]:
-    """Return the best impulses of all attempts, made exact, the law's largest residual, and all iterations."""
+    """Return the best impulses of all attempts, made exact, their error, and all iterations."""
     n = len(friction)
     models, datas = _constraints(tuple(friction))
     best, smallest, iterations = np.zeros((n, 3)), np.inf, 0
@@ -73,8 +72,7 @@ def _exact(solver: Solver, G: Array, b: Array, friction: Array) -> tuple[Array, 
         settings.relative_feasibility_tol = settings.relative_complementarity_tol = 0.0
         engine.solve(pin.DelassusOperatorDense(G), b, models, datas, settings, answer)
         iterations += answer.iterations
-        impulses = refined(G, b, friction, np.array(answer.retrieveConstraintImpulses()).reshape(n, 3))
-        error = _error(G, b, friction, impulses)
+        impulses, error = refined(G, b, friction, np.array(answer.retrieveConstraintImpulses()))
         if error < smallest:
             best, smallest = impulses, error
         if error <= ACCEPTED:
@@ -85,18 +83,14 @@ def _exact(solver: Solver, G: Array, b: Array, friction: Array) -> tuple[Array, 
 def _even(solver: Solver, G: Array, b: Array, friction: Array, impulses: Array) -> Array:
     """Return the evenly loaded solution next to `impulses`; `impulses` where there is none to be found."""
     compliant = G.copy()
-    compliant[np.diag_indices_from(compliant)] += COMPLIANCE * G.diagonal().mean()
-    loads = refined(compliant, b, friction, impulses)
-    if _error(compliant, b, friction, loads) > ACCEPTED:
+    compliant.ravel()[:: len(b) + 1] += COMPLIANCE * G.diagonal().mean()
+    loads, error = refined(compliant, b, friction, impulses)
+    if error > ACCEPTED:
         loads, error, _ = _exact(solver, compliant, b, friction)
         if error > ACCEPTED:
             return impulses
-    even = refined(G, b, friction, loads)
-    return even if _error(G, b, friction, even) <= ACCEPTED else impulses
-
-
-def _error(G: Array, b: Array, friction: Array, impulses: Array) -> float:
-    return law_residuals(impulses, (G @ impulses.ravel() + b).reshape(-1, 3), friction).worst
+    even, error = refined(G, b, friction, loads)
+    return even if error <= ACCEPTED else impulses
 
 
 def _engine(solver: Solver, size: int) -> tuple[Any, Any, Any]:

@@ -21,7 +21,7 @@ IMPEDANCE = 0.9999
 
 
 def relaxed_velocity(problem):
-    """Return the generalised velocity (nv,) of the convex relaxation by Pinocchio's ADMM, None if it does not converge."""
+    """Return the generalised velocity (nv,) of the convex relaxation by Pinocchio's ADMM; None where it fails."""
     size = 3 * len(problem.friction)
     G, b = problem.A.T @ problem.A, problem.A.T @ problem.w - problem.s
     models, datas = solvers._constraints(tuple(problem.friction))
