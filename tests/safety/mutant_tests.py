@@ -96,6 +96,8 @@ class Tests(First):
         self._main = main
         self._coverage.start()
         status = pytest.main([*self._paths, *self._options], plugins=[self])
+        if status == pytest.ExitCode.INTERRUPTED and not self.failed:
+            raise KeyboardInterrupt
         if status not in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED) and not self.failed:
             self.failed = f"pytest ended with {status!r}: it"
 

@@ -134,11 +134,7 @@ def main() -> int:
     print(f"{len(names)} mutants, {len(names) - len(waiting)} of them known from earlier runs", flush=True)
     if waiting:
         tests = Tests([str(path) for path in TESTS], CHOICE, [str(PACKAGE / "*.py")])
-        try:
-            tests.run(lambda: run(waiting, tests, results, options.jobs, options.minutes))
-        except KeyboardInterrupt:
-            print("ended; the next run goes on from here")
-            return 130
+        tests.run(lambda: run(waiting, tests, results, options.jobs, options.minutes))
         if tests.failed:
             print(f"{tests.why}\n{tests.failed} fails on the judge as it is: see to that first", file=sys.stderr)
             return 2
@@ -146,4 +142,8 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        print("ended; the next run goes on from here", file=sys.stderr)
+        sys.exit(130)
