@@ -27,12 +27,14 @@ from tempfile import TemporaryDirectory
 import httpx
 import psutil
 from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 COMMAND = Path(sys.executable).with_name("rtstack")
 WARM_UP_S = 300.0
 MOST_GROWTH = 0.05
+LATE_US = 2000.0  # between two ticks: a robot that does not wait would have missed one
 KEPT_LOGS = 12  # older ones are deleted, as an operator would
 DISPLACEMENTS_MM = (0.0, -30.0, 30.0)
 CONTROLLERS = ("proposed", "no_reference_spreading", "no_velocity_feedback", "no_interim")
@@ -163,7 +165,7 @@ class Soak:
     def __init__(self, stack: Stack) -> None:
         self._stack = stack
         self.samples: dict[str, Samples] = defaultdict(Samples)
-        self.rounds = self.runs = self.successes = self.ticks = self.missed = 0
+        self.rounds = self.runs = self.successes = self.ticks = self.missed = self.late = 0
         self._began_s = time.monotonic()
 
     @property
@@ -197,11 +199,14 @@ class Soak:
 
     def _count(self, name: str) -> None:
         with (self._stack.logs / name).open("rb") as file:
-            result = next(r.metadata for r in make_reader(file).iter_metadata() if r.name == "result")
+            reader = make_reader(file, decoder_factories=[DecoderFactory()])
+            result = next(record.metadata for record in reader.iter_metadata() if record.name == "result")
+            timing = [message.period_us for *_, message in reader.iter_decoded_messages(["/timing"])]
         self.runs += 1
         self.successes += result["success"] == "true"
         self.ticks += int(result["ticks"])
         self.missed += int(result["missed_deadlines"])
+        self.late += sum(period_us > LATE_US for period_us in timing)
 
     def _read(self, name: str) -> None:
         """Download a log as the page does, and review it as `rtstack review` does."""
@@ -224,6 +229,9 @@ class Soak:
             samples.times_s.append(self.elapsed_s)
             samples.rss_mb.append(process.memory_info().rss / 1e6)
             samples.descriptors.append(process.num_fds())
+
+    def _per_million(self, count: int) -> float | None:
+        return round(1e6 * count / self.ticks, 1) if self.ticks else None
 
     def report(self, warm_up_s: float, trouble: list[str]) -> dict:
         """Return what was found, JSON-ready. trouble: what else went wrong."""
@@ -248,7 +256,8 @@ class Soak:
         return {
             "minutes": round(self.elapsed_s / 60.0, 2), "rounds": self.rounds, "runs": self.runs,
             "successes": self.successes, "ticks": self.ticks, "missed_deadlines": self.missed,
-            "missed_per_million_ticks": round(1e6 * self.missed / self.ticks, 1) if self.ticks else None,
+            "missed_per_million_ticks": self._per_million(self.missed),
+            "periods_over_2_ms_per_million_ticks": self._per_million(self.late),
             "processes": processes, "trouble": found,
         }  # fmt: skip
 
