@@ -48,7 +48,6 @@ from rtstack.trials.run import prepare_trial, run_demonstration, run_trial
 from rtstack.trials.start_motion import start_motion
 
 _RETRY_S = 2.0  # between two attempts to open a cell that was lost
-_NO_FAULT = (End.COMPLETED, End.STOP_REQUESTED, End.NO_IMPACT)  # after any other end somebody has to look
 # what the supervisor says by a signal, and what a session that runs then ends with
 _ENDS = {
     signal.SIGTERM: (End.STOP_REQUESTED, "the stack is being shut down"),
@@ -97,7 +96,7 @@ class Robot:
     def ended(self, end: End, detail: str) -> None:
         """See Attendant. A stop that somebody asked for is no fault, nor is a grab that did not succeed."""
         self._end = end
-        if end not in _NO_FAULT:
+        if end.is_fault:  # somebody has to look
             self._desk.helm.fault(f"{end}: {detail}" if detail else str(end))
 
     def _watch(self) -> None:

@@ -23,6 +23,7 @@ from rtstack.log.errors import LogError
 
 MAGIC = b"\x89MCAP0\r\n"
 FOOTER_SIZE = 9 + 20  # record header, two offsets and a checksum
+DATA_END_SIZE = 9 + 4  # record header, checksum: what the summary follows
 _RECORD = struct.Struct("<BQ")  # opcode, length
 _MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
 _CHUNK_HEADER = 40  # two times, size, checksum, length of an empty compression name, length of the data
@@ -71,7 +72,10 @@ def open_mcap(path: Path) -> BinaryIO:
 
 
 def is_complete(file: BinaryIO) -> bool:
-    """Whether the file ends with a footer that points to a summary. Moves the file's position."""
+    """Whether the file ends with a footer that points to a summary of its own. Moves the file's position.
+
+    One that was cut off behind an attached MCAP ends as that one does.
+    """
     size = file.seek(0, 2)
     if size < len(MAGIC) + FOOTER_SIZE + len(MAGIC):
         return False
@@ -79,7 +83,10 @@ def is_complete(file: BinaryIO) -> bool:
     end = file.read()
     opcode, _ = _RECORD.unpack_from(end)
     summary_start = int.from_bytes(end[RECORD_HEADER : RECORD_HEADER + 8], "little")
-    return end.endswith(MAGIC) and opcode == Opcode.FOOTER and summary_start != 0
+    if not end.endswith(MAGIC) or opcode != Opcode.FOOTER or not DATA_END_SIZE < summary_start < size:
+        return False
+    file.seek(summary_start - DATA_END_SIZE)
+    return file.read(1) == bytes((Opcode.DATA_END,))
 
 
 def scan(file: BinaryIO) -> Iterator[RawRecord]:

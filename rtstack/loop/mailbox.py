@@ -86,7 +86,7 @@ class Mailbox:
         return self._words[_Word.STOP] != 0
 
     def clear_stop(self) -> None:
-        """Forget the request. Only for the process that owns the robot, at the moment when it accepts a new job."""
+        """Forget the request. Only for the process that owns the robot, at the moment when an operator arms."""
         self._words[_Word.STOP] = 0
 
     def console_beat(self, now_ns: int) -> None:

@@ -11,6 +11,7 @@ from log_samples import TICKS, TRIAL, WrittenLog
 from mcap.reader import NonSeekingReader, make_reader
 from mcap.writer import CompressionType, Writer
 
+from rtstack.log.container import is_complete
 from rtstack.log.errors import LogError
 from rtstack.log.reader import read_log
 from rtstack.log.recover import recover
@@ -84,6 +85,22 @@ def test_an_earlier_recovery_is_not_overwritten(tmp_path: Path, written: Written
     with pytest.raises(LogError, match=r"cut\.recovered\.mcap exists already"):
         recover(path)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["cut.mcap", "cut.recovered.mcap"]
+
+
+def test_a_log_that_is_cut_behind_an_attached_recording_is_not_complete(tmp_path: Path, written: WrittenLog) -> None:
+    path, recording = tmp_path / "cut.mcap", written.path.read_bytes()
+    with open(path, "wb") as file:
+        writer = Writer(file)
+        writer.start()
+        writer.add_attachment(0, 0, "reference.mcap", "application/octet-stream", recording)
+        writer.finish()
+    whole = path.read_bytes()
+    path.write_bytes(whole[: whole.index(recording) + len(recording)])
+    with open(path, "rb") as file:
+        assert not is_complete(file)
+    path.write_bytes(whole)
+    with open(path, "rb") as file:
+        assert is_complete(file)
 
 
 @pytest.mark.parametrize("size", [8, 9, 40])
