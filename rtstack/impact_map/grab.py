@@ -1,0 +1,129 @@
+"""A grab planned through its impact: from the ante-impact reference at the nominal impact to the velocities after it.
+
+A reference says where a pad is and how fast (a pose and a twist), and position and velocity of one joint, which takes
+up the redundancy (Section IV-A of the impact-map paper). Together these are seven numbers for seven joints: they
+determine configuration and velocity of the arm. The map of the scene there is (14), what the post-impact reference
+begins with, joint velocity included.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtstack.impact_map.bodies import moved_to
+from rtstack.impact_map.map import impact_map
+from rtstack.impact_map.reflected import ReflectedInertia
+from rtstack.impact_map.result import ImpactMap
+from rtstack.impact_map.scene import Arm, Box, Contact, Joints, Plane, Scene, SceneError
+from rtstack.model.arm_model import ArmModel
+from rtstack.model.cell_description import ArmMounting, CellDescription, Pad
+from rtstack.model.rotation import log_so3
+from rtstack.samples import SIDES
+
+Array = NDArray[np.floating]
+
+POSTURE_JOINT = 0  # the paper's choice
+STEPS = 100
+PLACED = 1e-10  # m, rad
+
+
+@dataclass(frozen=True, slots=True)
+class GrabImpact:
+    """A grab's nominal impact. Arrays of both arms, (left, right).
+
+    q (2, 7) rad; dq_before, dq_after (2, 7) rad/s; twist (2, 6): of the pads' faces after the impact, along the
+    world's axes, linear first; dxi (2,) rad/s: velocity of the posture's joint after it. map: everything else, its
+    status first.
+    """
+
+    q: Array
+    dq_before: Array
+    dq_after: Array
+    twist: Array
+    dxi: Array
+    map: ImpactMap
+
+
+def grab_impact(
+    description: CellDescription,
+    object_name: str,
+    ante: NDArray,
+    pad_friction: float,
+    table_friction: float,
+    reflected: ReflectedInertia = ReflectedInertia.B_THETA,
+    object_xy: tuple[float, float] = (0.0, 0.0),
+) -> GrabImpact:
+    """Return the nominal impact of a grab whose ante-impact reference ends in `ante`, (2,) of POINT (left, right).
+
+    object_xy: where the object stands on the table, m. Velocities are of the converged map. Raises SceneError where an
+    arm cannot be in that pose, or its pad does not touch the object there, KeyError for an object that is not there.
+    """
+    mountings = (description.left, description.right)
+    q, dq = np.empty((2, 7)), np.empty((2, 7))
+    for k, (side, mounting) in enumerate(zip(SIDES, mountings, strict=True)):
+        try:
+            q[k], dq[k] = joint_state(mounting, description.pad, ante[k])
+        except SceneError as error:
+            raise SceneError(f"{side} arm: {error}") from None
+    scene = grab_scene(description, object_name, q, dq, pad_friction, table_friction, reflected, object_xy)
+    result = impact_map(scene)
+    after = np.array([result.velocity(side) for side in SIDES])
+    twist = np.array([result.twist(side) for side in SIDES])
+    return GrabImpact(q, dq, after, twist, after[:, POSTURE_JOINT], result)
+
+
+def grab_scene(
+    description: CellDescription,
+    object_name: str,
+    q: Array,
+    dq: Array,
+    pad_friction: float,
+    table_friction: float,
+    reflected: ReflectedInertia = ReflectedInertia.B_THETA,
+    object_xy: tuple[float, float] = (0.0, 0.0),
+) -> Scene:
+    """Return the scene of a cell with both arms at q (2, 7) rad, moving with dq (2, 7) rad/s, at a resting object."""
+    thing, top = description.objects[object_name], description.table.top_z
+    mountings = (description.left, description.right)
+    return Scene(
+        arms={
+            side: Arm(mounting.base_position, _joints(q[k]), mounting.base_orientation_wxyz, dq=_joints(dq[k]))
+            for k, (side, mounting) in enumerate(zip(SIDES, mountings, strict=True))
+        },
+        objects={"object": Box(thing.mass, thing.size, (*object_xy, top + thing.size[2] / 2))},
+        supports={"table": Plane((0.0, 0.0, top), (0.0, 0.0, 1.0))},
+        contacts=(
+            *(Contact((side, "object"), pad_friction) for side in SIDES),
+            Contact(("object", "table"), table_friction),
+        ),
+        pad=description.pad,
+        reflected=reflected,
+    )
+
+
+def joint_state(mounting: ArmMounting, pad: Pad, point: NDArray) -> tuple[Array, Array]:
+    """Return q (7,) rad and dq (7,) rad/s of an arm in the pose and with the velocities of `point`, () of POINT.
+
+    By Newton's method from the arm's home. Raises SceneError where it does not come there.
+    """
+    model = ArmModel(mounting, pad)
+    q, rotation_error = np.array(mounting.home), np.empty(3)
+    for _ in range(STEPS):
+        model.update(q, np.zeros(7))
+        face = model.p7 + model.R7 @ model.face
+        rotation = model.R7 @ model.R_joint_ee
+        log_so3(point["rotation"] @ rotation.T, rotation_error)
+        error = np.concatenate([point["position"] - face, rotation_error, [point["xi"] - q[POSTURE_JOINT]]])
+        J = np.vstack([moved_to(face, model.J0), np.eye(7)[POSTURE_JOINT]])
+        if np.abs(error).max() <= PLACED:
+            return q, np.linalg.solve(J, np.append(point["twist"], point["dxi"]))
+        step = np.linalg.lstsq(J, error)[0]
+        q = q + step / max(1.0, float(np.abs(step).max()) / 0.3)
+    place = np.round(point["position"], 3).tolist()
+    raise SceneError(f"no configuration with the pad at {place} and joint 1 at {point['xi']:.3f} rad")
+
+
+def _joints(values: Array) -> Joints:
+    a, b, c, d, e, f, g = values.tolist()
+    return a, b, c, d, e, f, g
