@@ -102,13 +102,13 @@ FAULTS = (
     # the robot
     Fault(
         "reflex", "the left arm stops itself, and cannot be recovered for a while",
-        Scripted('kind = "reflex"\narm = "left"\nerror = "cartesian_reflex"', 1.0, IDLE_S),
+        Scripted('kind = "reflex"\narm = "left"\nerror = "cartesian_reflex"', 4.0, IDLE_S),
         Expected(LEAVE, f"{LEFT_CONTROL}cartesian_reflex"), Expected(NO_MOTION, "cartesian_reflex|Reflex"),
         recovery=Recovery.RESET,
     ),
     Fault(
         "user stop", "somebody presses the activation device of the left arm",
-        Scripted('kind = "user_stop"\narm = "left"', 1.0, IDLE_S),
+        Scripted('kind = "user_stop"\narm = "left"', 4.0, IDLE_S),
         Expected(LEAVE, f"(?i){LEFT_CONTROL}(user|emergency)"), Expected(NO_MOTION, "(?i)user|emergency"),
         recovery=Recovery.RESET,
     ),

@@ -11,6 +11,7 @@ import hashlib
 import json
 import os
 import select
+import shutil
 import sys
 import time
 from dataclasses import dataclass
@@ -58,7 +59,13 @@ def sources_digest() -> str:
 
 
 def make_ground(folder: Path) -> Ground:
-    """Record a demonstration, and find out when its trial meets the box, in a process that is then forgotten."""
+    """Record a demonstration, and find out when its trial meets the box, in a process that is then forgotten.
+
+    Kept for the present sources; what belongs to others is removed.
+    """
+    for other in folder.parent.glob("*"):
+        if other != folder:
+            shutil.rmtree(other)
     folder.mkdir(parents=True, exist_ok=True)
     reference, found = folder / "reference.mcap", folder / "impact_tick"
     if not found.exists():
