@@ -91,6 +91,13 @@ def test_a_conveyor_takes_the_box_along_only_as_friction_allows():
     np.testing.assert_allclose(impact_map(scene).twist("box")[0], 0.3, atol=1e-9)
 
 
+def test_a_box_that_is_pressed_on_a_moving_support_moves_with_it():
+    moving = replace(TABLE, velocity=(0.5, 0.0, 0.2))
+    held = Contact(("box", "table"), 0.1, maintained=True)
+    scene = Scene(contacts=(held,), objects={"box": box()}, supports={"table": moving})
+    np.testing.assert_allclose(impact_map(scene).twist("box"), [0.5, 0.0, 0.2, 0.0, 0.0, 0.0], atol=1e-12)
+
+
 def test_a_press_that_leaves_no_room_is_infeasible():
     lid = Plane(point=(0.0, 0.0, 0.2), normal=(0.0, 0.0, -1.0), velocity=(0.0, 0.0, -0.1))
     scene = Scene(
