@@ -183,7 +183,10 @@ class Stack:
 
     def wait_until_moving(self) -> None:
         """Wait for the moment. Raises SceneFailed."""
-        self.watched.wait_until_moving(lambda: self.process.poll() is None and self._job_runs())
+        try:
+            self.watched.wait_until_moving(lambda: self.process.poll() is None and self._job_runs())
+        except SceneFailed as failed:
+            raise SceneFailed(f"{failed}: {self._client.status().job}") from None
 
     def _job_runs(self) -> bool:
         job = self._client.status().job
