@@ -6,6 +6,7 @@ import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from multiprocessing import resource_tracker
 
 import dask.config
 from distributed import Client, LocalCluster
@@ -35,12 +36,13 @@ def local_crew(workers: int) -> Iterator[Client]:
     # workers that are ended in a trial leave its memory to Python's resource tracker: no need to warn of that
     os.environ["PYTHONWARNINGS"] = "ignore::UserWarning:multiprocessing.resource_tracker"
     with dask.config.set(_SETTINGS), _quiet():
+        resource_tracker.ensure_running()  # its first start would unblock the signals in the thread that needs it
         blocked = signal.pthread_sigmask(signal.SIG_BLOCK, INTERRUPTS)
         try:
             cluster = LocalCluster(
-                n_workers=workers, threads_per_worker=1, processes=True, host=LOOPBACK, dashboard_address=None,  # pyright: ignore[reportArgumentType] (distributed takes it)
-
-                silence_logs=logging.CRITICAL,
+                n_workers=workers, threads_per_worker=1, processes=True, host=LOOPBACK, silence_logs=logging.CRITICAL,
+                # the scheduler's HTTP server cannot be left out: let it be out of the way, with no dashboard
+                scheduler_kwargs={"dashboard": False, "dashboard_address": f"{LOOPBACK}:0"},
             )  # fmt: skip
             client = Client(cluster, timeout=CONNECT_S)
         finally:
