@@ -7,8 +7,9 @@ under `njit`; cosmic-ray rewrites the sources in place, under a stack that may b
 functions run as the plain Python that they are (NUMBA_DISABLE_JIT), and a mutant is a forked process.
 
 What became of each mutant is kept in .mutants/, in a file a version of judge and permit: the next run goes on from
-there. Survivors are run again where the tests have changed. Prints killed / total; exit status 1 where a survivor is
-not listed in mutation_survivors.txt, or not all have been run; 2 where the tests fail on the judge as it is.
+there. Survivors that nobody has listed are run again where the tests have changed. Prints killed / total; exit status
+1 where a survivor is not listed in mutation_survivors.txt, or not all have been run; 2 where the tests fail on the
+judge as it is.
 """
 
 import argparse
@@ -46,9 +47,10 @@ class Results:
         self._tests = digest(*TESTS, HERE / "judge_oracle.py", HERE / "judge_samples.py", modules=())
         self.killed: dict[str, bool] = {}
         self.by_other_tests: set[str] = set()
+        tolerated = listed()
         for line in self._path.read_text().splitlines() if self._path.exists() else ():
             status, tests, name = line.split("\t")
-            if tests == self._tests or status == "killed":
+            if tests == self._tests or status == "killed" or name in tolerated:
                 self.killed[name] = status == "killed"
             if tests != self._tests:
                 self.by_other_tests.add(name)

@@ -27,6 +27,12 @@ def test_the_capsules_are_those_of_the_description_and_reach_to_their_furthest_p
         assert body["reach"][k] == pytest.approx(radius + np.linalg.norm(np.subtract(a, b)) / 2)
 
 
+def test_a_base_stands_upright_at_the_origin_unless_told_otherwise():
+    assert Base() == Base((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+    assert Tool() == Tool((0.1, 0.1, 0.03), 0.03)
+    np.testing.assert_array_equal(arm_body(Base(), Tool())["base_rotation"], np.eye(3))
+
+
 def test_joints_and_face_are_where_the_published_table_says():
     body = arm_body(Base(), Tool(flange_to_face=0.05))
     for i, (a, d, alpha) in enumerate(DH[:7]):

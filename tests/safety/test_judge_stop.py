@@ -125,6 +125,25 @@ def test_a_profile_ends_at_the_position_limit_and_does_not_pull_back(joint, sign
         assert judge.memory["dq_hold"][0, joint] == pytest.approx(-sign * (1.0 - BRAKING[joint] * 1e-3))
 
 
+@pytest.mark.parametrize("joint", range(7))
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_profile_that_arrives_exactly_at_the_limit_is_not_beyond_it(joint, sign):
+    line = HARDWARE.q_upper[joint] if sign > 0 else HARDWARE.q_lower[joint]
+    speed = 1.0 - BRAKING[joint] * 1e-3
+    judge = SafetyJudge()
+    judge.judge(arm_sample(0), Reason.COMMANDED)
+    place = line - sign * speed * 1e-3
+    for candidate in (place, np.nextafter(place, -9.0), np.nextafter(place, 9.0)):
+        if candidate + sign * speed * 1e-3 == line:
+            place = candidate
+    assert place + sign * speed * 1e-3 == line
+    judge.memory["q_hold"][0, joint], judge.memory["dq_hold"][0, joint] = place, sign * 1.0
+    judge.judge(arm_sample(1))
+    assert (judge.memory["q_hold"][0, joint], judge.memory["dq_hold"][0, joint]) == (line, sign * speed)
+    judge.judge(arm_sample(2))
+    assert (judge.memory["q_hold"][0, joint], judge.memory["dq_hold"][0, joint]) == (line, 0.0)
+
+
 def test_an_arm_whose_state_is_lost_brakes_from_where_it_was_last_seen():
     judge = SafetyJudge()
     judge.judge(arm_sample(0, q=HOME + 0.1, dq=0.5))
