@@ -13,8 +13,11 @@ VENDOR = (franka.FrankaException, RuntimeError, ValueError)
 
 
 def names_in(text: str) -> tuple[str, ...]:
-    """Return the vendor's error names in a message, in the order of the wire."""
-    words = set("".join(c if c.isalnum() or c == "_" else " " for c in text).split())
+    """Return the vendor's error names in a message, in the order of the wire.
+
+    libfranka spells one of them in two ways: tau_J_range_violation, and tau_j_range_violation in its list.
+    """
+    words = set("".join(c if c.isalnum() or c == "_" else " " for c in text.lower()).split())
     return tuple(name for name in ROBOT_ERRORS if name in words)
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from rtstack.control.parameters import DetectorParameters
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def impact_now(force, velocity, history, head, count, force_low, force_high, velocity_bound):
     """Push (|f|, v) into the history of one arm and return whether 1)-3) hold now.
 

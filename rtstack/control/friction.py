@@ -5,7 +5,7 @@ import math
 from numba import njit
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def friction_torque(dq, p1, p2, p3, scale, out):
     """Write the torque (7,), Nm, that overcomes the friction at dq: it has the sign of the velocity."""
     for i in range(7):

@@ -8,7 +8,7 @@ from rtstack.control.dense import cholesky, solve_lower, symmetric_eigen
 from rtstack.model.rotation import log_so3, quaternion_from_rotation, transpose_multiply
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def task_inertia(work):
     """Lambda^-1 = J M^-1 J^T (8) and sqrt(Lambda) from its eigenvectors."""
     L = work.factor
@@ -43,7 +43,7 @@ def task_inertia(work):
             work.sqrt_Lambda[j, i] = s
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def desired_wrench(work, setpoint, control):
     """(5), (22), (27): feedforward + weight D (v_d - v) + K (pose error, along the inertial axes); D from (7)."""
     relative = work.relative
@@ -71,7 +71,7 @@ def desired_wrench(work, setpoint, control):
     quaternion_from_rotation(setpoint.rotation, control.pose_ref[3:7])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def desired_posture(q, dq, setpoint, control, joint):
     """(10), (24), (31): beta = beta_ff + 2 sqrt(k) weight (dxi_d - dxi) + k (xi_d - xi)."""
     k = setpoint.posture_gain
@@ -82,7 +82,7 @@ def desired_posture(q, dq, setpoint, control, joint):
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def quadratic_cost(work, control, joint, weight_impedance, weight_posture, regularisation):
     """Hessian and gradient of (15) and (26): w_imp |J ddq + dJ dq - Lambda^-1 f|^2 + w_pos (ddq_joint - beta)^2."""
     b = work.six

@@ -13,7 +13,7 @@ from rtstack.control.limits import acceleration_bounds, torque_bounds
 from rtstack.control.observer import momentum_residual
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def observe(
     samples, workspaces, controls, M, C, g, J0, dJ0, R7, p7, face, R_joint_ee, R_world_base, B_theta,
     p1, p2, p3, friction_scale, observer_gain, dt, history, head, count, force_low, force_high, velocity_bound,
@@ -43,7 +43,7 @@ def observe(
     return impact_now(work.force_world, work.twist, history, head, count, force_low, force_high, velocity_bound)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def pose_problem(
     samples, workspaces, setpoints, controls, joint, weight_impedance, weight_posture, regularisation,
     limits_table, tau_max, dt,
@@ -75,7 +75,7 @@ def pose_problem(
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def torque(workspaces, samples, tau_step):
     """tau = M ddq + C dq + friction (4), gravity excluded, at most tau_step Nm away from the last applied torque."""
     work = workspaces[0]
@@ -88,7 +88,7 @@ def torque(workspaces, samples, tau_step):
         out[i] = min(max(tau, last - tau_step), last + tau_step)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def force_norm(left, right):
     """(33): the norm of both arms' desired wrenches in one vector of twelve. Written to both controls."""
     square = 0.0

@@ -8,7 +8,7 @@ collision-monitoring paper. r converges to the torque that the environment exert
 from numba import njit
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def momentum_residual(work, M, C, tau_J, dq, gain, dt, control):
     """Advance the observer. control.momentum_residual has the sign of tau_ext_hat_filtered, i.e. -r, Nm."""
     for i in range(7):

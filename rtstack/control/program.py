@@ -35,7 +35,7 @@ class Program(Protocol):
         ...
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def optimality_error(H, gradient, lower, upper, M, tau_lower, tau_upper, x, multipliers):
     """Largest violation of the KKT conditions: feasibility (rad/s^2, Nm), signs and complementarity, stationarity.
 

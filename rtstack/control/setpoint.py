@@ -5,7 +5,7 @@ from numba import njit
 from rtstack.model.rotation import exp_so3, log_so3, multiply, transpose_multiply
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def copy_point(point, setpoint):
     """Ask for a point of a reference as it is."""
     for i in range(3):
@@ -20,7 +20,7 @@ def copy_point(point, setpoint):
     setpoint.beta = point.beta
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def blend_points(ante, post, gamma, setpoint, work):
     """Interim mode: ante-impact references at gamma = 0, post-impact ones at gamma = 1, (27), (28), (31).
 
@@ -40,7 +40,7 @@ def blend_points(ante, post, gamma, setpoint, work):
     setpoint.beta = (1.0 - gamma) * ante.beta + gamma * post.beta
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def choose(ante, post, index, blend, gamma, velocity_weight, setpoints, work):
     """Write setpoints[0] from the points ante[index] and post[index]; blend: 0 ante, 1 interim, 2 post."""
     setpoint = setpoints[0]

@@ -9,6 +9,7 @@ import pytest
 
 from hal.errors import CommandRejected, ConnectionLost, HardwareError
 from hal.fci import FciArm, FciPair, Tool
+from hal.fci.faults import names_in
 from hal.state import ARM_STATE, RobotMode
 from rtstack.cli.simulator import Simulator
 from sim_robot.cell import simulated_cell
@@ -186,3 +187,8 @@ def test_a_simulator_does_not_outlive_who_started_it():
 def test_a_simulator_that_cannot_start_says_why():
     with pytest.raises(HardwareError, match=r"the simulated robot did not start: .*anvil"):
         Simulator("anvil", 0.0, 0, lockstep=True)
+
+
+def test_an_error_is_known_in_either_of_the_vendor_s_spellings() -> None:
+    assert names_in("motion aborted by reflex! [tau_J_range_violation]") == ("tau_j_range_violation",)
+    assert names_in('{"joint_reflex": true, nothing_of_the_kind}') == ("joint_reflex",)
