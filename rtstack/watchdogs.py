@@ -16,6 +16,7 @@ from rtstack.log.sink import FLUSH_NS
 from rtstack.loop.end import End
 from rtstack.loop.rest import STOP_TICKS
 from rtstack.loop.watchdogs import CONSOLE_S, OPERATOR_S, OVERRUN_TICKS
+from rtstack.safety.judge import LIMITED_TICKS
 from rtstack.safety.limits import LARGEST_GAP_S
 from rtstack.safety.permit import LEASE_S
 from rtstack.safety.reasons import Reason
@@ -52,7 +53,10 @@ WATCHDOGS = (
     Entry("not a number", "state, residual and desired torque", 1, "tick", Reason.NOT_FINITE.text, _STOP, "judge"),
     Entry("tick overrun", "both arms' turns together longer than a period, in a row; clocks of their own only",
           OVERRUN_TICKS, "ticks", End.TICK_OVERRUN, _ALONE, "loop"),
-    Entry("stale state", "a state that does not change", _MS, "ms", Reason.STATE_AGE.text, _STOP, "judge"),
+    Entry("stale state", "a state that does not change", _MS, "ms", Reason.STATE_AGE.text,
+          f"{_STOP}; then, since nobody can brake by such a state, {_ROBOT}", "judge, loop"),
+    Entry("impossible torque", "ticks in a row whose torque the judge had to limit", LIMITED_TICKS, "ticks",
+          f"{Reason.TORQUE.text}, {Reason.TORQUE_RATE.text}", _STOP, "judge"),
     Entry("missing states", "the robot's time between two states", _MS, "ms", Reason.STATE_GAP.text, _STOP, "judge"),
     Entry("time", "the robot's time goes on", 1, "tick", Reason.TIME_BACKWARDS.text, _STOP, "judge"),
     Entry("silent arm", "one arm is served and the other one is not", _MS, "ms", Reason.PAIR_SKEW.text, _STOP, "judge"),

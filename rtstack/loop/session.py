@@ -174,6 +174,8 @@ class Session:
         except Exception as error:
             self._go_on_alone(error)
         self._overrun.take(sides, time.perf_counter_ns() - began_ns)
+        if any(judge.blind for judge in self._judges):
+            return False  # by a state that does not change nobody can brake but the robot itself
         return not (self._controller.machine.mode is Mode.STOPPING and 0 in sides and self._at_rest())
 
     def _pause(self) -> None:

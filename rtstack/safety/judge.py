@@ -19,6 +19,9 @@ from rtstack.safety.stop import begin_stop, braking_torque, clip
 __all__ = ["Base", "Reason", "SafetyJudge", "SafetyLimits", "Tool", "Verdict", "pair_of_judges"]
 
 OTHER_ARM = int(Reason.OTHER_ARM)
+# A controller that keeps inside its limits is limited once, by chance; one that wants the impossible for so long has
+# failed. At the robot's rate its torque has gone astray by 10 Nm by then.
+LIMITED_TICKS = 10
 NEVER_NS = 2**62
 
 
@@ -51,13 +54,18 @@ def judge(samples, residual, memories, others, all_rules, demand):
             found = OTHER_ARM
         if found != 0:
             begin_stop(sample, memory, found)
+    verdict, reason = 0, 0
+    if memory["stopping"] == 0:
+        reason = clip(sample, rule, memory, sample["tau_desired"])
+        memory["limited"] = memory["limited"] + 1 if reason != 0 else 0
+        verdict = 0 if reason == 0 else 1
+        if memory["limited"] >= LIMITED_TICKS:
+            begin_stop(sample, memory, reason)
     if memory["stopping"] != 0:
         braking_torque(sample, rule, memory)
         clip(sample, rule, memory, sample["tau_applied"])
         verdict, reason = 2, memory["reason"]
     else:
-        reason = clip(sample, rule, memory, sample["tau_desired"])
-        verdict = 0 if reason == 0 else 1
         for i in range(7):
             memory["tau_hold"][i] += rule["hold_share"] * (sample["tau_applied"][i] - memory["tau_hold"][i])
             memory["q_hold"][i] = sample["q"][i]
@@ -89,6 +97,7 @@ class SafetyJudge:
             self._rules.flags.writeable = False
         self._no_residual = np.zeros(7)
         self._stopping, self._reason = self.memory["stopping"], self.memory["reason"]
+        self._stale_ns, self._gap_max_ns = self.memory["stale_ns"], int(self._rules["gap_max_ns"][0])
         self.interventions = 0
         self.limited = 0
 
@@ -96,6 +105,11 @@ class SafetyJudge:
     def stopping(self) -> bool:
         """Whether a stop has been latched."""
         return self._stopping[0] != 0
+
+    @property
+    def blind(self) -> bool:
+        """Whether the state has not changed for longer than allowed: a stop by it pushes an arm that it cannot see."""
+        return self._stale_ns[0] > self._gap_max_ns
 
     @property
     def reason(self) -> Reason:
@@ -142,7 +156,7 @@ class SafetyJudge:
         """Forget a latched stop and start anew from no torque. Returns NONE, or the reason that persists in the state
         of `sample` (1,): the stop then stays. Of a pair, ask both. Not for the tick; motion needs arming besides."""
         trial = self.memory.copy()
-        trial["stopping"], trial["seen"], self._other["silent_ns"] = 0, 0, 0
+        trial["seen"], self._other["silent_ns"] = 0, 0
         look = self._no_residual if residual is None else residual
         found = find_violation(sample[0], look, self._other.copy()[0], self._rules[0], trial[0])
         if found == 0:

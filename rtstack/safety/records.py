@@ -47,6 +47,7 @@ MEMORY = np.dtype(
         ("dq_hold", "f8", 7),
         ("stopping", "i8"),
         ("reason", "i8"),
+        ("limited", "i8"),  # ticks in a row
         ("joint", "i8"),
         ("value", "f8"),
         ("bound", "f8"),

@@ -209,7 +209,9 @@ def test_a_stale_state_stops(stage):
         record["t_ns"] = t_ns
 
     played = stage.play(change=lambda cell: replace(cell, right=WrappedArm(cell.right, freeze)))
-    assert played.stops("^safety stop: right: the state is stale") <= AT + 21
+    first = played.stops("^safety stop: right: the state is stale")
+    assert first <= AT + 21
+    assert len(played.ticks) <= first + 2  # by that state nobody can brake: the robot does
 
 
 def test_a_lost_arm_ends_the_session_and_says_which(stage):

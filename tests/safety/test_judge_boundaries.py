@@ -206,6 +206,29 @@ def test_the_torque_s_bound_comes_first_where_the_robot_was_commanded_more(joint
         assert sample["tau_applied"][0, joint] == sign * (HARDWARE.tau_max[joint] - (1.0 - 1e-4))
 
 
+@pytest.mark.parametrize(("wanted", "reason"), [(200.0, Reason.TORQUE), (60.0, Reason.TORQUE_RATE)])
+def test_who_wants_the_impossible_for_ten_ticks_is_stopped(wanted, reason):
+    judge, sample = SafetyJudge(), arm_sample()
+    step, ticks = 1.0 - 1e-4, iter(range(1, 100))
+
+    def ask(torque) -> Verdict:
+        sample["tau_desired"][0, 2] = torque
+        sample["t_ns"] = next(ticks) * 1_000_000
+        sample["q"][0, 0] += 1e-9  # a state that lives
+        return judge.judge(sample)
+
+    assert [ask(wanted) for _ in range(9)] == [Verdict.LIMITED] * 9
+    assert ask(sample["tau_applied"][0, 2]) is Verdict.PASS  # back to its senses: it counts anew
+    assert [ask(wanted) for _ in range(9)] == [Verdict.LIMITED] * 9
+    assert not judge.stopping
+    last = float(sample["tau_applied"][0, 2])
+    assert ask(wanted) is Verdict.STOPPING
+    assert (judge.reason, judge.joint, judge.memory["value"][0] > 40.0) == (reason, 3, True)
+    assert sample["tau_applied"][0, 2] == pytest.approx(last - step)  # no more of it
+    assert ask(0.0) is Verdict.STOPPING
+    assert (judge.limited, judge.interventions) == (18, 19)
+
+
 def _evidence(sample, reason: Reason, joint: int, residual=NONE, limits=HARDWARE) -> tuple[float, float]:
     """Return what was found and what was allowed."""
     judge = SafetyJudge(limits)
