@@ -138,8 +138,9 @@ class Session:
             self._end(Trip(End.HARDWARE, str(error)))
             self._publisher.event(self._time.t_ns, Level.ERROR, "robot", str(error))
         finally:
-            for arm in self._arms:
-                arm.stop()
+            # whose state stands still may take its time to say that it has stopped
+            for k in sorted((0, 1), key=lambda k: self._judges[k].blind):
+                self._arms[k].stop()
             if collecting:
                 gc.enable()
         self._tell_end()

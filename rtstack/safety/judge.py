@@ -19,9 +19,9 @@ from rtstack.safety.stop import begin_stop, braking_torque, clip
 __all__ = ["Base", "Reason", "SafetyJudge", "SafetyLimits", "Tool", "Verdict", "pair_of_judges"]
 
 OTHER_ARM = int(Reason.OTHER_ARM)
-# A controller that keeps inside its limits is limited once, by chance; one that wants the impossible for so long has
-# failed. At the robot's rate its torque has gone astray by 10 Nm by then.
-LIMITED_TICKS = 10
+# A controller that keeps inside its limits may be limited once, by rounding or by chance; one that goes on wanting what
+# is impossible has failed. At the robot's rate its torque is 2 Nm astray by then.
+LIMITED_TICKS = 3
 NEVER_NS = 2**62
 
 

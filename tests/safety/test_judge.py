@@ -43,7 +43,7 @@ def test_torque_never_exceeds_its_limit(joint):
     judge, sample = SafetyJudge(), _sample()
     for tick in range(200):
         # now and then what it has: who wants too much without end is stopped
-        wanted = FR3.tau_max[joint] + 5.0 if tick % 9 else sample["tau_applied"][0, joint]
+        wanted = FR3.tau_max[joint] + 5.0 if tick % 3 else sample["tau_applied"][0, joint]
         sample["tau_desired"][0, joint] = wanted
         judge.judge(sample)
         assert sample["tau_applied"][0, joint] <= FR3.tau_max[joint]

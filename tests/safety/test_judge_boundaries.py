@@ -154,12 +154,12 @@ def test_the_speed_of_the_end_effector_and_the_power_have_their_lines():
 @pytest.mark.parametrize("joint", range(7))
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_torque_and_torque_rate_are_limited_exactly(joint, sign):
-    judge = SafetyJudge()
     step = 1.0 * (1.0 - 1e-4)
     for start in (0.0, HARDWARE.tau_max[joint] - 0.5, HARDWARE.tau_max[joint]):
         for wanted in (start, start + step, nextafter(start + step, 99.0), start - step, start - 2.0, 1e6, -1e6):
             last = np.zeros(7)
             last[joint] = sign * start
+            judge = SafetyJudge()
             judge.memory["tau_applied"][0] = last
             desired = last.copy()
             desired[joint] = sign * wanted
@@ -207,7 +207,7 @@ def test_the_torque_s_bound_comes_first_where_the_robot_was_commanded_more(joint
 
 
 @pytest.mark.parametrize(("wanted", "reason"), [(200.0, Reason.TORQUE), (60.0, Reason.TORQUE_RATE)])
-def test_who_wants_the_impossible_for_ten_ticks_is_stopped(wanted, reason):
+def test_who_wants_the_impossible_for_three_ticks_is_stopped(wanted, reason):
     judge, sample = SafetyJudge(), arm_sample()
     step, ticks = 1.0 - 1e-4, iter(range(1, 100))
 
@@ -217,16 +217,16 @@ def test_who_wants_the_impossible_for_ten_ticks_is_stopped(wanted, reason):
         sample["q"][0, 0] += 1e-9  # a state that lives
         return judge.judge(sample)
 
-    assert [ask(wanted) for _ in range(9)] == [Verdict.LIMITED] * 9
+    assert [ask(wanted) for _ in range(2)] == [Verdict.LIMITED] * 2
     assert ask(sample["tau_applied"][0, 2]) is Verdict.PASS  # back to its senses: it counts anew
-    assert [ask(wanted) for _ in range(9)] == [Verdict.LIMITED] * 9
+    assert [ask(wanted) for _ in range(2)] == [Verdict.LIMITED] * 2
     assert not judge.stopping
     last = float(sample["tau_applied"][0, 2])
     assert ask(wanted) is Verdict.STOPPING
-    assert (judge.reason, judge.joint, judge.memory["value"][0] > 40.0) == (reason, 3, True)
+    assert (judge.reason, judge.joint, judge.memory["value"][0] > 50.0) == (reason, 3, True)
     assert sample["tau_applied"][0, 2] == pytest.approx(last - step)  # no more of it
     assert ask(0.0) is Verdict.STOPPING
-    assert (judge.limited, judge.interventions) == (18, 19)
+    assert (judge.limited, judge.interventions) == (4, 5)
 
 
 def _evidence(sample, reason: Reason, joint: int, residual=NONE, limits=HARDWARE) -> tuple[float, float]:
