@@ -1,6 +1,7 @@
 """The arm as its URDF describes it, in the form that the plant needs."""
 
 from dataclasses import dataclass
+from functools import cache
 from xml.etree import ElementTree
 
 import numpy as np
@@ -86,8 +87,9 @@ def _link(element: ElementTree.Element) -> Link:
     )
 
 
+@cache
 def fr3_description() -> ArmDescription:
-    """Read hal's URDF of the FR3. Raises ValueError where it is not a chain of seven z joints."""
+    """Read hal's URDF of the FR3. Raises ValueError where it is not a chain of seven z joints. Shared: do not write."""
     root = ElementTree.fromstring(fr3_urdf())
     links = {link.attrib["name"]: link for link in root.findall("link")}
     joints = {joint.attrib["name"]: joint for joint in root.findall("joint")}
