@@ -8,6 +8,7 @@ when its standard input closes, so that it never outlives its supervisor.
 
 import argparse
 import contextlib
+import ctypes
 import signal
 import sys
 import threading
@@ -47,6 +48,7 @@ from rtstack.trials.result import DemonstrationResult, TrialResult
 from rtstack.trials.run import prepare_trial, run_demonstration, run_trial
 from rtstack.trials.start_motion import start_motion
 
+_libc = ctypes.CDLL(None)
 _RETRY_S = 2.0  # between two attempts to open a cell that was lost
 # what the supervisor says by a signal, and what a session that runs then ends with
 _ENDS = {
@@ -221,6 +223,8 @@ class Robot:
         if self._cell is not None:
             self._cell.close()
             self._cell = None
+            # what cell after cell leaves behind in pieces is locked memory: let go of it, while nothing moves
+            _libc.malloc_trim(0)
 
 
 def _recover_both(cell: Cell) -> None:
