@@ -54,25 +54,22 @@ def judge(samples, residual, memories, others, all_rules, demand):
             found = OTHER_ARM
         if found != 0:
             begin_stop(sample, memory, found)
-    verdict, reason = 0, 0
     if memory["stopping"] == 0:
         reason = clip(sample, rule, memory, sample["tau_desired"])
         memory["limited"] = memory["limited"] + 1 if reason != 0 else 0
-        verdict = 0 if reason == 0 else 1
-        if memory["limited"] >= LIMITED_TICKS:
-            begin_stop(sample, memory, reason)
-    if memory["stopping"] != 0:
-        braking_torque(sample, rule, memory)
-        clip(sample, rule, memory, sample["tau_applied"])
-        verdict, reason = 2, memory["reason"]
-    else:
-        for i in range(7):
-            memory["tau_hold"][i] += rule["hold_share"] * (sample["tau_applied"][i] - memory["tau_hold"][i])
-            memory["q_hold"][i] = sample["q"][i]
-            memory["dq_hold"][i] = sample["dq"][i]
+        if memory["limited"] < LIMITED_TICKS:
+            for i in range(7):
+                memory["tau_applied"][i] = sample["tau_applied"][i]
+                memory["tau_hold"][i] += rule["hold_share"] * (sample["tau_applied"][i] - memory["tau_hold"][i])
+                memory["q_hold"][i] = sample["q"][i]
+                memory["dq_hold"][i] = sample["dq"][i]
+            return 0 if reason == 0 else 1, reason
+        begin_stop(sample, memory, reason)
+    braking_torque(sample, rule, memory)
+    clip(sample, rule, memory, sample["tau_applied"])
     for i in range(7):
         memory["tau_applied"][i] = sample["tau_applied"][i]
-    return verdict, reason
+    return 2, memory["reason"]
 
 
 class SafetyJudge:
@@ -109,7 +106,7 @@ class SafetyJudge:
     @property
     def blind(self) -> bool:
         """Whether the state has not changed for longer than allowed: a stop by it pushes an arm that it cannot see."""
-        return self._stale_ns[0] > self._gap_max_ns
+        return bool(self._stale_ns[0] > self._gap_max_ns)
 
     @property
     def reason(self) -> Reason:

@@ -229,6 +229,22 @@ def test_who_wants_the_impossible_for_three_ticks_is_stopped(wanted, reason):
     assert (judge.limited, judge.interventions) == (4, 5)
 
 
+@pytest.mark.parametrize("demand", [Reason.NONE, Reason.COMMANDED])
+def test_the_judge_is_blind_from_when_a_state_is_stale_whoever_asked_for_the_stop(demand):
+    judge, sample = SafetyJudge(), arm_sample()
+    gap_ms = round(HARDWARE.state_gap_max_s * 1e3)
+    blind = []
+    for tick in range(gap_ms + 4):
+        sample["t_ns"] = (tick + 1) * 1_000_000
+        judge.judge(sample, demand)
+        blind.append(judge.blind)
+    assert blind == [False] * (gap_ms + 2) + [True] * 2  # the first two states are what its time is counted from
+    sample["q"][0, 3] += 1e-9
+    sample["t_ns"] += 1_000_000
+    judge.judge(sample)
+    assert judge.blind is False
+
+
 def _evidence(sample, reason: Reason, joint: int, residual=NONE, limits=HARDWARE) -> tuple[float, float]:
     """Return what was found and what was allowed."""
     judge = SafetyJudge(limits)
