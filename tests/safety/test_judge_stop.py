@@ -204,3 +204,14 @@ def test_masses_that_do_what_they_are_told_stop_in_about_the_ideal_distance():
     ideal = 0.36 / (2.0 * BRAKING)
     assert np.all(q - HOME > 0.5 * ideal)
     assert np.all(q - HOME < 2.5 * ideal)
+
+
+def test_the_torque_of_a_stop_goes_on_from_its_own_last_one():
+    judge, sample = SafetyJudge(), arm_sample()
+    torques = []
+    for tick in range(6):
+        sample["t_ns"] = (tick + 1) * 1_000_000
+        sample["dq"][0, 0] = 2.0 if tick else 0.0  # pushed: it wants to damp with far more than a tick's step
+        judge.judge(sample, Reason.COMMANDED)
+        torques.append(float(sample["tau_applied"][0, 0]))
+    assert torques == pytest.approx([-(1.0 - 1e-4) * tick for tick in range(6)])
