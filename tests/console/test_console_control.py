@@ -20,6 +20,7 @@ SHORT_LEASE_S = 1.0
 def hasty(served):
     """A console whose robot gives an operator half the time."""
     served.desk.helm._permit._lease_s = SHORT_LEASE_S
+    wait_for(lambda: served.parts.watch.view.status is not None)  # the console has just begun to ask
     return served
 
 
