@@ -62,7 +62,7 @@ class WholeRunLog(TrialLog):
                 for attachment in self._attachments:
                     sink.attach(attachment.name, attachment.media_type, attachment.data)
                 values = {key: value if isinstance(value, str) else json.dumps(value) for key, value in result.items()}
-                LogWriter(self.rings, sink, FrameTree(self._frames, fr3_urdf())).finish(values, "closed")
+                LogWriter(self.rings, sink, FrameTree(self._frames, fr3_urdf())).finish(values, "closed", self.evidence)
             os.replace(partial, self.path)
         except OSError as error:
             partial.unlink(missing_ok=True)

@@ -10,13 +10,15 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from rtstack.campaign.plan import load_plan
+from rtstack.campaign.plan import load_plan, plan_file
+from rtstack.campaign.trial_log import WholeRunLog
 from rtstack.cli.campaign_cell import open_conditioned_cell
 from rtstack.cli.cells import default_cell_file
 from rtstack.log.reader import read_log
+from rtstack.loop.end import End
 from rtstack.samples import TOPICS, Mode
-from rtstack.trials.record import open_log
-from rtstack.trials.run import prepare_trial, run_trial
+from rtstack.trials.record import frames, open_log
+from rtstack.trials.run import SPARE_TICKS, prepare_trial, run_trial
 from rtstack.trials.specification import Controller, TrialSpecification
 
 
@@ -84,6 +86,26 @@ def test_the_log_is_the_one_that_the_log_process_writes(finished, command, cell,
     assert {a.name for a in ours.attachments} == {a.name for a in theirs.attachments}
     assert ours.metadata.keys() == theirs.metadata.keys() | {"campaign"}
     assert ours.metadata["log"] == theirs.metadata["log"]
+
+
+def test_a_trial_that_the_judge_ends_leaves_its_evidence_in_the_log(finished, cell, tmp_path):
+    reference = finished.out / "references" / "rice_box-0.mcap"
+    specification = TrialSpecification(str(reference), safety=(("dq_max", (0.2,) * 7),))
+    prepared = prepare_trial(specification, cell)
+    log = WholeRunLog(
+        tmp_path / "faulted.mcap", prepared.reference.ticks + SPARE_TICKS, {}, [], frames(cell, specification.object)
+    )
+    opened = open_conditioned_cell(
+        specification.object, 0.0, 1, load_plan(plan_file("reference-spreading").path).conditions["nominal"]
+    )
+    try:
+        assert not run_trial(prepared, opened, log=log).success
+    finally:
+        opened.close()
+    left = read_log(log.path)
+    assert left.metadata["fault"]["end"] == End.SAFETY
+    assert "faster than its position allows" in left.metadata["fault"]["detail"]
+    assert "last_second.npz" in {attachment.name for attachment in left.attachments}
 
 
 class _Sources(HTMLParser):
