@@ -28,7 +28,8 @@ class Conditions:
     """The contact of a trial, and how much it differs between repetitions. Scatter: standard deviations.
 
     pad_stiffness N/m; friction coefficients; friction_scatter a fraction of the pads' and of the table's friction;
-    tau_ext_cutoff_hz of the robot's filter of the external torque, on which the impact detector waits.
+    tau_ext_cutoff_hz of the robot's filter of the external torque, on which the impact detector waits; speed_m_s of the
+    pads at the object's surface in the demonstration, if not the variation's own.
     """
 
     pad_stiffness: Positive
@@ -38,6 +39,7 @@ class Conditions:
     placement_mm: NotNegative
     placement_yaw_deg: NotNegative
     tau_ext_cutoff_hz: Positive
+    speed_m_s: Positive | None = None
 
 
 @checked(frozen=True, slots=True, config=STRICT)
@@ -110,8 +112,13 @@ class Plan:
 
     def references(self) -> tuple[Reference, ...]:
         """Return every reference that has to be recorded, in the order of the file."""
-        names = dict.fromkeys(name for experiment in self.experiments for name in experiment.references)
-        return tuple(Reference.named(name) for name in names)
+        wanted = [
+            replace(Reference.named(name), speed_m_s=self.conditions[conditions].speed_m_s)
+            for experiment in self.experiments
+            for conditions in experiment.conditions
+            for name in experiment.references
+        ]
+        return tuple(dict.fromkeys(wanted))
 
     def trials(self, experiment: Experiment, chosen: Sequence[Reference] = ()) -> list[Trial]:
         """Return the trials of an experiment; chosen: the references that were selected for it.
@@ -123,7 +130,7 @@ class Plan:
             Trial(
                 experiment=experiment.name,
                 conditions=conditions,
-                reference=reference.name,
+                reference=replace(reference, speed_m_s=self.conditions[conditions].speed_m_s).name,
                 object=reference.object,
                 displacement_mm=displacement_mm,
                 repetition=repetition,

@@ -184,7 +184,7 @@ def _embedded(path: Path, caption: str) -> Markup:
 
 
 def _words(values: dict[str, Any]) -> str:
-    return ", ".join(f"{name} {value:g}" for name, value in values.items())
+    return ", ".join(f"{name} {value:g}" for name, value in values.items() if value is not None)
 
 
 def _pace(invocations: list[Row]) -> str:

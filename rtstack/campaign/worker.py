@@ -86,7 +86,7 @@ def _attachments(bench: Bench) -> list[Attachment]:
 def record(bench: Bench, reference: Reference, conditions: Conditions, seed: int) -> str | None:
     """Record a demonstration. Returns None, or in one line why there is none."""
     description = _description(bench)
-    specification = DemonstrationSpecification(reference.object, reference.variation, seed)
+    specification = DemonstrationSpecification(reference.object, reference.variation, seed, reference.speed_m_s)
     metadata = {"trial": trial_metadata(specification, CELL, None)}
     log = WholeRunLog(
         bench.out / RECORDINGS / reference.file, LONGEST_DEMONSTRATION + SPARE_TICKS, metadata,

@@ -34,6 +34,10 @@ def teach(
     object_name: ObjectName = "rice_box",
     variation: Annotated[int, typer.Option(help="Number of the demonstration.", min=0)] = 0,
     seed: Seed = 0,
+    speed: Annotated[
+        float | None,
+        typer.Option(help="Speed of the pads at the object, m/s, if not the variation's.", min=0.1, max=0.6),
+    ] = None,
     cell: Annotated[str, typer.Option(help="direct, lockstep, realtime or fci:LEFT,RIGHT.")] = "direct",
     cell_file: CellFile = None,
     json: Json = False,
@@ -41,7 +45,7 @@ def teach(
     """Record a scripted demonstration through the teleoperation path."""
     from rtstack.cli.trials import teach as run
 
-    run(output, object_name, variation, seed, cell, cell_file, json)
+    run(output, object_name, variation, seed, speed, cell, cell_file, json)
 
 
 @app.command()

@@ -20,11 +20,12 @@ FAILED = 1
 
 
 def teach(
-    output: Path, object_name: str, variation: int, seed: int, cell_kind: str, cell_file: Path | None, json: bool
-) -> None:
+    output: Path, object_name: str, variation: int, seed: int, speed_m_s: float | None,
+    cell_kind: str, cell_file: Path | None, json: bool,
+) -> None:  # fmt: skip
     """Record a demonstration to `output`, which must not exist yet."""
     description, source = load_description(cell_file)
-    specification = DemonstrationSpecification(object_name, variation, seed)
+    specification = DemonstrationSpecification(object_name, variation, seed, speed_m_s)
     check_object(object_name, description)
     check_log_path(output)
     cell = open_cell(cell_kind, object_name, 0.0, seed, description)

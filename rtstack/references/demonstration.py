@@ -3,7 +3,7 @@
 Variations are numbered. Each differs from the next in speed, path, height and timing; variation 0 is the plain one.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,8 +39,16 @@ class Grab:
     lag_s: tuple[float, float] = (0.0, 0.0)  # no two hands are quite simultaneous
 
 
-def grab(variation: int) -> Grab:
-    """Return the demonstration of this number. The ranges are a person's: some ten per cent in speed and path."""
+def grab(variation: int, speed_m_s: float | None = None) -> Grab:
+    """Return the demonstration of this number. The ranges are a person's: some ten per cent in speed and path.
+
+    speed_m_s: at the surface towards the object, whatever the number says.
+    """
+    script = _variation(variation)
+    return script if speed_m_s is None else replace(script, speed_y=speed_m_s)
+
+
+def _variation(variation: int) -> Grab:
     if variation == 0:
         return Grab()
     rng = np.random.default_rng([variation, 0x6772])

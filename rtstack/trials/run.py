@@ -149,7 +149,7 @@ def run_demonstration(
     arms = arm_controllers(description, parameters)
     period_s = parameters.control.period_s
     targets = scripted_targets(
-        script or grab(specification.variation),
+        script or grab(specification.variation, specification.speed_m_s),
         (arms[0].model, arms[1].model),
         np.array([description.left.home, description.right.home]),
         description.objects[specification.object],

@@ -38,11 +38,15 @@ class TrialSpecification:
 
 @dataclass(frozen=True, slots=True)
 class DemonstrationSpecification:
-    """One scripted demonstration: variations by number differ as a person's would."""
+    """One scripted demonstration: variations by number differ as a person's would.
+
+    speed_m_s: of the pads at the object's surface, towards it; None: the variation's own.
+    """
 
     object: str = "rice_box"
     variation: int = 0
     seed: int = 0
+    speed_m_s: float | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return the specification as JSON-ready values."""

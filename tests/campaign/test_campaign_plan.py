@@ -100,3 +100,26 @@ def test_references_are_chosen_by_their_success():
     rows = [{"reference": f"rice_box/{n}", "success": (n, k) not in failed} for n in range(5) for k in range(4)]
     assert [reference.variation for reference in select(rows, 3)] == [2, 3, 4]
     assert [reference.variation for reference in select(rows, 4)] == [0, 2, 3, 4]
+
+
+@pytest.mark.parametrize(("name", "speed"), [("rice_box/3", None), ("bottles/0@0.45", 0.45)])
+def test_a_reference_is_its_name(name, speed):
+    reference = Reference.named(name)
+    assert reference.name == name
+    assert reference.speed_m_s == speed
+    assert reference.file == f"{name.replace('/', '-')}.mcap"
+
+
+def test_conditions_with_a_speed_have_references_of_their_own_and_the_same_arms():
+    plan = load_plan(plan_file("reference-spreading-sensitivity").path)
+    (experiment,) = plan.experiments
+    trials = {
+        (t.conditions, t.reference.partition("@")[0], t.displacement_mm, t.repetition): t
+        for t in plan.trials(experiment)
+    }
+    fast, nominal = (trials[conditions, "rice_box/0", -30.0, 1] for conditions in ("fast", "nominal"))
+    assert fast.reference == "rice_box/0@0.45"
+    assert nominal.reference == "rice_box/0"
+    assert fast.seed == nominal.seed
+    assert len(plan.references()) == 5 * 4
+    assert {t.reference for t in trials.values()} == {reference.name for reference in plan.references()}
