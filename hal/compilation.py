@@ -13,7 +13,10 @@ from pathlib import Path
 _PREFIX = "rtstack-"
 _ROOT = Path(__file__).resolve().parents[1]
 # the packages in which something is compiled, and what they take constants from
-_COMPILED = ("hal", "rtstack/control", "rtstack/model", "rtstack/safety", "rtstack/log", "rtstack/loop", "sim_robot")
+_COMPILED = (
+    "hal", "rtstack/control", "rtstack/log", "rtstack/loop", "rtstack/model", "rtstack/monitor", "rtstack/safety",
+    "rtstack/studies/planar", "sim_robot",
+)  # fmt: skip
 
 
 def keep_compiled_code_by_its_sources() -> None:

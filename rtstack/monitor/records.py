@@ -1,0 +1,86 @@
+"""The monitor's state and tuning as fixed-size records, for arms of any number of joints, and what it can say."""
+
+from enum import IntEnum
+
+import numpy as np
+
+LONGEST_WINDOW = 63  # ticks: the largest m_max
+
+
+class Verdict(IntEnum):
+    """Impact of Algorithm 1. It comes a horizon (xi) after the last impact and, once unexpected, stays."""
+
+    NONE = 0
+    EXPECTED = 1
+    UNEXPECTED = 2
+
+
+class Reason(IntEnum):
+    """The first condition that was not met."""
+
+    NONE = 0
+    TIME = 1  # (10): too early or too late
+    CONFIGURATION = 2  # (11): in another place
+    SPACING = 3  # (12): too long after the impact before
+    ENVELOPE = 4  # (17): the motion after it is another one
+    NO_IMPACT = 5  # (10) cannot be met any more
+
+
+def parameters_dtype(joints: int) -> np.dtype:
+    """Return the record of a tuning: rates Nm/s, times ns, decay 1/s, rad, rad/s."""
+    return np.dtype(
+        [
+            ("residual_rate", "f8", (joints,)),
+            ("window", "i8"),
+            ("delay_ns", "i8"),
+            ("decay", "f8"),
+            ("configuration", "f8"),
+            ("time_ns", "i8"),
+            ("horizon_ns", "i8"),
+            ("velocity", "f8"),
+            ("spacing_ns", "i8"),
+        ]
+    )
+
+
+def monitor_dtype(joints: int) -> np.dtype:
+    """Return the record of the state. All zero: nothing seen, nothing expected (see `monitor_expect`).
+
+    instantaneous, post_impact and verdict are of Verdict; the first two are known before the verdict is. margin: 1
+    where all is as meant, 0 at the bound of the nearest condition, negative beyond it.
+    """
+    n = (joints,)
+    return np.dtype(
+        [
+            # what is expected
+            ("expecting", "i8"),
+            ("t_d_ns", "i8"),
+            ("q_d", "f8", n),
+            # what is said
+            ("verdict", "i8"),
+            ("reason", "i8"),
+            ("joint", "i8"),  # of the envelope that left zero outside, -1 for other reasons
+            ("margin", "f8"),
+            ("instantaneous", "i8"),
+            ("post_impact", "i8"),
+            # impacts (9)
+            ("impact", "i8"),  # 1 in the tick of an impact
+            ("impacts", "i8"),
+            ("t_first_ns", "i8"),
+            ("t_impact_ns", "i8"),
+            ("since_impact", "i8"),  # ticks
+            # signals: r Nm, its rate (8) Nm/s, e_vel (14) and its envelope (16) rad/s
+            ("rate", "f8", n),
+            ("error", "f8", n),
+            ("lower", "f8", n),
+            ("upper", "f8", n),
+            # memory
+            ("ticks", "i8"),
+            ("t_ns", "i8"),
+            ("residual", "f8", n),
+            ("head", "i8"),
+            ("history", "f8", (LONGEST_WINDOW + 1, joints)),
+            ("instantaneous_margin", "f8"),
+            ("window_margin", "f8"),  # since the last impact; above 1 where zero lies deep inside the envelopes
+        ]
+    )

@@ -1,0 +1,1 @@
+"""The studies that reproduce the papers on plants of their own."""
