@@ -156,3 +156,14 @@ def test_of_a_trial_without_contact_and_detection_what_there_is(grab, cell):
     assert away.delay_peak is None
     assert away.settled_ms is None
     assert away.peak_in_window == 0.0
+
+
+def test_a_tilted_pad_meets_the_box_with_its_corner(grab, cell):
+    arm = grab.columns.arm.copy()
+    tilt = 0.07
+    about_z = np.array([[np.cos(tilt), -np.sin(tilt), 0.0], [np.sin(tilt), np.cos(tilt), 0.0], [0.0, 0.0, 1.0]])
+    base = base_frame(cell.right).rotation
+    arm[1]["O_T_EE"][:, :3, :3] = base.T @ about_z @ base @ arm[1]["O_T_EE"][:, :3, :3]
+    seen = Passage(replace(grab.columns, arm=arm)).measured(cell)
+    earlier_s = np.sin(tilt) * cell.pad.size[0] / 2.0 / SPEED
+    assert seen.first_contact_s == pytest.approx(1e-3 * HIT - earlier_s, abs=1e-3)
