@@ -73,12 +73,17 @@ class Evaluation:
     def mean_force(
         self, controller: Controller, displacement_mm: float, name: str = "average_force_norm"
     ) -> Interval | None:
-        """Return a point of Figure 11: the mean of (33), or of another column, over references and repetitions."""
-        return _by_reference(self.of(FIGURE11, controller=controller, displacement_mm=displacement_mm), name)
+        """Return a point of Figure 11: the mean of (33), or of another column, over references and repetitions.
+
+        Of successful trials: what ended early has no 200 ms around its impact.
+        """
+        return _by_reference(
+            self.of(FIGURE11, controller=controller, displacement_mm=displacement_mm, success=True), name
+        )
 
     def mean(self, controller: Controller, name: str) -> Interval | None:
-        """Return the mean of a column over all trials of a controller."""
-        rows = [row for row in self.rows if row["controller"] == controller]
+        """Return the mean of a column over all successful trials of a controller."""
+        rows = [row for row in self.rows if row["controller"] == controller and row["success"]]
         groups: dict[object, list[float]] = defaultdict(list)
         for row in rows:
             if row[name] is not None:
