@@ -15,6 +15,7 @@ from rtstack.campaign.claims import Claim, judge_claims, millimetres, shown
 from rtstack.campaign.evaluation import FIGURE11, NAMES, PAPER_TABLE2, TABLE2, Evaluation
 from rtstack.campaign.figures import figure5, figure8, figure10, figure11, logged_trial
 from rtstack.campaign.plan import Experiment, Plan, PlanFile
+from rtstack.campaign.sensitivity import figure_sensitivity, outcomes
 from rtstack.campaign.store import Row, Store
 from rtstack.campaign.trial import Reference
 from rtstack.campaign.worker import RECORDINGS
@@ -63,7 +64,11 @@ def write_report(store: Store, plan: Plan, file: PlanFile, description: CellDesc
     folder = store.out / FIGURES
     folder.mkdir(exist_ok=True)
     names = [name for name in plan.conditions if any(row["conditions"] == name for row in rows)]
-    parts = [_part(Evaluation(rows, name), plan, folder) for name in names]
+    evaluations = [Evaluation(rows, name) for name in names]
+    parts = [_part(evaluation, plan, folder) for evaluation in evaluations]
+    several = len(names) > 1
+    if several:
+        figure_sensitivity(folder / "sensitivity.png", evaluations)
     figures = _single_trials(rows, store.out, folder, description)
     about = store.about()
     environment = Environment(
@@ -73,7 +78,7 @@ def write_report(store: Store, plan: Plan, file: PlanFile, description: CellDesc
     page = environment.get_template(PAGE).render(
         plan=plan, file=file, rows=rows, planned=plan.size(), parts=parts, figures=figures,
         headings=["success", "lift difference", *(heading for heading, *_ in SIDE_BY_SIDE)],
-        overview=_overview([Evaluation(rows, name) for name in names]) if len(names) > 1 else [],
+        overview=_overview(evaluations) if several else [], outcomes=outcomes(evaluations) if several else [],
         verdicts=Counter(str(claim.verdict) for part in parts for claim in part.claims),
         controllers=list(NAMES.values()), plan_commit=about["plan_commit"],
         commits=sorted({row["git_commit"] for row in rows}),

@@ -7,6 +7,7 @@ import pytest
 
 from rtstack.campaign.claims import Verdict, judge_claims
 from rtstack.campaign.evaluation import NAMES, Evaluation, kind_of
+from rtstack.campaign.sensitivity import outcomes
 from rtstack.campaign.store import COLUMNS
 from rtstack.trials.specification import Controller
 
@@ -100,3 +101,15 @@ def test_failures_are_counted_without_their_numbers():
     a = kind_of("safety stop: left: joint 6: the torque is too large (12.3 Nm, allowed 12)")
     assert a == kind_of("safety stop: left: joint 6: the torque is too large (14.1 Nm, allowed 12)")
     assert kind_of("the object was not held until release") == "the object was not held until release"
+
+
+def test_conditions_side_by_side_say_where_an_order_appears():
+    equal = dict.fromkeys(GRABS, 20)
+    nominal = [r for r in rows(grabs=equal) if r["experiment"] == "table2"]
+    hard = [r | {"conditions": "hard"} for r in rows(grabs=GRABS) if r["experiment"] == "table2"]
+    for r in nominal + hard:
+        r["average_force_norm"] = FORCE[Controller(r["controller"])] + 0.01 * len(r["reference"])
+    lines = {o.conditions: o for o in outcomes([Evaluation(nominal + hard, name) for name in ("nominal", "hard")])}
+    assert dict(lines["nominal"].verdicts)[FEWEST] == Verdict.UNDECIDED
+    assert dict(lines["hard"].verdicts)[FEWEST] in (Verdict.HOLDS, Verdict.WITHIN)
+    assert lines["hard"].lowest.startswith("Proposed approach")
