@@ -194,18 +194,19 @@ def simulated_cell(
     box_kind: type[ControlBox] = ControlBox,
     faults: tuple[Fault, ...] = (),
     on_the_wire: bool = False,
+    arms_seed: int | None = None,
 ) -> SimulatedCell:
     """Build the cell with this object, `displacement_m` along the world's y from its place.
 
     Without a clock it is lockstep: nothing waits, and a seed gives bit-identical states. `on_the_wire`: an
-    FCI server stands in front, and carries out the faults of the link. Raises UnknownObject,
-    ObjectOutOfReach, BadParameterFile, FaultNeedsLink.
+    FCI server stands in front, and carries out the faults of the link. arms_seed: of the arms alone, where the same
+    ones are to meet other noise. Raises UnknownObject, ObjectOutOfReach, BadParameterFile, FaultNeedsLink.
     """
     if not on_the_wire:
         refuse_link_faults(faults)
     layout = load_scene(scene)
     parameters = load_plant_parameters() if parameters is None else parameters
-    plant = Plant(layout, parameters, object_name, displacement_m, seed)
+    plant = Plant(layout, parameters, object_name, displacement_m, seed, arms_seed)
     return SimulatedCell(plant, layout, parameters, seed, clock, box_kind, faults)
 
 

@@ -69,9 +69,9 @@ class _Pair:
         self.plain = tuple(
             PlainArm(
                 ArmModel(mounting, description.pad), parameters.control, parameters.detector, parameters.inertia,
-                parameters.friction, parameters.solver,
+                friction, parameters.solver,
             )
-            for mounting in mountings
+            for mounting, friction in zip(mountings, parameters.friction, strict=True)
         )  # fmt: skip
         self.homes = [np.array(mounting.home) for mounting in mountings]
         self.stiffness = np.array(parameters.control.stiffness)

@@ -63,12 +63,29 @@ def trial(
     safety: Annotated[
         Path | None, typer.Option(metavar="FILE", help="TOML with a table [safety]: limits that this trial tightens.")
     ] = None,
+    friction: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Friction, made by `rtstack identify-friction`.")
+    ] = None,
     json: Json = False,
 ) -> None:
     """Run one trial: follow a recording through the impact."""
     from rtstack.cli.trials import trial as run
 
-    run(reference, controller, object_name, displacement_mm, seed, log, cell, cell_file, json, safety)
+    run(reference, controller, object_name, displacement_mm, seed, log, cell, cell_file, json, safety, friction)
+
+
+@app.command("identify-friction")
+def identify_friction(
+    output: Annotated[Path, typer.Argument(metavar="OUT.toml", help="The file to write; logs go beside it.")],
+    cell: Annotated[str, typer.Option(help="direct, lockstep, realtime or fci:LEFT,RIGHT.")] = "direct",
+    seed: Seed = 0,
+    runs: Annotated[int, typer.Option(help="Runs of each joint.", min=1, max=20)] = 2,
+    cell_file: CellFile = None,
+) -> None:
+    """Move one joint after the other, with the object out of the way, and write both arms' friction."""
+    from rtstack.cli.friction import identify_friction as run
+
+    run(output, cell, seed, cell_file, runs)
 
 
 @app.command()

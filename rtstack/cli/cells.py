@@ -30,16 +30,17 @@ def load_description(path: Path | None) -> tuple[CellDescription, Path]:
 
 def open_cell(
     kind: str, object_name: str, displacement_m: float, seed: int, description: CellDescription | None = None,
-    faults: Path | None = None,
+    faults: Path | None = None, noise_seed: int | None = None,
 ) -> Cell:  # fmt: skip
     """Open a cell with the object in its place. Raises TrialError for an unknown kind, HardwareError from the cell.
 
     kind: direct (the plant in this process, deterministic); lockstep and realtime (a simulated robot in a process of
     its own, over the wire: it waits for answers, or keeps 1 kHz); fci:LEFT,RIGHT (robots at these addresses).
-    faults: a script for a simulated robot, as for `rtstack sim --faults`.
+    faults: a script for a simulated robot, as for `rtstack sim --faults`. noise_seed: of placement and noise in the
+    direct cell, where the same arms are to be met again.
     """
     if kind == "direct":
-        return _direct_cell(object_name, displacement_m, seed, faults)
+        return _direct_cell(object_name, displacement_m, seed, faults, noise_seed)
     description = description or load_description(None)[0]
     if kind in ("lockstep", "realtime"):
         return _simulator_cell(kind, object_name, displacement_m, seed, _tool(description), faults)
@@ -48,14 +49,17 @@ def open_cell(
     return _fci_cell(kind, description)
 
 
-def _direct_cell(object_name: str, displacement_m: float, seed: int, faults: Path | None) -> Cell:
+def _direct_cell(
+    object_name: str, displacement_m: float, seed: int, faults: Path | None, noise_seed: int | None
+) -> Cell:
     from sim_robot.cell import simulated_cell
     from sim_robot.faults.file import load_faults
     from sim_robot.strict_toml import BadParameterFile
 
     try:
         script = () if faults is None else load_faults(faults)
-        return simulated_cell(object_name, displacement_m, seed, faults=script).as_cell("direct")
+        noise = seed if noise_seed is None else noise_seed
+        return simulated_cell(object_name, displacement_m, noise, faults=script, arms_seed=seed).as_cell("direct")
     except BadParameterFile as error:
         raise TrialError(str(error)) from None
 

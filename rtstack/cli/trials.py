@@ -1,5 +1,6 @@
 """`rtstack teach` and `rtstack trial`: everything is checked before the cell is opened and the log is begun."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import typer
@@ -43,10 +44,15 @@ def teach(
 
 def trial(
     reference: Path, controller: Controller, object_name: str, displacement_mm: float, seed: int, log_path: Path | None,
-    cell_kind: str, cell_file: Path | None, json: bool, safety: Path | None = None,
+    cell_kind: str, cell_file: Path | None, json: bool, safety: Path | None = None, friction: Path | None = None,
 ) -> None:  # fmt: skip
-    """Run a trial on the recording `reference`; without `log_path` nothing is written. safety: limits to tighten."""
+    """Run a trial on the recording `reference`; without `log_path` nothing is written. safety: limits to tighten.
+
+    friction: the arms', instead of what the cell's file names.
+    """
     description, source = load_description(cell_file)
+    if friction is not None:
+        description = replace(description, joint_friction=friction)
     tightening = load_tightening(safety) if safety is not None else ()
     specification = TrialSpecification(str(reference), controller, object_name, displacement_mm, seed, tightening)
     if log_path is not None:

@@ -16,7 +16,8 @@ from rtstack.control.observer import momentum_residual
 @njit(cache=True, error_model="numpy")
 def observe(
     samples, workspaces, controls, M, C, g, J0, dJ0, R7, p7, face, R_joint_ee, R_world_base, B_theta,
-    p1, p2, p3, friction_scale, observer_gain, dt, history, head, count, force_low, force_high, velocity_bound,
+    p1, p2, p3, friction_scale, gravity_share, observer_gain, dt, history, head, count, force_low, force_high,
+    velocity_bound,
 ):  # fmt: skip
     """Take the state in samples[0] and the model's arrays at it; return whether this arm was hit in this tick."""
     sample = samples[0]
@@ -32,6 +33,8 @@ def observe(
         work.coriolis[i] = coriolis
         work.gravity[i] = g[i]
     friction_torque(sample.dq, p1, p2, p3, friction_scale, work.friction)
+    for i in range(7):
+        work.friction[i] += gravity_share[i] * g[i]
     momentum_residual(work, M, C, sample.tau_J, sample.dq, observer_gain, dt, control)
     for i in range(3):
         # O_F_ext_hat_K is what the robot does to its environment; the detector wants the opposite

@@ -24,6 +24,9 @@ class ControlParameters:
     interim_s: float = 0.1  # Delta t_int
     stiffness_teleoperation: Array = _fixed(300.0, 300.0, 300.0, 20.0, 20.0, 20.0)  # K_r
     stiffness: Array = _fixed(2000.0, 2000.0, 2000.0, 20.0, 20.0, 20.0)  # K^a = K^int = K^p
+    # (23) of the impact-map paper follows the post-impact reference as soon as an impact is detected; (27) of the
+    # reference-spreading paper blends the references, which demonstrated ones need and planned ones do not
+    blend_interim: bool = True
     posture_gain: float = 500.0  # k_pos, 1/s^2
     posture_joint: int = 0  # the paper's choice: joint 1
     weight_impedance: float = 1.0
@@ -56,12 +59,16 @@ class InertiaParameters:
 
 @dataclass(frozen=True, slots=True)
 class FrictionParameters:
-    """Sigmoid friction of an identified Panda (Gaz et al., RA-L 2019):
+    """Sigmoid friction, by default of an identified Panda (Gaz et al., RA-L 2019):
 
     tau_fric = p1 / (1 + exp(-p2 (dq + p3))) - p1 / (1 + exp(-p2 p3)), Nm.
+
+    gravity_share: what the robot's own gravity compensation lacks, as a share of the arm's gravity torque at each
+    joint; in free motion it is seen together with friction, and added to it.
     """
 
     p1: Array = _fixed(0.54615, 0.87224, 0.64068, 1.2794, 0.83904, 0.30301, 0.56489)
     p2: Array = _fixed(5.1181, 9.0657, 10.136, 5.5903, 8.3469, 17.133, 10.336)
     p3: Array = _fixed(0.039533, 0.025882, -0.04607, 0.036194, 0.026226, -0.021047, 0.0035526)
     scale: float = 1.0
+    gravity_share: Array = _fixed(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

@@ -104,6 +104,7 @@ class PlainArm:
         M = M_links + (np.diag(self._inertia.B_theta) if self._inertia.include_B_theta else 0.0)
         f = self._friction
         friction = f.scale * (f.p1 / (1.0 + np.exp(-f.p2 * (dq + f.p3))) - f.p1 / (1.0 + np.exp(-f.p2 * f.p3)))
+        friction = friction + f.gravity_share * g
         residual = self._observe(M_links, C, g, state, dt)
         impact = self._detect(-self._R_world_base @ state.O_F_ext_hat_K[:3], twist[:3])
 

@@ -65,6 +65,7 @@ class ArmController:
         self._friction = friction
         # writable copies: compiled code makes one specialisation for all arrays
         self._p1, self._p2, self._p3 = (np.array(p) for p in (friction.p1, friction.p2, friction.p3))
+        self._gravity_share = np.array(friction.gravity_share)
         self._B_theta = np.array(inertia.B_theta) if inertia.include_B_theta else np.zeros(7)
         self._R_world_base = np.ascontiguousarray(model.T_world_base[:3, :3])
         history = ImpactDetector(detector, parameters.period_s)
@@ -90,8 +91,8 @@ class ArmController:
         self.impact = observe(
             self.sample, self.workspace, self.control, model.M, model.C, model.g, model.J0, model.dJ0, model.R7,
             model.p7, model.face, model.R_joint_ee, self._R_world_base, self._B_theta, self._p1, self._p2, self._p3,
-            self._friction.scale, self._inertia.observer_gain_hz, self.parameters.period_s, self._history,
-            self._head, self._count, d.force_low_n, d.force_high_n, d.velocity_m_s,
+            self._friction.scale, self._gravity_share, self._inertia.observer_gain_hz, self.parameters.period_s,
+            self._history, self._head, self._count, d.force_low_n, d.force_high_n, d.velocity_m_s,
         )  # fmt: skip
 
     def command(self, mode: Mode) -> QpStatus:
@@ -128,6 +129,8 @@ class ArmController:
         """Write the setpoint from the references ante and post, (n,) of POINT, at the tick `index`, held at the end."""
         index = min(index, len(ante) - 1)
         blend = max(ANTE, _BLEND[machine.mode])
+        if blend == INTERIM and not self.parameters.blend_interim:
+            blend = POST
         choose(ante, post, index, blend, machine.gamma, machine.velocity_weight, self.setpoint, self.workspace)
         self._mode[0] = machine.mode
         self._gamma[0] = machine.gamma

@@ -1,6 +1,6 @@
 """What a lab knows about its cell: where the arms stand, what they carry, where a trial starts."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -88,7 +88,10 @@ class TorqueFilter:
 
 @checked(frozen=True, slots=True, config=STRICT)
 class CellDescription:
-    """A cell, as its TOML describes it (deploy/cells). safety: the limits that it tightens (rtstack.safety.limits)."""
+    """A cell, as its TOML describes it (deploy/cells). safety: the limits that it tightens (rtstack.safety.limits).
+
+    joint_friction: the file that `rtstack identify-friction` wrote on this cell; in the TOML relative to its folder.
+    """
 
     name: str
     simulated: bool
@@ -101,6 +104,7 @@ class CellDescription:
     start_motion: StartMotionLimits = field(default_factory=StartMotionLimits)
     torque_filter: TorqueFilter = field(default_factory=TorqueFilter)
     safety: dict[str, Any] = field(default_factory=dict)
+    joint_friction: Path | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,4 +136,6 @@ def load_cell_description(path: Path) -> CellDescription:
             check()
         except ValueError as error:
             raise ConfigurationError(f"{path}: key {key}{error}") from None
+    if description.joint_friction is not None:
+        description = replace(description, joint_friction=path.resolve().parent / description.joint_friction)
     return description

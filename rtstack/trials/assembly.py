@@ -1,6 +1,6 @@
 """Puts a controller together: models, arms, judges, with everything compiled before the robot is armed."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from rtstack.model.cell_description import CellDescription
 from rtstack.safety.judge import Base, SafetyJudge, Tool, pair_of_judges
 from rtstack.safety.limits import SafetyLimits
 from rtstack.samples import Mode, QpSolver
+from rtstack.trials.friction import load_friction
 from rtstack.trials.specification import Controller
 from rtstack.trials.tightening import safety_limits
 
@@ -26,18 +27,30 @@ STRATEGIES = {
 
 @dataclass(frozen=True, slots=True)
 class Parameters:
-    """All numbers of a controller."""
+    """All numbers of a controller. friction: of the left and of the right arm."""
 
     control: ControlParameters
     detector: DetectorParameters
     inertia: InertiaParameters
-    friction: FrictionParameters
+    friction: tuple[FrictionParameters, FrictionParameters]
     solver: QpSolver = QpSolver.PROXQP
 
 
 def default_parameters() -> Parameters:
     """Return the papers' numbers."""
-    return Parameters(ControlParameters(), DetectorParameters(), InertiaParameters(), FrictionParameters())
+    published = FrictionParameters()
+    return Parameters(ControlParameters(), DetectorParameters(), InertiaParameters(), (published, published))
+
+
+def cell_parameters(description: CellDescription) -> Parameters:
+    """Return the papers' numbers, with the friction that was identified on this cell where its description names it.
+
+    Raises ConfigurationError.
+    """
+    parameters = default_parameters()
+    if description.joint_friction is None:
+        return parameters
+    return replace(parameters, friction=load_friction(description.joint_friction))
 
 
 def arm_controllers(cell: CellDescription, parameters: Parameters) -> tuple[ArmController, ArmController]:
@@ -48,10 +61,10 @@ def arm_controllers(cell: CellDescription, parameters: Parameters) -> tuple[ArmC
             parameters.control,
             parameters.detector,
             parameters.inertia,
-            parameters.friction,
+            friction,
             parameters.solver,
         )
-        for mounting in (cell.left, cell.right)
+        for mounting, friction in zip((cell.left, cell.right), parameters.friction, strict=True)
     )
     return left, right
 

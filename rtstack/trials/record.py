@@ -17,7 +17,7 @@ from rtstack.loop.watchdogs import Trip
 from rtstack.model.cell_description import CellDescription, base_frame
 from rtstack.references.spreading import ExtendedReference
 from rtstack.trials.provenance import git_commit, host_report, package_versions
-from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
+from rtstack.trials.specification import Specification, SweepSpecification, TrialSpecification
 
 LOCKSTEP_KINDS = ("direct", "lockstep")  # cells whose robot waits for its answer
 ROOM = 64  # records: below it a run that is faster than the log waits between two ticks
@@ -93,7 +93,7 @@ class TrialLog:
 
 def open_log(
     path: Path,
-    specification: TrialSpecification | DemonstrationSpecification,
+    specification: Specification,
     description: CellDescription,
     cell_kind: str,
     cell_file: Path,
@@ -125,12 +125,13 @@ def open_log(
 
 
 def trial_metadata(
-    specification: TrialSpecification | DemonstrationSpecification,
+    specification: Specification,
     cell_kind: str,
     reference: ExtendedReference | None,
 ) -> dict[str, str]:
     """Return the metadata record `trial`: nested values are JSON."""
-    kind = "trial" if isinstance(specification, TrialSpecification) else "demonstration"
+    kinds = {TrialSpecification: "trial", SweepSpecification: "identification"}
+    kind = kinds.get(type(specification), "demonstration")
     realtime = {} if cell_kind in LOCKSTEP_KINDS else {f"loop_{k}": v for k, v in obtainable().as_dict().items()}
     times = {}
     if reference is not None:

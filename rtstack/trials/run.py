@@ -15,7 +15,7 @@ from rtstack.control.modes import Strategy
 from rtstack.log.ring import Rings
 from rtstack.loop.end import End
 from rtstack.loop.fault import Fault
-from rtstack.loop.history import History
+from rtstack.loop.history import Columns, History
 from rtstack.loop.publisher import Publisher
 from rtstack.loop.session import Plan, Session, SessionOutcome, StopSignal
 from rtstack.loop.watchdogs import Trip, Watchdog
@@ -29,7 +29,7 @@ from rtstack.trials.assembly import (
     STRATEGIES,
     Parameters,
     arm_controllers,
-    default_parameters,
+    cell_parameters,
     dual_arm_controller,
     safety_judges,
 )
@@ -64,7 +64,7 @@ def prepare_trial(
     specification: TrialSpecification, description: CellDescription, parameters: Parameters | None = None
 ) -> PreparedTrial:
     """Read and check what a trial needs. Raises TrialError with one line."""
-    parameters = parameters or default_parameters()
+    parameters = parameters or cell_parameters(description)
     check_object(specification.object, description)
     limits = safety_limits(description, specification.safety)
     control = parameters.control
@@ -144,7 +144,7 @@ def run_demonstration(
 
     script: what to do instead of the specification's variation. way: to home, gone before the first tick.
     """
-    parameters = parameters or default_parameters()
+    parameters = parameters or cell_parameters(description)
     check_object(specification.object, description)
     arms = arm_controllers(description, parameters)
     period_s = parameters.control.period_s
@@ -165,6 +165,32 @@ def run_demonstration(
         result = _demonstration_result(specification, cell.name, outcome, run, log)
         incomplete = log.close(result.as_dict()) if log is not None else None
     return _with_log(result, incomplete)
+
+
+def run_motion(
+    plan: Plan,
+    description: CellDescription,
+    parameters: Parameters,
+    cell: Cell,
+    *,
+    log: TrialLog | None,
+    stop: StopSignal | None = None,
+    progress: Progress | None = None,
+    way: StartMotion | None = None,
+    watchdogs: Sequence[Watchdog] = (),
+) -> tuple[str | None, Columns]:
+    """Follow a plan that meets nothing, on an open cell. Closes the log, not the cell.
+
+    Returns why it failed, None for a success, and the samples.
+    """
+    limits = safety_limits(description)
+    run = _Run(description, parameters, plan, log, None, stop, progress, way, watchdogs, None, limits)
+    with _log_of(log):
+        outcome = run.follow(cell, Strategy.PROPOSED, 0.0)
+        reason = failure_reason(outcome.end, outcome.detail, outcome.safety_interventions)
+        result = {"success": reason is None, "failure_reason": reason}
+        incomplete = log.close(result) if log is not None else None
+    return reason or incomplete, run.history.columns()
 
 
 Result = TypeVar("Result", TrialResult, DemonstrationResult)

@@ -51,3 +51,20 @@ class DemonstrationSpecification:
     def as_dict(self) -> dict[str, Any]:
         """Return the specification as JSON-ready values."""
         return asdict(self)
+
+
+@dataclass(frozen=True, slots=True)
+class SweepSpecification:
+    """One run of a friction identification: this joint (1 to 7) of both arms moves, the object is out of the way."""
+
+    object: str
+    joint: int
+    run: int
+    seed: int = 0
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the specification as JSON-ready values."""
+        return asdict(self)
+
+
+Specification = TrialSpecification | DemonstrationSpecification | SweepSpecification

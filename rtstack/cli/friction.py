@@ -1,0 +1,88 @@
+"""`rtstack identify-friction`: everything is checked before an arm moves; a run that is complete is not made again."""
+
+from pathlib import Path
+
+import typer
+
+from hal.cell import Cell
+from rtstack.cli.cells import load_description, open_cell
+from rtstack.cli.interrupt import Interrupt, interruptible
+from rtstack.cli.progress import progress_bar
+from rtstack.identification.procedure import Identification, Run, lowest_object, runs_of
+from rtstack.log.errors import LogError
+from rtstack.loop.watchdogs import Parent
+from rtstack.model.cell_description import CellDescription
+from rtstack.trials.errors import TrialError
+from rtstack.trials.friction import ArmFriction, friction_toml
+from rtstack.trials.record import open_log
+from rtstack.trials.start_motion import start_motion
+
+FAILED = 1
+
+
+def identify_friction(output: Path, cell_kind: str, seed: int, cell_file: Path | None, runs: int) -> None:
+    """Identify the friction of a cell's arms and write it to `output`, which must not exist yet.
+
+    The logs of the runs are kept beside it, and what is missing of them is made when the command is given again.
+    """
+    description, source = load_description(cell_file)
+    if output.suffix != ".toml":
+        raise TrialError(f"{output}: a friction's file is a .toml")
+    if output.exists():
+        raise TrialError(f"{output} exists: choose another name, or remove it")
+    if not output.parent.is_dir():
+        raise TrialError(f"cannot write {output}: the folder {output.parent} does not exist")
+    identification = Identification(description)
+    logs = output.with_name(f"{output.stem}-logs")
+    missing = [
+        run for run in runs_of(lowest_object(description), runs, seed)
+        if not identification.take_log(run, logs / run.file)
+    ]  # fmt: skip
+    logs.mkdir(exist_ok=True)
+    with interruptible() as stop, progress_bar("friction identification", True) as progress:
+        for k, run in enumerate(missing):
+            cell = open_cell(cell_kind, run.specification.object, 0.0, seed, description, noise_seed=_noise(run))
+            try:
+                reason = _make(identification, run, cell, cell_kind, description, source, logs, stop)
+            finally:
+                cell.close()
+            if stop.stop_requested:
+                typer.echo("rtstack: interrupted; give the same command again to go on", err=True)
+                raise typer.Exit(FAILED)
+            if reason is not None:
+                typer.echo(f"rtstack: joint {run.specification.joint}: {reason}", err=True)
+                raise typer.Exit(FAILED)
+            if progress is not None:
+                progress((k + 1) / len(missing))
+    file = identification.file(description.name, seed)
+    output.write_text(friction_toml(file), encoding="utf-8")
+    for side, arm in (("left", file.left), ("right", file.right)):
+        typer.echo(f"{side}: " + _line(arm))
+    typer.echo(f"written: {output}; name it in the cell's file (joint_friction = {output.name!r}), or with --friction")
+
+
+def _make(
+    identification: Identification, run: Run, cell: Cell, cell_kind: str, description: CellDescription, source: Path,
+    logs: Path, stop: Interrupt,
+) -> str | None:  # fmt: skip
+    """Make one run; a log of one that was broken off is written over."""
+    way = start_motion(cell, description, "")
+    try:
+        log = open_log(logs / run.file, run.specification, description, cell_kind, source, overwrite=True)
+    except LogError as error:
+        raise TrialError(str(error)) from None
+    return identification.run(run, cell, log=log, stop=stop, way=way, watchdogs=(Parent(),))
+
+
+def _noise(run: Run) -> int:
+    """The same robot, seen through other noise in each run."""
+    return 1000 * run.specification.run + run.specification.joint
+
+
+def _line(arm: ArmFriction) -> str:
+    worst = max(range(len(arm.rms_nm)), key=lambda j: arm.rms_nm[j])
+    return (
+        f"p1 {' '.join(f'{p:.2f}' for p in arm.p1)} Nm; gravity off by "
+        f"{1e2 * max(map(abs, arm.gravity_share)):.2f} % at most; "
+        f"{arm.rms_nm[worst]:.3f} Nm rms left at most (joint {worst + 1})"
+    )

@@ -1,0 +1,1 @@
+"""What a robot's friction is: Appendix A of the impact-map paper, as a procedure that runs on the robot."""

@@ -1,0 +1,100 @@
+"""The motion of an identification: one joint of each arm to and fro, in free space, at several speeds."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtstack.control.parameters import ControlParameters
+from rtstack.control.records import POINT
+from rtstack.control.tick import ArmController
+from rtstack.loop.session import Plan
+from rtstack.model.cell_description import CellDescription
+from rtstack.references.quintic import ViaPoint, quintic_path
+from rtstack.samples import SIDES, Mode
+from rtstack.trials.errors import TrialError
+from rtstack.trials.start_motion import posture
+
+Array = NDArray[np.float64]
+
+# where the sweeps are: pads apart, over any object, in the middle of what grabs use. m, along the world's y and z
+CENTRE_Y, CENTRE_Z = 0.25, 0.5
+WAY_S = 1.6
+REST_S = 0.2
+# rad/s: grabs and pushes stay below 1.3 but for their vibrations; friction changes most where velocity is small
+PEAKS = (0.1, 0.3, 1.0)
+LEG_S = 1.125  # from one end to the other: a quintic from rest to rest, whose peak is 1.875 times its mean
+MIRROR = np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])  # the right arm is the left one's mirror image
+
+
+@dataclass(frozen=True, slots=True)
+class Sweep:
+    """joint: 0 to 6. plan: from home to the centre, the sweep, and home again; the samples between the times
+    begin_s and end_s count."""
+
+    joint: int
+    plan: Plan
+    begin_s: float
+    end_s: float
+
+
+def sweep(description: CellDescription, arms: tuple[ArmController, ArmController], joint: int) -> Sweep:
+    """Return the sweep of a joint (0 to 6) of both arms, mirror images. Raises TrialError where there is no room."""
+    control = ControlParameters()
+    begin_s = REST_S + WAY_S + REST_S
+    points, t_s = [ViaPoint(begin_s, 0.0)], begin_s
+    for peak in PEAKS:
+        reach = peak * LEG_S / 1.875 / 2.0
+        for part, place in ((0.5, reach), (1.0, -reach), (1.0, reach), (0.5, 0.0)):
+            t_s += part * LEG_S
+            points.append(ViaPoint(t_s, place))
+    end_s = t_s
+    t = np.arange(round((end_s + 2 * REST_S + WAY_S) / control.period_s)) * control.period_s
+    away, _ = quintic_path(points, t)
+    there = [ViaPoint(REST_S, 0.0), ViaPoint(REST_S + WAY_S, 1.0)]
+    back = [ViaPoint(end_s + REST_S, 1.0), ViaPoint(end_s + REST_S + WAY_S, 0.0)]
+    share, _ = quintic_path(there + back, t)
+    targets = np.zeros((2, len(t)), POINT)
+    for k, (arm, mounting) in enumerate(zip(arms, (description.left, description.right), strict=True)):
+        home = np.array(mounting.home)
+        q = home + share[:, None] * (_centre(arm, home, k) - home)
+        q[:, joint] += (1.0 if k == 0 else MIRROR[joint]) * away
+        _follow(arm, q, control.period_s, targets[k])
+    lower, upper = (
+        np.array(description.safety.get(f"ee_{end}", sign * np.full(3, np.inf)))
+        for end, sign in (("lower", -1.0), ("upper", 1.0))
+    )
+    positions = targets["position"]
+    if not np.all((positions >= lower) & (positions <= upper)):
+        raise TrialError(
+            f"the sweep of joint {joint + 1} would leave the cell's box (ee_lower, ee_upper under [safety]): "
+            "identify on a cell with more room"
+        )
+    plan = Plan(targets, targets, Mode.TELEOPERATION, control.stiffness, control.period_s)
+    return Sweep(joint, plan, begin_s, end_s)
+
+
+def _centre(arm: ArmController, home: Array, side: int) -> Array:
+    arm.sample["q"][0] = home
+    arm.observe()
+    point = np.zeros(1, POINT)
+    point["rotation"][0] = arm.workspace["rotation"][0]
+    x, y, _ = arm.workspace["position"][0]
+    point["position"][0] = x, np.copysign(CENTRE_Y, y), CENTRE_Z
+    point["xi"] = home[arm.parameters.posture_joint]
+    return posture(arm, home, point[0], SIDES[side])
+
+
+def _follow(arm: ArmController, q: Array, period_s: float, points: NDArray) -> None:
+    """Write the points (n,) at which the pad and the posture's joint are when the arm is at q (n, 7), rad."""
+    dq = np.gradient(q, period_s, axis=0)
+    joint = arm.parameters.posture_joint
+    for i in range(len(q)):
+        arm.sample["q"][0], arm.sample["dq"][0] = q[i], dq[i]
+        arm.observe()
+        work = arm.workspace[0]
+        points["position"][i], points["rotation"][i], points["twist"][i] = (
+            work["position"], work["rotation"], work["twist"],
+        )  # fmt: skip
+    points["xi"], points["dxi"] = q[:, joint], dq[:, joint]
+    points["beta"] = np.gradient(dq[:, joint], period_s)

@@ -1,0 +1,70 @@
+"""The file of an identified friction: what `rtstack identify-friction` writes, and what a cell or a trial names."""
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass as checked
+
+from rtstack.configuration import STRICT, load_toml
+from rtstack.control.parameters import FrictionParameters
+
+Number = Annotated[float, Field(allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+Share = Annotated[float, Field(ge=-0.2, le=0.2, allow_inf_nan=False)]
+Joints = tuple[Number, Number, Number, Number, Number, Number, Number]
+Shares = tuple[Share, Share, Share, Share, Share, Share, Share]
+Positives = tuple[NotNegative, NotNegative, NotNegative, NotNegative, NotNegative, NotNegative, NotNegative]
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class ArmFriction:
+    """One arm's, joints 1 to 7: p1 Nm, p2 s/rad, p3 rad/s, gravity_share as in FrictionParameters.
+
+    rms_nm: what the fit left of the feedback's torque in each tick, Nm; for people.
+    """
+
+    p1: Positives
+    p2: Positives
+    p3: Joints
+    gravity_share: Shares
+    rms_nm: Positives
+
+    def parameters(self) -> FrictionParameters:
+        """Return what a controller reads."""
+        return FrictionParameters(
+            np.array(self.p1), np.array(self.p2), np.array(self.p3), gravity_share=np.array(self.gravity_share)
+        )
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class FrictionFile:
+    """Both arms' friction, and where it comes from. runs: N_fric of (31)."""
+
+    cell: str
+    seed: Annotated[int, Field(ge=0)]
+    runs: Annotated[int, Field(ge=1)]
+    left: ArmFriction
+    right: ArmFriction
+
+
+def load_friction(path: Path) -> tuple[FrictionParameters, FrictionParameters]:
+    """Return the left and the right arm's friction. Raises ConfigurationError with one line that names the key."""
+    file = load_toml(path, FrictionFile)
+    return file.left.parameters(), file.right.parameters()
+
+
+def friction_toml(file: FrictionFile) -> str:
+    """Return the text of a friction file."""
+    lines = [
+        "# Identified by `rtstack identify-friction`: Appendix A of the impact-map paper, one joint at a time.",
+        '# A cell\'s TOML names this file (joint_friction = "..."), or `rtstack trial --friction`.',
+        f'cell = "{file.cell}"',
+        f"seed = {file.seed}",
+        f"runs = {file.runs}",
+    ]
+    for side, arm in (("left", file.left), ("right", file.right)):
+        lines += ["", f"[{side}]"]
+        lines += [f"{name} = {[round(v, 6) for v in getattr(arm, name)]}" for name in ArmFriction.__slots__]
+    return "\n".join(lines) + "\n"
