@@ -15,7 +15,7 @@ _ROOT = Path(__file__).resolve().parents[1]
 # the packages in which something is compiled, and what they take constants from
 _COMPILED = (
     "hal", "rtstack/control", "rtstack/log", "rtstack/loop", "rtstack/model", "rtstack/monitor", "rtstack/safety",
-    "rtstack/studies/planar", "sim_robot",
+    "rtstack/studies/planar", "rtstack/teleoperation", "sim_robot",
 )  # fmt: skip
 
 

@@ -15,7 +15,7 @@ from rtstack.log.ring import CAPACITY
 from rtstack.log.sink import FLUSH_NS
 from rtstack.loop.end import End
 from rtstack.loop.rest import STOP_TICKS
-from rtstack.loop.watchdogs import CONSOLE_S, OPERATOR_S, OVERRUN_TICKS
+from rtstack.loop.watchdogs import CLUTCH_S, CONSOLE_S, OPERATOR_S, OVERRUN_TICKS
 from rtstack.safety.judge import LIMITED_TICKS
 from rtstack.safety.limits import LARGEST_GAP_S
 from rtstack.safety.permit import LEASE_S
@@ -68,6 +68,10 @@ WATCHDOGS = (
           "hal"),
     Entry("operator heartbeat", "a word of the mailbox", OPERATOR_S, "s", End.OPERATOR_GONE, _STOP, "loop"),
     Entry("console heartbeat", "a word of the mailbox", CONSOLE_S, "s", End.CONSOLE_GONE, _STOP, "loop"),
+    Entry("clutch let go", "a word of the mailbox, while somebody teleoperates", 1, "tick", End.LET_GO,
+          "judge's stop; where the operator chose so, a clutch that is released makes the arms brake and hold", "loop"),
+    Entry("clutch heartbeat", "a word of the mailbox, while the clutch is held", CLUTCH_S, "s", End.CLUTCH_QUIET, _STOP,
+          "loop"),
     Entry("parent gone", "the process that started `rtstack trial` or `teach`", 1, "tick", End.PARENT_GONE, _STOP,
           "loop"),
     Entry("log process gone", "its exit", ROOM_TICKS, "ticks", End.LOG_FAILED, _STOP, "loop"),

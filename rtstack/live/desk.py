@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from rtstack.live.audit import AuditTrail
 from rtstack.live.helm import Helm
-from rtstack.live.protocol import Job, JobKind, JobRequest, JobState, Status, TrialRequest
+from rtstack.live.protocol import Job, JobKind, JobRequest, JobState, Status, TeleoperationRequest, TrialRequest
 from rtstack.live.source import CellSource
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox
@@ -53,7 +53,10 @@ class Desk:
             number = 1 if self._job is None else self._job.number + 1
             self.helm.begin(request.operator, f"{request.verb} {number}: {_title(request)}")
             self._order = request
-            self._job = Job(number, JobKind(request.verb), JobState.STARTING, _title(request), 0.0, time.time())
+            recorded = isinstance(request, TeleoperationRequest) and request.recorded
+            self._job = Job(
+                number, JobKind(request.verb), JobState.STARTING, _title(request), 0.0, time.time(), recorded=recorded
+            )
             self._news.set()
 
     def recover(self, operator: str) -> "Future[None]":
@@ -114,6 +117,11 @@ class Desk:
         with self._lock:
             self._object = object_name
 
+    @property
+    def job_number(self) -> int:
+        """Number of the newest job, 0 before the first one."""
+        return 0 if self._job is None else self._job.number
+
     def started(self, log: str) -> None:
         """Note that the job runs and which log it writes."""
         self._change(state=JobState.RUNNING, log=log)
@@ -160,4 +168,6 @@ class Desk:
 def _title(request: JobRequest) -> str:
     if isinstance(request, TrialRequest):
         return f"{request.controller}, {request.object}, {request.displacement_mm:+g} mm, seed {request.seed}"
+    if isinstance(request, TeleoperationRequest):
+        return f"{request.object}, {'recorded' if request.recorded else 'not recorded'}"
     return f"{request.object}, variation {request.variation}, seed {request.seed}"

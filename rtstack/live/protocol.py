@@ -13,7 +13,12 @@ from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
 
 from rtstack.safety.permit import Phase
-from rtstack.trials.specification import Controller, DemonstrationSpecification, TrialSpecification
+from rtstack.trials.specification import (
+    Controller,
+    DemonstrationSpecification,
+    TeleoperationSpecification,
+    TrialSpecification,
+)
 
 MAX_LINE_BYTES = 1 << 20  # a request or an answer is far shorter: what is longer is not ours
 
@@ -34,6 +39,7 @@ class JobKind(StrEnum):
 
     DEMONSTRATION = "demonstration"
     TRIAL = "trial"
+    TELEOPERATION = "teleoperation"
 
 
 class JobState(StrEnum):
@@ -96,6 +102,32 @@ class TrialRequest:
 
 
 @checked(frozen=True, slots=True, config=_STRICT)
+class TeleoperationRequest:
+    """Ask to move the arms by hand, by the operator who has armed. The targets go through the mailbox.
+
+    recorded: as a recording, from home; stop_on_release: the session ends with a clutch that is let go.
+    """
+
+    object: ObjectName = "rice_box"
+    seed: Seed = 0
+    recorded: bool = False
+    stop_on_release: bool = True
+    operator: Operator = field(kw_only=True)
+    verb: Literal["teleoperation"] = "teleoperation"
+
+    def specification(self, job: int) -> TeleoperationSpecification:
+        """Return what the trial module is asked for, as this job."""
+        return TeleoperationSpecification(
+            operator=self.operator,
+            object=self.object,
+            seed=self.seed,
+            recorded=self.recorded,
+            stop_on_release=self.stop_on_release,
+            job=job,
+        )
+
+
+@checked(frozen=True, slots=True, config=_STRICT)
 class TakeRequest:
     """Ask for the lease. `over_from`: from this holder, where they still have it and nothing moves."""
 
@@ -152,7 +184,7 @@ class RecoverRequest:
     verb: Literal["recover"] = "recover"
 
 
-JobRequest = DemonstrationRequest | TrialRequest
+JobRequest = DemonstrationRequest | TrialRequest | TeleoperationRequest
 ControlRequest = TakeRequest | ReleaseRequest | BeatRequest | ArmRequest | DisarmRequest | StopRequest | RecoverRequest
 Request = StatusRequest | JobRequest | ControlRequest
 
@@ -161,7 +193,8 @@ Request = StatusRequest | JobRequest | ControlRequest
 class Job:
     """One job. `progress` from 0 to 1, `reason` says why it failed or was stopped, `started_s` is Unix time.
 
-    `log` is the file's name in the folder of logs; `success` is the trial's verdict, None until there is one.
+    `log` is the file's name in the folder of logs; `success` is the trial's verdict, None until there is one;
+    `recorded`: a teleoperation that is a recording.
     """
 
     number: int
@@ -173,6 +206,7 @@ class Job:
     reason: str | None = None
     success: bool | None = None
     log: str | None = None
+    recorded: bool = False
 
     @property
     def active(self) -> bool:

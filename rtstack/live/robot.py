@@ -29,7 +29,7 @@ from rtstack.live.client import SOCKET_NAME
 from rtstack.live.desk import Desk
 from rtstack.live.idle import IdleView
 from rtstack.live.lifeline import hold_lifeline
-from rtstack.live.protocol import DemonstrationRequest, JobRequest, JobState, TrialRequest
+from rtstack.live.protocol import JobRequest, JobState, TeleoperationRequest, TrialRequest
 from rtstack.live.service import Service
 from rtstack.live.source import CellSource, SourceError, load_source
 from rtstack.log.errors import LogError
@@ -44,9 +44,11 @@ from rtstack.trials.assembly import safety_judges
 from rtstack.trials.attendant import Remark
 from rtstack.trials.errors import TrialError
 from rtstack.trials.record import open_log
-from rtstack.trials.result import DemonstrationResult, TrialResult
+from rtstack.trials.result import DemonstrationResult, TeleoperationResult, TrialResult
 from rtstack.trials.run import prepare_trial, run_demonstration, run_trial
+from rtstack.trials.specification import DemonstrationSpecification, TeleoperationSpecification
 from rtstack.trials.start_motion import start_motion
+from rtstack.trials.teleoperation import run_teleoperation
 
 _libc = ctypes.CDLL(None)
 _RETRY_S = 2.0  # between two attempts to open a cell that was lost
@@ -178,7 +180,7 @@ class Robot:
         self._desk.finished(JobState.STOPPED if stopped else JobState.FAILED, reason, None, _name_if_there(log))
         self._idle.tell(Level.ERROR, f"{order.verb} failed: {reason}")
 
-    def _job(self, order: JobRequest, log: Path) -> DemonstrationResult | TrialResult:
+    def _job(self, order: JobRequest, log: Path) -> DemonstrationResult | TrialResult | TeleoperationResult:
         """Read the reference, put the object in its place, run. What is refused is refused before an arm moves."""
         description = self._source.description
         prepared = prepare_trial(order.specification(), description) if isinstance(order, TrialRequest) else None
@@ -186,13 +188,16 @@ class Robot:
         self._close()
         cell = self._open_or_raise(order.object, displacement_m, order.seed)
         start = None if prepared is None else prepared.reference.ante[:, 0]
-        way = start_motion(cell, description, order.object, displacement_m, start)
+        practice = isinstance(order, TeleoperationRequest) and not order.recorded  # begins where the arms are
+        way = None if practice else start_motion(cell, description, order.object, displacement_m, start)
         if self._mailbox.stop_requested:
             raise TrialError("stopped by the operator before it began")
         attachments = () if prepared is None else (_reference(Path(prepared.specification.reference)),)
         reference = prepared.reference if prepared is not None else None
+        by_hand = isinstance(order, TeleoperationRequest)
+        specification = order.specification(self._desk.job_number) if by_hand else order.specification()
         opened = open_log(
-            log, order.specification(), description, cell.name, self._source.file, attachments, reference=reference
+            log, specification, description, cell.name, self._source.file, attachments, reference=reference
         )
         self._desk.started(log.name)
         self._idle.tell(Level.INFO, f"{order.verb} started: {log.name}")
@@ -202,9 +207,14 @@ class Robot:
                 prepared, cell, log=opened, live=live, stop=stop, progress=progress, way=way, watchdogs=watchdogs,
                 attendant=self,
             )  # fmt: skip
-        assert isinstance(order, DemonstrationRequest)
+        if isinstance(specification, TeleoperationSpecification):
+            return run_teleoperation(
+                specification, description, cell, self._mailbox, log=opened, live=live, stop=stop, way=way,
+                watchdogs=watchdogs, attendant=self,
+            )  # fmt: skip
+        assert isinstance(specification, DemonstrationSpecification)
         return run_demonstration(
-            order.specification(), description, cell, log=opened, live=live, stop=stop, progress=progress, way=way,
+            specification, description, cell, log=opened, live=live, stop=stop, progress=progress, way=way,
             watchdogs=watchdogs, attendant=self,
         )  # fmt: skip
 
@@ -241,7 +251,13 @@ def _recover_both(cell: Cell) -> None:
 
 def _free_name(logs: Path, order: JobRequest) -> Path:
     stamp = time.strftime("%Y%m%d-%H%M%S")
-    what = f"trial-{order.controller}" if isinstance(order, TrialRequest) else "demonstration"
+    match order:
+        case TrialRequest():
+            what = f"trial-{order.controller}"
+        case TeleoperationRequest(recorded=True):
+            what = "recording"
+        case _:
+            what = order.verb
     path = logs / f"{stamp}-{what}-{order.object}.mcap"
     number = 2
     while path.exists():

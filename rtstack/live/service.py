@@ -25,6 +25,7 @@ from rtstack.live.protocol import (
     Request,
     StopRequest,
     TakeRequest,
+    TeleoperationRequest,
     TrialRequest,
     decode_request,
     encode,
@@ -88,7 +89,7 @@ def answer(desk: Desk, line: bytes) -> Answer:
 
 def _act(desk: Desk, request: Request) -> None:
     match request:
-        case DemonstrationRequest() | TrialRequest():
+        case DemonstrationRequest() | TrialRequest() | TeleoperationRequest():
             desk.order(request)
         case TakeRequest():
             desk.helm.take(request.operator, request.over_from)

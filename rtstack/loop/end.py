@@ -14,6 +14,8 @@ class End(StrEnum):
     HARDWARE = "the robot left torque control"
     CONSOLE_GONE = "the console has gone"
     OPERATOR_GONE = "the operator has gone"
+    LET_GO = "the operator let go"
+    CLUTCH_QUIET = "the clutch has gone quiet"
     PARENT_GONE = "the process that started this one has gone"
     LOG_FAILED = "the log is not being written"
     TICK_OVERRUN = "the tick takes longer than its period"
@@ -23,4 +25,4 @@ class End(StrEnum):
     @property
     def is_fault(self) -> bool:
         """Whether something went wrong with the machine: a trial that finds no impact is none."""
-        return self not in (End.COMPLETED, End.STOP_REQUESTED, End.NO_IMPACT)
+        return self not in (End.COMPLETED, End.STOP_REQUESTED, End.NO_IMPACT, End.LET_GO)

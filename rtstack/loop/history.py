@@ -20,9 +20,13 @@ class Columns:
 
 
 class History:
-    """Preallocated memory for a run of at most `capacity` ticks: `append` copies and never allocates."""
+    """Preallocated memory for a run of at most `capacity` ticks: `append` copies and never allocates.
 
-    def __init__(self, capacity: int) -> None:
+    endless: of a run that has no length of its own the newest `capacity` ticks are kept.
+    """
+
+    def __init__(self, capacity: int, endless: bool = False) -> None:
+        self._endless = endless
         self._arm = np.zeros((2, capacity), ARM_SAMPLE)
         self._control = np.zeros((2, capacity), CONTROL_SAMPLE)
         self._timing = np.zeros(capacity, TIMING_SAMPLE)
@@ -38,10 +42,12 @@ class History:
             array.view(np.uint8).fill(0)
 
     def append(self, left: tuple[NDArray, NDArray], right: tuple[NDArray, NDArray], timing: NDArray) -> None:
-        """Take both arms' arm and control records and the timing, (1,) each. Beyond the capacity: dropped."""
-        k = self._ticks
-        if k == len(self._timing):
-            return
+        """Take both arms' arm and control records and the timing, (1,) each. Beyond the capacity: see the class."""
+        k, capacity = self._ticks, len(self._timing)
+        if k >= capacity:
+            if not self._endless:
+                return
+            k %= capacity
         if self._sources is None or self._sources[0] is not left[0]:
             # the loop publishes the same arrays every tick: their bytes are looked up once
             self._sources = (left[0], *(record.view(np.uint8) for record in (*left, *right)))
@@ -51,20 +57,30 @@ class History:
         self._arm_bytes[1, k] = right_arm
         self._control_bytes[1, k] = right_control
         self._timing[k] = timing[0]
-        self._ticks = k + 1
+        self._ticks += 1
 
     def append_pose(self, pose: NDArray) -> None:
         """Take an object pose, (1,)."""
-        if self._poses < len(self._object):
-            self._object[self._poses] = pose[0]
+        if self._poses < len(self._object) or self._endless:
+            self._object[self._poses % len(self._object)] = pose[0]
             self._poses += 1
 
+    @property
+    def ticks(self) -> int:
+        """Number of ticks that were taken, kept or not."""
+        return self._ticks
+
     def columns(self) -> Columns:
-        """Return views of what was taken so far."""
-        n = self._ticks
+        """Return what was taken, oldest first: views, copies where an endless run has gone round."""
         return Columns(
-            arm=self._arm[:, :n],
-            control=self._control[:, :n],
-            timing=self._timing[:n],
-            object=self._object[: self._poses],
+            arm=_in_order(self._arm, self._ticks),
+            control=_in_order(self._control, self._ticks),
+            timing=_in_order(self._timing, self._ticks),
+            object=_in_order(self._object, self._poses),
         )
+
+
+def _in_order(records: NDArray, count: int) -> NDArray:
+    """Return the records (..., n) that were written, of which there were `count`."""
+    n = records.shape[-1]
+    return records[..., :count] if count <= n else np.roll(records, -(count % n), axis=-1)

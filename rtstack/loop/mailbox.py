@@ -1,14 +1,19 @@
 """The mailbox: aligned 64-bit words in shared memory, from the console's processes to the real-time loop.
 
 The loop only loads words, so that no writer can make it wait, whatever happens to that writer. A word has one
-meaning and is written whole; a block of several words (a teleoperation target) is to be appended behind a sequence
-word of its own, odd while it is being written. A sign of life is one word: the host's time.monotonic_ns, 0 for never.
+meaning and is written whole; the block of a teleoperation target stands behind a sequence word of its own, odd while it
+is being written. A sign of life is one word: the host's time.monotonic_ns, 0 for never.
 """
 
 import mmap
 import os
 from enum import IntEnum
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtstack.loop.target import TARGET
 
 _FOLDER = Path("/dev/shm")  # where Linux keeps POSIX shared memory
 _MAGIC = 0x7274_6D62_6F78_0001  # "rtmbox", layout version 1
@@ -21,9 +26,12 @@ class _Word(IntEnum):
     STOP = 1
     CONSOLE_BEAT = 2
     OPERATOR_BEAT = 3
+    TARGET_SEQUENCE = 4
+    TARGET = 5  # and the words after it
 
 
-_SIZE_BYTES = 4096  # a page: room for targets
+_SIZE_BYTES = 4096  # a page
+_BLOCK = slice(_Word.TARGET, _Word.TARGET + TARGET.itemsize // 8)
 
 
 class MailboxError(Exception):
@@ -106,6 +114,26 @@ class Mailbox:
     def operator_beat_ns(self) -> int:
         """When the operator gave the last sign of life, 0 for never."""
         return self._words[_Word.OPERATOR_BEAT]
+
+    def write_target(self, target: NDArray) -> None:
+        """Write a target (1,) of TARGET. For one writer at a time."""
+        words = self._words
+        sequence = words[_Word.TARGET_SEQUENCE] | 1  # odd: what a writer that died left half written stays unread
+        words[_Word.TARGET_SEQUENCE] = sequence
+        words[_BLOCK] = target.view(np.longlong).data
+        words[_Word.TARGET_SEQUENCE] = sequence + 1
+
+    @property
+    def target_sequence(self) -> int:
+        """Even number that changes with every target; 0 before the first one, odd while one is being written."""
+        return self._words[_Word.TARGET_SEQUENCE]
+
+    def read_target(self, target: NDArray) -> bool:
+        """Copy the newest target into (1,) of TARGET. Returns False, and leaves anything in it, while it is written."""
+        words = self._words
+        sequence = words[_Word.TARGET_SEQUENCE]
+        target.view(np.longlong).data[:] = words[_BLOCK]
+        return sequence % 2 == 0 and words[_Word.TARGET_SEQUENCE] == sequence
 
     def close(self) -> None:
         """Let go of the memory; the owner also removes the name. May be called twice."""

@@ -16,7 +16,7 @@ from hal.cell import LEFT, RIGHT, Cell
 from hal.errors import HardwareError
 from hal.state import ARM_STATE
 from rtstack.control.records import WORKSPACE
-from rtstack.control.tick import DualArmController
+from rtstack.control.tick import ArmController, DualArmController
 from rtstack.loop.echo import Echo
 from rtstack.loop.end import End
 from rtstack.loop.fault import Fault, FaultNotes
@@ -41,15 +41,27 @@ class StopSignal(Protocol):
         ...
 
 
+class Guide(Protocol):
+    """Somebody who writes the plan's points as the session goes on, which has no end of its own then."""
+
+    def step(self, side: int, arm: ArmController) -> None:
+        """Write the point of an arm (0 left, 1 right) whose state was just observed. Never waits."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What to follow: ante and post (2, n) of POINT, the mode to begin with, and the stiffness (6,)."""
+    """What to follow: ante and post (2, n) of POINT, the mode to begin with, and the stiffness (6,).
+
+    guide: writes ante[:, 0] each tick; None for references that are there already.
+    """
 
     ante: NDArray
     post: NDArray
     mode: Mode
     stiffness: NDArray[np.floating]
     period_s: float
+    guide: Guide | None = None
 
     @property
     def ticks(self) -> int:
@@ -231,6 +243,8 @@ class Session:
         status = QpStatus.NOT_USED
         for k in sides:
             arm = controller.arms[k]
+            if self._plan.guide is not None:
+                self._plan.guide.step(k, arm)
             arm.choose(self._plan.ante[k], self._plan.post[k], self._time.elapsed_ns[k] // TICK_NS, machine)
             found = arm.command(machine.mode)
             if found > QpStatus.SOLVED:
@@ -276,7 +290,7 @@ class Session:
         elif machine.patience_over:
             patience_s = machine.parameters.impact_patience_s
             self._end(Trip(End.NO_IMPACT, f"within {patience_s} s of the nominal impact"))
-        elif index >= self._plan.ticks:
+        elif index >= self._plan.ticks and self._plan.guide is None:
             self._end(Trip(End.COMPLETED, ""))
         return False
 

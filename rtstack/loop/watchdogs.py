@@ -19,6 +19,7 @@ from rtstack.samples import Level
 
 CONSOLE_S = 1.0  # the console beats ten times a second; a page that it renders may keep it busy for some tenths
 OPERATOR_S = LEASE_S
+CLUTCH_S = 0.3  # of a clutch that is held: a page beats every 50 ms, and one that was busy is forgiven five of them
 # The robot itself gives up after 20 answers in a row that came too late. Half of them leave the other half for the
 # stop. A machine that stalls, for 3 to 20 ms now and then, makes one tick long and not the ten after each other.
 OVERRUN_TICKS = round(LARGEST_GAP_S / CONTROL_PERIOD_S) // 2

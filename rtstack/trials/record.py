@@ -17,7 +17,12 @@ from rtstack.loop.watchdogs import Trip
 from rtstack.model.cell_description import CellDescription, base_frame
 from rtstack.references.spreading import ExtendedReference
 from rtstack.trials.provenance import git_commit, host_report, package_versions
-from rtstack.trials.specification import Specification, SweepSpecification, TrialSpecification
+from rtstack.trials.specification import (
+    Specification,
+    SweepSpecification,
+    TeleoperationSpecification,
+    TrialSpecification,
+)
 
 LOCKSTEP_KINDS = ("direct", "lockstep")  # cells whose robot waits for its answer
 ROOM = 64  # records: below it a run that is faster than the log waits between two ticks
@@ -124,20 +129,30 @@ def open_log(
     return TrialLog(path, rings, process, lockstep)
 
 
+def _kind(specification: Specification) -> str:
+    match specification:
+        case TrialSpecification():
+            return "trial"
+        case SweepSpecification():
+            return "identification"
+        case TeleoperationSpecification(recorded=recorded):
+            return "recording" if recorded else "teleoperation"
+        case _:
+            return "demonstration"
+
+
 def trial_metadata(
     specification: Specification,
     cell_kind: str,
     reference: ExtendedReference | None,
 ) -> dict[str, str]:
     """Return the metadata record `trial`: nested values are JSON."""
-    kinds = {TrialSpecification: "trial", SweepSpecification: "identification"}
-    kind = kinds.get(type(specification), "demonstration")
     realtime = {} if cell_kind in LOCKSTEP_KINDS else {f"loop_{k}": v for k, v in obtainable().as_dict().items()}
     times = {}
     if reference is not None:
         times = {"nominal_impact_s": repr(reference.nominal_impact_s), "release_s": repr(reference.release_s)}
     return {
-        "kind": kind,
+        "kind": _kind(specification),
         "specification": json.dumps(specification.as_dict()),
         "object": specification.object,
         "seed": str(specification.seed),

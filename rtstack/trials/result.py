@@ -72,3 +72,34 @@ class DemonstrationResult:
     def as_json(self) -> str:
         """Return the result as one line of JSON."""
         return json.dumps(self.as_dict())
+
+
+@dataclass(frozen=True, slots=True)
+class TeleoperationResult:
+    """What came out of a teleoperation. success: it ended as the operator wanted it, and the judge changed no torque.
+
+    recorded: it was meant as a recording, moved: somebody held the clutch. Whether a reference can be made from it is
+    found when it is read.
+    """
+
+    success: bool
+    failure_reason: str | None
+    object: str
+    seed: int
+    operator: str
+    recorded: bool
+    moved: bool
+    cell: str
+    detected_impact_time_s: float | None
+    duration_s: float
+    missed_deadlines: int
+    safety_interventions: int
+    log: str | None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the result as JSON-ready values."""
+        return asdict(self)
+
+    def as_json(self) -> str:
+        """Return the result as one line of JSON."""
+        return json.dumps(self.as_dict())

@@ -37,7 +37,7 @@ from rtstack.trials.attendant import Attendant
 from rtstack.trials.errors import TrialError
 from rtstack.trials.evidence import evidence_of
 from rtstack.trials.record import TrialLog
-from rtstack.trials.result import DemonstrationResult, TrialResult
+from rtstack.trials.result import DemonstrationResult, TeleoperationResult, TrialResult
 from rtstack.trials.scoring import Score, SuccessCriterion, failure_reason, score
 from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 from rtstack.trials.start_motion import StartMotion
@@ -47,6 +47,7 @@ Progress = Callable[[float], None]
 PROGRESS_TICKS = 50  # how often progress is told
 ROOM_TICKS = 16  # how often a run that may wait looks whether the log keeps up; the rings have room for many more
 SPARE_TICKS = 1500  # of history, for the stop after the reference
+NEWEST_TICKS = 4000  # of history, where a run has no length: a fault's last second, and the stop after it
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,11 +111,11 @@ def run_trial(
     specification, reference = prepared.specification, prepared.reference
     control = prepared.parameters.control
     plan = Plan(reference.ante, reference.post, Mode.ANTE_IMPACT, control.stiffness, reference.period_s)
-    run = _Run(
+    run = Run(
         prepared.description, prepared.parameters, plan, log, live, stop, progress, way, watchdogs, attendant,
         prepared.limits,
     )  # fmt: skip
-    with _log_of(log):
+    with log_of(log):
         outcome = run.follow(cell, STRATEGIES[specification.controller], reference.nominal_impact_s)
         values = score(
             run.history.columns(), outcome.start_t_ns, reference.nominal_impact_s, reference.release_s,
@@ -122,7 +123,7 @@ def run_trial(
         )  # fmt: skip
         result = _trial_result(prepared, cell.name, outcome, values, log)
         incomplete = log.close(result.as_dict()) if log is not None else None
-    return _with_log(result, incomplete)
+    return with_log(result, incomplete)
 
 
 def run_demonstration(
@@ -157,14 +158,14 @@ def run_demonstration(
         period_s,
     )
     plan = Plan(targets, targets, Mode.TELEOPERATION, parameters.control.stiffness_teleoperation, period_s)
-    run = _Run(
+    run = Run(
         description, parameters, plan, log, live, stop, progress, way, watchdogs, attendant, safety_limits(description)
     )  # fmt: skip
-    with _log_of(log):
+    with log_of(log):
         outcome = run.follow(cell, Strategy.PROPOSED, 0.0)
         result = _demonstration_result(specification, cell.name, outcome, run, log)
         incomplete = log.close(result.as_dict()) if log is not None else None
-    return _with_log(result, incomplete)
+    return with_log(result, incomplete)
 
 
 def run_motion(
@@ -184,8 +185,8 @@ def run_motion(
     Returns why it failed, None for a success, and the samples.
     """
     limits = safety_limits(description)
-    run = _Run(description, parameters, plan, log, None, stop, progress, way, watchdogs, None, limits)
-    with _log_of(log):
+    run = Run(description, parameters, plan, log, None, stop, progress, way, watchdogs, None, limits)
+    with log_of(log):
         outcome = run.follow(cell, Strategy.PROPOSED, 0.0)
         reason = failure_reason(outcome.end, outcome.detail, outcome.safety_interventions)
         result = {"success": reason is None, "failure_reason": reason}
@@ -193,16 +194,16 @@ def run_motion(
     return reason or incomplete, run.history.columns()
 
 
-Result = TypeVar("Result", TrialResult, DemonstrationResult)
+Result = TypeVar("Result", TrialResult, DemonstrationResult, TeleoperationResult)
 
 
-def _with_log(result: Result, incomplete: str | None) -> Result:
+def with_log(result: Result, incomplete: str | None) -> Result:
     """A run whose evidence is incomplete has failed, whatever the arms did."""
     return result if incomplete is None else replace(result, success=False, failure_reason=incomplete)
 
 
 @contextmanager
-def _log_of(log: TrialLog | None) -> Iterator[None]:
+def log_of(log: TrialLog | None) -> Iterator[None]:
     """Finish the log even where the run broke off."""
     try:
         yield
@@ -212,8 +213,8 @@ def _log_of(log: TrialLog | None) -> Iterator[None]:
         raise
 
 
-class _Run:
-    """What a trial and a demonstration have in common: one session with its history."""
+class Run:
+    """What a trial, a demonstration and a teleoperation have in common: one session with its history."""
 
     def __init__(
         self, description: CellDescription, parameters: Parameters, plan: Plan, log: TrialLog | None,
@@ -232,7 +233,8 @@ class _Run:
         self._attendant = attendant
         self._limits = limits
         self._publisher: Publisher | None = None
-        self.history = History(plan.ticks + SPARE_TICKS)
+        endless = plan.guide is not None
+        self.history = History(NEWEST_TICKS if endless else plan.ticks + SPARE_TICKS, endless)
         self.first_impact_s: float | None = None
 
     def follow(self, cell: Cell, strategy: Strategy, nominal_impact_s: float) -> SessionOutcome:
@@ -288,7 +290,7 @@ class _Run:
     def _between_ticks(self, index: int) -> None:
         if index % ROOM_TICKS == 0 and self._log is not None:
             self._log.wait_for_room()
-        if self._progress is not None and index % PROGRESS_TICKS == 0:
+        if self._progress is not None and index % PROGRESS_TICKS == 0 and self._plan.guide is None:
             self._progress(min(1.0, index / self._plan.ticks))
         self._pass_on_remarks()
 
@@ -301,7 +303,7 @@ class _Run:
 
 
 def _demonstration_result(
-    specification: DemonstrationSpecification, cell: str, outcome: SessionOutcome, run: _Run, log: TrialLog | None
+    specification: DemonstrationSpecification, cell: str, outcome: SessionOutcome, run: Run, log: TrialLog | None
 ) -> DemonstrationResult:
     impact_s = run.first_impact_s
     values = score(run.history.columns(), outcome.start_t_ns, impact_s or 0.0, 0.0, impact_s, SuccessCriterion())

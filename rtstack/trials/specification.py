@@ -67,4 +67,23 @@ class SweepSpecification:
         return asdict(self)
 
 
-Specification = TrialSpecification | DemonstrationSpecification | SweepSpecification
+@dataclass(frozen=True, slots=True)
+class TeleoperationSpecification:
+    """An operator moves the arms by hand. recorded: as a recording; stop_on_release: a clutch that is let go ends it.
+
+    job: the number that the operator's targets carry.
+    """
+
+    operator: str
+    object: str = "rice_box"
+    seed: int = 0
+    recorded: bool = False
+    stop_on_release: bool = True
+    job: int = 0
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the specification as JSON-ready values."""
+        return asdict(self)
+
+
+Specification = TrialSpecification | DemonstrationSpecification | SweepSpecification | TeleoperationSpecification

@@ -1,0 +1,81 @@
+"""Runs a teleoperation on a cell: the session of a demonstration, led by an operator instead of a script."""
+
+import time
+from collections.abc import Callable, Sequence
+
+from hal.cell import Cell
+from rtstack.control.modes import Strategy
+from rtstack.log.ring import Rings
+from rtstack.loop.end import End
+from rtstack.loop.mailbox import Mailbox
+from rtstack.loop.session import Plan, StopSignal
+from rtstack.loop.timeline import TICK_NS
+from rtstack.loop.watchdogs import Watchdog
+from rtstack.model.cell_description import CellDescription
+from rtstack.samples import Mode
+from rtstack.teleoperation.guide import Guide
+from rtstack.teleoperation.reach import Reach
+from rtstack.trials.assembly import Parameters, default_parameters
+from rtstack.trials.attendant import Attendant
+from rtstack.trials.record import TrialLog
+from rtstack.trials.result import TeleoperationResult
+from rtstack.trials.run import Run, check_object, log_of, with_log
+from rtstack.trials.scoring import failure_reason
+from rtstack.trials.specification import TeleoperationSpecification
+from rtstack.trials.start_motion import StartMotion
+from rtstack.trials.tightening import safety_limits
+
+_AS_WANTED = (End.COMPLETED, End.LET_GO)
+
+
+def run_teleoperation(
+    specification: TeleoperationSpecification,
+    description: CellDescription,
+    cell: Cell,
+    mailbox: Mailbox,
+    *,
+    log: TrialLog | None,
+    live: Rings | None = None,
+    stop: StopSignal | None = None,
+    parameters: Parameters | None = None,
+    way: StartMotion | None = None,
+    watchdogs: Sequence[Watchdog] = (),
+    attendant: Attendant | None = None,
+    clock: Callable[[], int] = time.monotonic_ns,
+) -> TeleoperationResult:
+    """Follow the mailbox's targets of this job on an open cell until the operator ends it. The log is closed here.
+
+    Before the first target the arms hold where they are. clock: the host's monotonic time, ns, that the clutch's signs
+    of life carry. See `run_trial` for the rest.
+    """
+    parameters = parameters or default_parameters()
+    check_object(specification.object, description)
+    limits = safety_limits(description)
+    guide = Guide(mailbox, specification.job, Reach.within(limits), specification.stop_on_release, clock)
+    control = parameters.control
+    plan = Plan(
+        guide.points, guide.points, Mode.TELEOPERATION, control.stiffness_teleoperation, control.period_s, guide
+    )
+    run = Run(description, parameters, plan, log, live, stop, None, way, (*watchdogs, guide), attendant, limits)
+    with log_of(log):
+        outcome = run.follow(cell, Strategy.PROPOSED, 0.0)
+        interventions = outcome.safety_interventions
+        end = End.COMPLETED if outcome.end in _AS_WANTED else outcome.end
+        reason = failure_reason(end, outcome.detail, interventions)
+        result = TeleoperationResult(
+            success=reason is None,
+            failure_reason=reason,
+            object=specification.object,
+            seed=specification.seed,
+            operator=specification.operator,
+            recorded=specification.recorded,
+            moved=guide.moved,
+            cell=cell.name,
+            detected_impact_time_s=run.first_impact_s,
+            duration_s=run.history.ticks * TICK_NS * 1e-9,
+            missed_deadlines=outcome.missed_deadlines,
+            safety_interventions=interventions,
+            log=str(log.path) if log is not None else None,
+        )
+        incomplete = log.close(result.as_dict()) if log is not None else None
+    return with_log(result, incomplete)

@@ -1,0 +1,239 @@
+"""A hand at the mailbox moves real arms (the plant in this process), in the robot's own time: every figure is exact."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rtstack.cli.cells import default_cell_file, open_cell
+from rtstack.log.reader import read_log
+from rtstack.loop.end import End
+from rtstack.loop.mailbox import Mailbox, remove_mailbox
+from rtstack.loop.target import TARGET, Letting
+from rtstack.model.rotation import quaternion_from_rotation
+from rtstack.references.demonstration import end_effector_pose
+from rtstack.samples import Mode
+from rtstack.teleoperation.reach import FASTEST_M_S, HARDEST_N_M
+from rtstack.trials.assembly import arm_controllers, default_parameters
+from rtstack.trials.record import open_log
+from rtstack.trials.specification import TeleoperationSpecification
+from rtstack.trials.teleoperation import run_teleoperation
+
+JOB = 5
+START = np.array([[0.0, 0.35, 0.26], [0.0, -0.35, 0.26]])
+BEAT_MS = 50
+DEAD_MAN_MS = 350
+
+
+class Hand:
+    """What a console writes, by the tick: a watchdog that never trips. `script(ms, hand)` acts each tick."""
+
+    def __init__(self, mailbox, script):
+        self._mailbox = mailbox
+        self._script = script
+        self._target = np.zeros(1, TARGET)
+        self._target["job"] = JOB
+        self._target["speed"], self._target["stiffness"] = 0.3, 300.0
+        self.orientations = np.zeros((2, 4))
+        self.ms = -1
+
+    def clock(self):
+        return 1_000_000_000 + self.ms * 1_000_000
+
+    def trip(self):
+        self.ms += 1
+        self._script(self.ms, self)
+        return
+
+    def hold(self, offsets=((0, 0, 0), (0, 0, 0)), **fields):
+        """Hold the clutch, with requests this far from the start; a sign of life a beat, as a page gives it."""
+        if self.ms % BEAT_MS == 0:
+            self._target["pose"][0, :, :3] = START + offsets
+            self._target["pose"][0, :, 3:] = self.orientations
+            self._target["clutch_ns"] = self.clock()
+            for name, value in fields.items():
+                self._target[name] = value
+            self._mailbox.write_target(self._target)
+
+    def let_go(self, why=Letting.RELEASED):
+        self._target["clutch_ns"], self._target["letting"] = 0, why
+        self._mailbox.write_target(self._target)
+
+    def finish(self):
+        self._target["finish"] = 1
+        self._mailbox.write_target(self._target)
+
+
+@pytest.fixture
+def teleoperate(cell, tmp_path):
+    """Run a teleoperation by a script; return its result, its log's control samples of both arms, and the log."""
+    remove_mailbox("rtstack-test-hand")
+    mailbox = Mailbox.create("rtstack-test-hand")
+
+    def run(script, **options):
+        hand = Hand(mailbox, script)
+        arms = arm_controllers(cell, default_parameters())
+        for k, mounting in enumerate((cell.left, cell.right)):
+            _, rotation = end_effector_pose(arms[k].model, np.array(mounting.home))
+            quaternion_from_rotation(np.ascontiguousarray(rotation), hand.orientations[k])
+        path = Path(tmp_path) / "teleoperation.mcap"
+        specification = TeleoperationSpecification("anna", job=JOB, **options)
+        opened = open_cell("direct", "rice_box", 0.0, 0)
+        log = open_log(path, specification, cell, "direct", default_cell_file(), overwrite=True)
+        try:
+            result = run_teleoperation(
+                specification, cell, opened, mailbox, log=log, watchdogs=(hand,), clock=hand.clock
+            )
+        finally:
+            opened.close()
+        log = read_log(path)
+        return result, [log.topic(f"/{side}/control") for side in ("left", "right")], log
+
+    yield run
+    mailbox.close()
+
+
+def moved(controls, side):
+    """How far the command has gone, m, by tick."""
+    return controls[side]["pose_ref"][:, :3] - controls[side]["pose_ref"][0, :3]
+
+
+def first_stop_ms(log):
+    """Tick of the first torque of the stop."""
+    samples = log.topic("/left/control")
+    stopping = np.flatnonzero(samples["mode"] == Mode.STOPPING)
+    return int(samples["t_ns"][stopping[0]] - samples["t_ns"][0]) // 1_000_000
+
+
+def test_a_held_clutch_moves_both_arms_to_what_is_asked_and_all_of_it_is_logged(teleoperate):
+    def script(ms, hand):
+        hand.hold(((0.02, -0.05, 0.1), (-0.02, 0.03, 0.05)))
+        if ms == 1500:
+            hand.finish()
+
+    result, controls, log = teleoperate(script, recorded=True)
+    assert (result.success, result.failure_reason) == (True, None)
+    assert result.recorded
+    assert log.metadata["trial"]["kind"] == "recording"
+    np.testing.assert_allclose(moved(controls, 0)[1400], (0.02, -0.05, 0.1), atol=1e-3)
+    np.testing.assert_allclose(moved(controls, 1)[1400], (-0.02, 0.03, 0.05), atol=1e-3)
+    measured = log.topic("/left/arm")["O_T_EE"][[0, 1400], :3, 3]
+    np.testing.assert_allclose(measured[1] - measured[0], (0.02, -0.05, 0.1), atol=0.01)
+    assert set(controls[0]["mode"]) == {Mode.TELEOPERATION, Mode.STOPPING}
+    speed = np.linalg.norm(controls[0]["twist_ref"][:, :3], axis=1)
+    assert 0.1 < speed.max() <= 0.3 + 1e-9
+
+
+def test_nothing_moves_before_the_clutch_is_held_nor_by_targets_of_another_job(teleoperate):
+    def script(ms, hand):
+        if ms < 300:
+            hand.hold(((0, 0, 0.1), (0, 0, 0.1)), job=JOB - 1)
+        elif ms == 300:
+            hand.finish()  # of the other job
+        elif ms == 600:
+            hand._target["job"] = JOB
+            hand.finish()
+
+    result, controls, _ = teleoperate(script)
+    assert not result.moved
+    assert np.abs(moved(controls, 0)).max() < 1e-9
+    assert len(controls[0]) > 600
+
+
+@pytest.mark.parametrize(
+    ("cause", "end"),
+    [("released", End.LET_GO), ("hidden", End.LET_GO), ("silence", End.CLUTCH_QUIET)],
+)
+def test_a_clutch_that_is_let_go_or_goes_quiet_stops_the_arms_in_time(teleoperate, cause, end):
+    cause_ms = 601  # just after a beat: the worst moment to go quiet
+
+    def script(ms, hand):
+        if ms < cause_ms:
+            hand.hold(((0, 0, 0.2), (0, 0, 0.2)))
+        elif ms == cause_ms and cause != "silence":
+            hand.let_go(Letting.RELEASED if cause == "released" else Letting.LOST)
+
+    result, controls, log = teleoperate(script)
+    assert 0 <= first_stop_ms(log) - cause_ms <= (DEAD_MAN_MS if cause == "silence" else 3)
+    assert np.linalg.norm(controls[0]["twist_ref"][cause_ms][:3]) > 0.2  # it was in full motion
+    assert result.success == (end is End.LET_GO)
+    said = [event.text for event in log.events]
+    assert any(text.startswith(str(end)) for text in said), said
+    assert np.abs(log.topic("/left/arm")["dq"][-1]).max() < 0.02
+
+
+def test_who_chose_to_hold_brakes_on_release_and_goes_on_with_the_clutch(teleoperate):
+    def script(ms, hand):
+        if ms < 800 or ms >= 2500:
+            hand.hold(((0, 0, 0.1), (0, 0, 0.1)), speed=0.05)
+        elif ms == 801:
+            hand.let_go()
+        if ms == 4500:
+            hand.finish()
+
+    result, controls, _ = teleoperate(script, stop_on_release=False)
+    assert result.success
+    way = moved(controls, 0)[:, 2]
+    assert way[800] < 0.05
+    assert np.ptp(way[1000:2500]) < 1e-9  # it holds, for as long as it takes: nobody has to beat
+    assert way[-1] == pytest.approx(0.1, abs=2e-3)
+
+
+def test_who_chose_to_hold_is_stopped_all_the_same_when_the_page_is_hidden(teleoperate):
+    def script(ms, hand):
+        if ms < 500:
+            hand.hold()
+        elif ms == 500:
+            hand.let_go(Letting.LOST)
+
+    result, _, log = teleoperate(script, stop_on_release=False)
+    assert result.duration_s < 1.0
+    assert first_stop_ms(log) <= 503
+
+
+@pytest.mark.parametrize(
+    "bad", [np.full((2, 7), np.nan), np.full((2, 7), np.inf), np.zeros((2, 7)), np.full((2, 7), 1e300)]
+)
+def test_requests_that_are_no_poses_or_jumps_move_nothing(teleoperate, bad):
+    def script(ms, hand):
+        hand.hold(pose=bad, speed=np.nan, stiffness=np.inf)
+        if ms == 300:
+            hand.finish()
+
+    result, controls, _ = teleoperate(script)
+    assert result.success
+    for side in (0, 1):
+        assert np.isfinite(controls[side]["pose_ref"]).all()
+        assert np.abs(moved(controls, side)).max() < 1e-9
+
+
+def test_a_jump_is_not_followed_and_the_edge_of_the_box_is_kept(teleoperate, cell):
+    def script(ms, hand):
+        if ms < 500:
+            hand.hold(((0, 0, 0.4), (0, 0, 0)))  # further ahead than a hand
+        else:
+            hand.hold(((0.24, 0.04, -0.04), (0, 0, 0)), speed=9.0)
+        if ms == 2500:
+            hand.finish()
+
+    result, controls, _ = teleoperate(script)
+    assert result.success, result.failure_reason
+    assert np.abs(moved(controls, 0)[:500]).max() < 1e-9
+    at = controls[0]["pose_ref"][2400, :3]
+    lower, upper = cell.safety["ee_lower"], cell.safety["ee_upper"]
+    np.testing.assert_allclose(at, (upper[0] - 0.03, upper[1] - 0.03, lower[2] + 0.01), atol=1e-3)
+    assert np.linalg.norm(controls[0]["twist_ref"][:, :3], axis=1).max() <= FASTEST_M_S + 1e-9
+
+
+def test_stiffness_stays_within_its_bounds_and_never_jumps(teleoperate):
+    def script(ms, hand):
+        hand.hold(((0, 0, 0), (0, 0, 0)) if ms < 500 else ((0, -0.2, 0.05), (0, 0.2, 0.05)), stiffness=5000.0)
+        if ms == 3000:
+            hand.finish()
+
+    result, controls, log = teleoperate(script)
+    assert result.success, result.failure_reason
+    base_y = 0.5  # the left arm's, along the world's y: what the robot says is in its base's frame
+    error = controls[0]["pose_ref"][2900, 1] - log.topic("/left/arm")["O_T_EE"][2900, 1, 3] - base_y
+    assert -controls[0]["wrench_desired"][2900, 1] == pytest.approx(HARDEST_N_M * abs(error), rel=0.15)
+    assert np.abs(np.diff(log.topic("/left/arm")["tau_desired"][600:3000], axis=0)).max() < 1.0
