@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from rtstack.references.motion import Motion
 from rtstack.samples import QpSolver
 from rtstack.trials.specification import Controller
 
@@ -50,7 +51,7 @@ def teach(
 
 @app.command()
 def trial(
-    reference: Annotated[Path, typer.Option(metavar="REC.mcap", help="A recording, made by `rtstack teach`.")],
+    reference: Annotated[Path, typer.Option(metavar="REC.mcap", help="Made by `rtstack teach` or `rtstack plan`.")],
     controller: Annotated[
         Controller, typer.Option(help="The proposed controller or a baseline.")
     ] = Controller.PROPOSED,
@@ -214,6 +215,35 @@ def impact_map(
     from rtstack.cli.impact_map import run
 
     run(scene, reflected, json)
+
+
+@app.command()
+def plan(
+    output: Annotated[Path, typer.Argument(metavar="OUT.mcap", help="The reference to write.")],
+    motion: Annotated[Motion, typer.Option(help="Both arms lift the object, or the left one pushes it.")] = Motion.GRAB,
+    object_name: ObjectName = "rice_box",
+    speed: Annotated[float | None, typer.Option(metavar="M/S", help="Of the pads along y when they hit.")] = None,
+    rise: Annotated[float | None, typer.Option(metavar="M/S", help="Of the pads upwards when they hit.")] = None,
+    height: Annotated[float | None, typer.Option(metavar="M", help="Of the pads over the object's centre.")] = None,
+    posture: Annotated[float | None, typer.Option(metavar="RAD", help="Joint 1 at the impact, from home.")] = None,
+    squeeze: Annotated[float | None, typer.Option(metavar="N", help="Force of each pad.")] = None,
+    lift: Annotated[float | None, typer.Option(metavar="M", help="How high.")] = None,
+    carry: Annotated[float | None, typer.Option(metavar="M", help="How far along x.")] = None,
+    travel: Annotated[float | None, typer.Option(metavar="M", help="How far to push.")] = None,
+    inertia: Annotated[str | None, typer.Option(help="Of the motors in the map: B_theta, B or none.")] = None,
+    post_impact_scale: Annotated[
+        float | None, typer.Option(metavar="FACTOR", help="A wrong post-impact velocity on purpose: 0.8 to 1.2.")
+    ] = None,
+    cell_file: Annotated[Path | None, typer.Option("--cell", help="TOML description of the cell.")] = None,
+    json: Json = False,
+) -> None:
+    """Plan a reference without a demonstration: paths before and after the impact, joined by the impact map."""
+    from rtstack.cli.plan import run
+
+    run(
+        output, motion, object_name, cell_file, json, speed=speed, rise=rise, height=height, posture=posture,
+        squeeze=squeeze, lift=lift, carry=carry, travel=travel, inertia=inertia, post_impact_scale=post_impact_scale,
+    )  # fmt: skip
 
 
 @bench_app.command("tick")

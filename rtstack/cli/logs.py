@@ -28,7 +28,7 @@ def _lines(found: Review) -> list[str]:
     for name in ("success", "failure_reason"):
         if name in found.recorded:
             lines.append(f"  {name:<22} {found.recorded[name]}")
-    if not found.recorded:
+    if not found.recorded and found.kind != "plan":
         lines.append("  result                 none: the trial was cut off before its end")
     if found.fault is not None:
         lines += [f"  fault {name:<16} {value}" for name, value in found.fault.items() if value]

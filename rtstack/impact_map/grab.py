@@ -107,8 +107,14 @@ def joint_state(mounting: ArmMounting, pad: Pad, point: NDArray) -> tuple[Array,
 
     By Newton's method from the arm's home. Raises SceneError where it does not come there.
     """
-    model = ArmModel(mounting, pad)
-    q, rotation_error = np.array(mounting.home), np.empty(3)
+    q, dq, _ = joint_state_near(ArmModel(mounting, pad), np.array(mounting.home), point)
+    return q, dq
+
+
+def joint_state_near(model: ArmModel, q: Array, point: NDArray) -> tuple[Array, Array, Array]:
+    """Return the same, nearest to q, and the Jacobian (7, 7) of the twist and the posture's joint; the model is at the
+    q that was found."""
+    rotation_error = np.empty(3)
     for _ in range(STEPS):
         model.update(q, np.zeros(7))
         face = model.p7 + model.R7 @ model.face
@@ -117,7 +123,7 @@ def joint_state(mounting: ArmMounting, pad: Pad, point: NDArray) -> tuple[Array,
         error = np.concatenate([point["position"] - face, rotation_error, [point["xi"] - q[POSTURE_JOINT]]])
         J = np.vstack([moved_to(face, model.J0), np.eye(7)[POSTURE_JOINT]])
         if np.abs(error).max() <= PLACED:
-            return q, np.linalg.solve(J, np.append(point["twist"], point["dxi"]))
+            return q, np.linalg.solve(J, np.append(point["twist"], point["dxi"])), J
         step = np.linalg.lstsq(J, error)[0]
         q = q + step / max(1.0, float(np.abs(step).max()) / 0.3)
     place = np.round(point["position"], 3).tolist()

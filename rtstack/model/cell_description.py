@@ -87,10 +87,19 @@ class TorqueFilter:
 
 
 @checked(frozen=True, slots=True, config=STRICT)
+class ContactFriction:
+    """Coefficients of friction, as a dynamometer shows them: of a pad on an object, and of an object on the table."""
+
+    pad: Annotated[float, Field(gt=0.0, le=2.0, allow_inf_nan=False)] = 0.9
+    table: Annotated[float, Field(gt=0.0, le=2.0, allow_inf_nan=False)] = 0.4
+
+
+@checked(frozen=True, slots=True, config=STRICT)
 class CellDescription:
     """A cell, as its TOML describes it (deploy/cells). safety: the limits that it tightens (rtstack.safety.limits).
 
-    joint_friction: the file that `rtstack identify-friction` wrote on this cell; in the TOML relative to its folder.
+    contact_friction: what plans count on. joint_friction: the file that `rtstack identify-friction` wrote on this cell;
+    in the TOML relative to its folder.
     """
 
     name: str
@@ -103,6 +112,7 @@ class CellDescription:
     tracker: TrackerAddress = field(default_factory=TrackerAddress)
     start_motion: StartMotionLimits = field(default_factory=StartMotionLimits)
     torque_filter: TorqueFilter = field(default_factory=TorqueFilter)
+    contact_friction: ContactFriction = field(default_factory=ContactFriction)
     safety: dict[str, Any] = field(default_factory=dict)
     joint_friction: Path | None = None
 

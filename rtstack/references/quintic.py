@@ -19,12 +19,20 @@ class ViaPoint:
 
 
 def quintic_path(points: list[ViaPoint], t_s: Array) -> tuple[Array, Array]:
-    """Return position and velocity (n,) at the times t_s (n,), at rest before the first point and after the last.
+    """Return position and velocity (n,) at the times t_s (n,): see quintic_motion."""
+    position, velocity, _ = quintic_motion(points, t_s)
+    return position, velocity
+
+
+def quintic_motion(points: list[ViaPoint], t_s: Array) -> tuple[Array, Array, Array]:
+    """Return position, velocity and acceleration (n,) at the times t_s (n,), at rest before the first point and after
+    the last: (11)-(13) of the impact-map paper.
 
     Raises ValueError where the times of the points do not increase.
     """
     position = np.full_like(t_s, points[0].position)
     velocity = np.zeros_like(t_s)
+    acceleration = np.zeros_like(t_s)
     for a, b in pairwise(points):
         duration = b.t_s - a.t_s
         if not duration > 0.0:
@@ -39,5 +47,6 @@ def quintic_path(points: list[ViaPoint], t_s: Array) -> tuple[Array, Array]:
         c5 = 6.0 * distance - 3.0 * v0 - 3.0 * v1
         position[inside] = a.position + v0 * x + c3 * x**3 + c4 * x**4 + c5 * x**5
         velocity[inside] = (v0 + 3 * c3 * x**2 + 4 * c4 * x**3 + 5 * c5 * x**4) / duration
+        acceleration[inside] = (6 * c3 * x + 12 * c4 * x**2 + 20 * c5 * x**3) / duration**2
     position[t_s >= points[-1].t_s] = points[-1].position
-    return position, velocity
+    return position, velocity, acceleration

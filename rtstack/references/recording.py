@@ -11,7 +11,8 @@ from rtstack.control.parameters import DetectorParameters
 from rtstack.control.records import POINT
 from rtstack.control.tick import ArmController
 from rtstack.log.errors import LogError
-from rtstack.log.reader import read_log
+from rtstack.log.reader import Log, read_log
+from rtstack.references.motion import Motion
 from rtstack.samples import SIDES, Mode
 
 Array = NDArray[np.floating]
@@ -29,7 +30,8 @@ class Recording:
 
     points (2, n) of POINT: measured pose, twist and posture, and the wrench and posture acceleration that the
     operator's
-    controller wanted; impact: index of the nominal impact T_r; release: index at which the operator let go.
+    controller wanted; impact: index of the nominal impact T_r; release: index at which the operator let go. load (2, 6)
+    N, Nm: what the object asks of each arm from the nominal impact on, where that is known (a plan).
     """
 
     points: NDArray
@@ -37,6 +39,8 @@ class Recording:
     impact: int
     release: int
     object: str
+    motion: Motion = Motion.GRAB
+    load: NDArray | None = None
 
     @property
     def impact_s(self) -> float:
@@ -52,6 +56,14 @@ def load_recording(
         log = read_log(path)
     except LogError as error:
         raise ReferenceError(str(error)) from None
+    return recording_of(log, arms, detector, period_s)
+
+
+def recording_of(
+    log: Log, arms: tuple[ArmController, ArmController], detector: DetectorParameters, period_s: float
+) -> Recording:
+    """Return the recording in an open log, as load_recording does."""
+    path = log.path
     controls = [log.topic(f"/{side}/control") for side in SIDES]
     samples = [log.topic(f"/{side}/arm") for side in SIDES]
     taught = controls[0]["t_ns"][controls[0]["mode"] == Mode.TELEOPERATION]

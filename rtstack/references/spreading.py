@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtstack.model.rotation import exp_so3
+from rtstack.references.motion import Motion
 from rtstack.references.recording import Recording, ReferenceError
 
 
@@ -23,6 +24,7 @@ class ExtendedReference:
     nominal_impact_s: float
     release_s: float
     object: str
+    motion: Motion = Motion.GRAB
 
     @property
     def ticks(self) -> int:
@@ -41,11 +43,23 @@ def extend(recording: Recording, exclusion_s: float) -> ExtendedReference:
             f"the impact at {recording.impact_s:.3f} s is less than {exclusion_s} s from an end of the recording: "
             "record a longer one"
         )
+    return spread(recording, a, p)
+
+
+def spread(recording: Recording, a: int, p: int) -> ExtendedReference:
+    """Return the references of which the ante-impact one is extended from tick a on, the post-impact one before p.
+
+    A load that is known is in both from the nominal impact on: the interim mode need not blend it in, as in (23) of the
+    impact-map paper, and an object that has just been met is carried at once.
+    """
+    n = recording.points.shape[1]
     ante = recording.points.copy()
     post = recording.points.copy()
     for arm in range(2):
         _hold_velocity(ante[arm], a, np.arange(a + 1, n), recording.period_s)
         _hold_velocity(post[arm], p, np.arange(p), recording.period_s)
+        if recording.load is not None:
+            ante[arm]["wrench_ff"][p:] += recording.load[arm]
     return ExtendedReference(
         ante=ante,
         post=post,
@@ -53,6 +67,7 @@ def extend(recording: Recording, exclusion_s: float) -> ExtendedReference:
         nominal_impact_s=recording.impact_s,
         release_s=recording.release * recording.period_s,
         object=recording.object,
+        motion=recording.motion,
     )
 
 

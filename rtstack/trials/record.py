@@ -150,7 +150,11 @@ def trial_metadata(
     realtime = {} if cell_kind in LOCKSTEP_KINDS else {f"loop_{k}": v for k, v in obtainable().as_dict().items()}
     times = {}
     if reference is not None:
-        times = {"nominal_impact_s": repr(reference.nominal_impact_s), "release_s": repr(reference.release_s)}
+        times = {
+            "nominal_impact_s": repr(reference.nominal_impact_s),
+            "release_s": repr(reference.release_s),
+            "motion": str(reference.motion),
+        }
     return {
         "kind": _kind(specification),
         "specification": json.dumps(specification.as_dict()),

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from rtstack.control.parameters import DetectorParameters
 from rtstack.log.reader import Event, Log, read_log
 from rtstack.loop.history import Columns
+from rtstack.references.motion import Motion
 from rtstack.samples import SIDES
 from rtstack.trials.scoring import Score, SuccessCriterion, score
 
@@ -58,6 +59,7 @@ def review_log(path: Path) -> Review:
             float(trial["release_s"]),
             _detected(recorded),
             SuccessCriterion(),
+            Motion(trial.get("motion", Motion.GRAB)),
         )
     return Review(
         path=Path(path),

@@ -21,8 +21,9 @@ from rtstack.loop.session import Plan, Session, SessionOutcome, StopSignal
 from rtstack.loop.watchdogs import Trip, Watchdog
 from rtstack.model.cell_description import CellDescription
 from rtstack.references.demonstration import Grab, grab, scripted_targets
-from rtstack.references.recording import ReferenceError, load_recording
-from rtstack.references.spreading import ExtendedReference, extend
+from rtstack.references.recording import ReferenceError
+from rtstack.references.source import load_reference
+from rtstack.references.spreading import ExtendedReference
 from rtstack.safety.limits import SafetyLimits
 from rtstack.samples import Level, Mode
 from rtstack.trials.assembly import (
@@ -68,15 +69,10 @@ def prepare_trial(
     parameters = parameters or cell_parameters(description)
     check_object(specification.object, description)
     limits = safety_limits(description, specification.safety)
-    control = parameters.control
     try:
-        recording = load_recording(
-            Path(specification.reference),
-            arm_controllers(description, parameters),
-            parameters.detector,
-            control.period_s,
+        reference = load_reference(
+            Path(specification.reference), arm_controllers(description, parameters), parameters.detector
         )
-        reference = extend(recording, control.exclusion_s)
     except ReferenceError as error:
         raise TrialError(str(error)) from None
     return PreparedTrial(specification, description, parameters, reference, limits)
@@ -119,7 +115,7 @@ def run_trial(
         outcome = run.follow(cell, STRATEGIES[specification.controller], reference.nominal_impact_s)
         values = score(
             run.history.columns(), outcome.start_t_ns, reference.nominal_impact_s, reference.release_s,
-            run.first_impact_s, criterion or SuccessCriterion(),
+            run.first_impact_s, criterion or SuccessCriterion(), reference.motion,
         )  # fmt: skip
         result = _trial_result(prepared, cell.name, outcome, values, log)
         incomplete = log.close(result.as_dict()) if log is not None else None
@@ -329,7 +325,9 @@ def _demonstration_result(
 def _trial_result(
     prepared: PreparedTrial, cell: str, outcome: SessionOutcome, values: Score, log: TrialLog | None
 ) -> TrialResult:
-    reason = failure_reason(outcome.end, outcome.detail, outcome.safety_interventions, values)
+    reason = failure_reason(
+        outcome.end, outcome.detail, outcome.safety_interventions, values, prepared.reference.motion
+    )
     specification = prepared.specification
     return TrialResult(
         success=reason is None,

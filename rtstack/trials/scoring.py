@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from hal.limits import FR3
 from rtstack.loop.end import End
 from rtstack.loop.history import Columns
+from rtstack.references.motion import Motion
 from rtstack.samples import Mode
 
 Array = NDArray[np.floating]
@@ -19,11 +20,15 @@ class SuccessCriterion:
 
     From the moment the pads have risen by `lifted_m`, the object's height over where it stood may be at most `slip_m`
     below the pads' rise since the impact: half a pad's height less a margin, past which the pads' centres leave it.
+    A push succeeds when the object has gone `pushed_m` at least, and never `apart_m` more or less than the pad since
+    the impact.
     """
 
     lifted_m: float = 0.06
     slip_m: float = 0.04
     release_margin_s: float = 0.05
+    pushed_m: float = 0.06
+    apart_m: float = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +55,7 @@ FORCE_WINDOW_S = 0.1  # on each side of the nominal impact time: the 200 ms of t
 
 def score(
     columns: Columns, start_t_ns: int, nominal_impact_s: float, release_s: float,
-    detected_impact_s: float | None, criterion: SuccessCriterion,
+    detected_impact_s: float | None, criterion: SuccessCriterion, motion: Motion = Motion.GRAB,
 ) -> Score:  # fmt: skip
     """Score a trial that began at the robot's time start_t_ns."""
     t_s = (columns.arm[0]["t_ns"] - start_t_ns) * 1e-9
@@ -60,10 +65,11 @@ def score(
     norm = np.linalg.norm(wrench, axis=(0, 2))
     linear = np.linalg.norm(wrench[:, :, :3], axis=(0, 2))
     compute = columns.timing["compute_us"]
+    followed = _held if motion is Motion.GRAB else _pushed
     seen = bool(np.any(columns.object["t_ns"] > start_t_ns))  # what waited in the socket before is no evidence
     return Score(
         seen=seen,
-        held=seen and _held(columns, start_t_ns, t_s, release_s, detected_impact_s, criterion),
+        held=seen and followed(columns, start_t_ns, t_s, release_s, detected_impact_s, criterion),
         average_force_norm=_mean(norm[window]),
         average_force_norm_linear_n=_mean(linear[window]),
         peak_force_norm=float(norm.max()) if len(norm) else None,
@@ -108,7 +114,29 @@ def _held(
     return bool(carried.any() and np.all(lift[carried] > rise[carried] - criterion.slip_m))
 
 
-def failure_reason(end: End, detail: str, interventions: int, values: Score | None = None) -> str | None:
+def _pushed(
+    columns: Columns, start_t_ns: int, t_s: Array, release_s: float, detected_impact_s: float | None,
+    criterion: SuccessCriterion,
+) -> bool:  # fmt: skip
+    """Whether the object went with the left pad, along the pad's way, from the impact to the release."""
+    poses = columns.object
+    if detected_impact_s is None or len(poses) == 0 or t_s[-1] < release_s - criterion.release_margin_s:
+        return False
+    # how far each has gone over the table: the mounting drops out
+    pad = columns.arm[0]["O_T_EE"][:, :2, 3]
+    at_impact = min(int(np.searchsorted(t_s, detected_impact_s)), len(pad) - 1)
+    way = np.linalg.norm(pad - pad[at_impact], axis=1)
+    pose_t_s = (poses["t_ns"] - start_t_ns) * 1e-9
+    place = poses["position"][:, :2]
+    gone = np.linalg.norm(place - np.median(place[: min(20, len(place))], axis=0), axis=1)
+    pushed = (pose_t_s > detected_impact_s) & (pose_t_s < release_s - criterion.release_margin_s)
+    apart = np.abs(gone - np.interp(pose_t_s, t_s, way))[pushed]
+    return bool(gone[pushed].max(initial=0.0) > criterion.pushed_m and apart.max(initial=0.0) <= criterion.apart_m)
+
+
+def failure_reason(
+    end: End, detail: str, interventions: int, values: Score | None = None, motion: Motion = Motion.GRAB
+) -> str | None:
     """Return why a trial failed, None for a success. Without values the object does not matter."""
     if end is not End.COMPLETED:
         return f"{end}: {detail}" if detail else str(end)
@@ -117,5 +145,6 @@ def failure_reason(end: End, detail: str, interventions: int, values: Score | No
     if values is not None and not values.seen:
         return "the object was never seen: no pose of the tracker arrived; see [tracker] in the cell's file"
     if values is not None and not values.held:
-        return "the object was not held until release"
+        what = "held" if motion is Motion.GRAB else "pushed along"
+        return f"the object was not {what} until release"
     return None

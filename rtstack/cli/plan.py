@@ -1,0 +1,63 @@
+"""`rtstack plan`: a reference without a demonstration. Everything is checked before anything is written."""
+
+import json as json_module
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from rtstack.cli.cells import load_description
+from rtstack.log.writer import check_log_path
+from rtstack.planning import PlanError, PlannedMotion, grab_plan, plan_grab, plan_push, push_plan
+from rtstack.planning.file import write_plan
+from rtstack.references.motion import Motion
+from rtstack.samples import SIDES
+
+_GRAB_ONLY = ("rise", "squeeze", "lift", "carry")
+_PUSH_ONLY = ("travel",)
+
+
+def run(output: Path, motion: Motion, object_name: str, cell_file: Path | None, json: bool, **values: Any) -> None:
+    """Plan a motion and write it to `output`, which must not exist yet. values: of the plan; None for its default."""
+    description, source = load_description(cell_file)
+    check_log_path(output)
+    given = {key: value for key, value in values.items() if value is not None}
+    foreign = _PUSH_ONLY if motion is Motion.GRAB else _GRAB_ONLY
+    for key in foreign:
+        if key in given:
+            raise PlanError(f"--{key} does not belong to a {motion}: leave it out")
+    if motion is Motion.GRAB:
+        planned = plan_grab(description, object_name, grab_plan(**given))
+    else:
+        planned = plan_push(description, object_name, push_plan(**given))
+    write_plan(output, planned, description, source)
+    if json:
+        typer.echo(json_module.dumps({**planned.as_dict(), "file": str(output)}))
+        return
+    for line in _lines(planned, output):
+        typer.echo(line)
+
+
+def _lines(planned: PlannedMotion, output: Path) -> list[str]:
+    recording, result = planned.recording, planned.map
+    lines = [f"planned {output}: {recording.motion} of {recording.object}, impact at {recording.impact_s:.3f} s"]
+    for arm, side in enumerate(SIDES):
+        if side not in result.problem.names:
+            continue
+        before, after, single = (
+            _numbers(twist[:3])
+            for twist in (result.twist_before(side), result.twist(side), result.twist(side, result.single_step))
+        )
+        lines.append(f"  {side:<6} {before} m/s, then {after} (single step {single}), planned "
+                     f"{_numbers(planned.velocities[arm])}")  # fmt: skip
+    converged = result.converged
+    for k, (contact, rows) in enumerate(zip(result.problem.contacts, result.problem.points, strict=True)):
+        total, pressing = converged.impulses[rows, 2].sum(), converged.pressing_ns[k]
+        held = f"; to be pressed with {pressing:.2g} Ns" if pressing > 0.0 else ""
+        lines.append(f"  {' on '.join(contact.between)}: {total:.3f} Ns{held}")
+    lines.append(f"  map: {converged.status}, {converged.detail}")
+    return lines
+
+
+def _numbers(values: Any) -> str:
+    return " ".join(f"{value:.3f}" for value in values + 0.0)

@@ -1,0 +1,171 @@
+"""Whether a plan can be run: each check ends in one line that says what is wrong and what to change.
+
+The margins are what feedback and the impact's vibrations need beside the plan.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hal.limits import FR3
+from rtstack.impact_map import ImpactMap, Status
+from rtstack.model.cell_description import CellDescription, ObjectDescription
+from rtstack.planning.planned import PlannedMotion
+from rtstack.planning.request import PlanError
+from rtstack.safety.body import Base, Tool, arm_body
+from rtstack.safety.geometry import arm_distance, place_arm
+from rtstack.safety.limits import HARDWARE, SafetyLimits
+from rtstack.safety.records import StopProfile, empty_memory, rules
+from rtstack.samples import SIDES
+
+Array = NDArray[np.floating]
+GRAVITY = 9.81
+
+POSITION_MARGIN_RAD = 0.05
+VELOCITY_SHARE = 0.9  # of the velocity limit at that position
+TORQUE_SHARE = 0.8  # of the largest torque
+FRICTION_SHARE = 0.7  # of the friction cone: the impact shakes what is held
+SPREAD_SHARE = 0.005  # of the speed: how much of the velocity after the impact the law may leave open
+AGREED_M_S = 1e-6
+CLEARANCE_M = 0.004  # of pads and links over the table: at home a pad's edge is 10 mm above it
+ARM_DISTANCE_M = 0.05
+LOOK_TICKS = 10
+
+
+def object_named(description: CellDescription, name: str) -> ObjectDescription:
+    """Return the cell's object. Raises PlanError for an unknown one."""
+    if name not in description.objects:
+        raise PlanError(f"unknown object {name!r}: the cell {description.name} has {', '.join(description.objects)}")
+    return description.objects[name]
+
+
+def check_place(description: CellDescription, object_name: str, height: float) -> None:
+    """Refuse a height at which the pads do not lie on the object's face as a whole, or touch the table."""
+    thing, pad = description.objects[object_name], description.pad
+    room = (thing.size[2] - pad.size[1]) / 2
+    lowest = max(-room, CLEARANCE_M + (pad.size[1] - thing.size[2]) / 2)
+    if not lowest - 1e-9 <= height <= room + 1e-9:
+        raise PlanError(
+            f"height {height:g} m: on {object_name} the pads have to be within {lowest:.3f} and {room:.3f} m of its "
+            "centre to lie on its face and clear the table"
+        )
+
+
+def check_impact(result: ImpactMap, speed: float) -> None:
+    """Refuse an impact whose map is infeasible, unsolved, or leaves open which velocity follows."""
+    for name, impact in (("single step", result.single_step), ("converged", result.converged)):
+        if impact.status in (Status.INFEASIBLE, Status.UNSOLVED):
+            raise PlanError(f"impact map ({name}): {impact.status}, {impact.detail}; plan another height or speed")
+        if impact.status is Status.NOT_UNIQUE:
+            apart, spread = impact.second_opinion_m_s or 0.0, impact.spread_m_s or 0.0
+            if apart > AGREED_M_S or spread > SPREAD_SHARE * speed:
+                raise PlanError(f"impact map ({name}): not unique, {impact.detail}; plan another height or speed")
+        for contact, rows in zip(result.problem.contacts, result.problem.points, strict=True):
+            total = float(impact.impulses[rows, 2].sum())
+            if total < -1e-9:
+                raise PlanError(
+                    f"impact map ({name}): {' on '.join(contact.between)} would have to pull with {-total:.3g} Ns; "
+                    "plan another height or speed"
+                )
+
+
+def check_lift(planned: PlannedMotion, friction: float, squeeze: float) -> None:
+    """Refuse a squeeze whose friction does not hold what is lifted."""
+    recording = planned.recording
+    sideways = np.linalg.norm(planned.force[:, recording.impact : recording.release][:, :, [0, 2]], axis=2)
+    needed = float(sideways.max()) / (FRICTION_SHARE * friction)
+    if squeeze < needed:
+        raise PlanError(
+            f"squeeze {squeeze:g} N: friction {friction:g} does not hold {recording.object} on this path; squeeze with "
+            f"{np.ceil(needed):.0f} N at least, or lift more slowly"
+        )
+
+
+def check_push(planned: PlannedMotion, description: CellDescription, object_name: str, inward: float) -> None:
+    """Refuse a push that would have to pull to slow the object down, or that pushes it off the table."""
+    recording = planned.recording
+    pressing = inward * planned.force[0, recording.impact : recording.release, 1]
+    if pressing.min() <= 0.0:
+        raise PlanError(
+            f"the object would run ahead of the pad: it has to be slowed down by {-pressing.min():.1f} N more than "
+            "its friction on the table; plan a longer travel"
+        )
+    table, thing = description.table, description.objects[object_name]
+    end = planned.object_position[-1]
+    edge = table.centre_xy[1] + inward * table.size_xy[1] / 2
+    over = inward * (end[1] - edge) + thing.size[1] / 2
+    if over > 0.0:
+        raise PlanError(f"the object would end {over * 1e3:.0f} mm over the table's edge: plan a shorter travel")
+
+
+def check_motion(planned: PlannedMotion, description: CellDescription) -> None:
+    """Refuse joints beyond their limits, and pads or links too near to the table or to the other arm."""
+    limits = HARDWARE.tightened(description.safety)
+    for arm, side in enumerate(SIDES):
+        _check_joints(planned, arm, side, limits)
+        _check_pad(planned, arm, side, limits)
+    _check_distances(planned, description)
+
+
+def _check_joints(planned: PlannedMotion, arm: int, side: str, limits: SafetyLimits) -> None:
+    motion, period_s = planned.joints[arm], planned.recording.period_s
+    room = np.minimum(motion.q - limits.q_lower, np.asarray(limits.q_upper) - motion.q)
+    upper = np.minimum(np.array([FR3.dq_upper(q) for q in motion.q]), limits.dq_max)
+    lower = np.maximum(np.array([FR3.dq_lower(q) for q in motion.q]), -np.asarray(limits.dq_max))
+    speed = np.where(motion.dq > 0.0, motion.dq / np.maximum(upper, 1e-9), motion.dq / np.minimum(lower, -1e-9))
+    reaction = np.einsum("nij,ni->nj", motion.J[:, :3], planned.force[arm])
+    torque = np.einsum("nij,nj->ni", motion.M, motion.ddq) + motion.bias + reaction
+    for values, bound, what in (
+        (POSITION_MARGIN_RAD - room, 0.0, "rad too near to its position limit"),
+        (speed, VELOCITY_SHARE, "times its velocity limit"),
+        (np.abs(torque) / limits.tau_max, TORQUE_SHARE, "times its torque limit"),
+    ):
+        tick, joint = np.unravel_index(int(values.argmax()), values.shape)
+        if values[tick, joint] > bound:
+            raise PlanError(
+                f"{side} arm: joint {joint + 1} is at {values[tick, joint]:.2f} {what} after {tick * period_s:.2f} s, "
+                f"{bound:g} is allowed; plan a lower speed, another posture or a smaller motion"
+            )
+
+
+def _check_pad(planned: PlannedMotion, arm: int, side: str, limits: SafetyLimits) -> None:
+    points = planned.recording.points[arm]
+    place, speed = points["position"], np.linalg.norm(points["twist"][:, :3], axis=1)
+    outside = np.maximum(np.asarray(limits.ee_lower) - place, place - np.asarray(limits.ee_upper))
+    tick, axis = np.unravel_index(int(outside.argmax()), outside.shape)
+    if outside[tick, axis] > 0.0:
+        raise PlanError(
+            f"{side} arm: the pad leaves the cell's box by {outside[tick, axis] * 1e3:.0f} mm along {'xyz'[axis]} at "
+            f"{tick * planned.recording.period_s:.2f} s (ee_lower, ee_upper): plan a smaller motion"
+        )
+    if speed.max() > VELOCITY_SHARE * limits.ee_speed_max:
+        raise PlanError(
+            f"{side} arm: the pad moves at {speed.max():.2f} m/s, more than {VELOCITY_SHARE} of the cell's "
+            f"ee_speed_max = {limits.ee_speed_max:g}: plan a lower speed"
+        )
+
+
+def _check_distances(planned: PlannedMotion, description: CellDescription) -> None:
+    """Look at the judge's capsules and at the pads' boxes along the path."""
+    table, pad = description.table, description.pad
+    half = np.array(table.size_xy) / 2
+    low, high = np.array(table.centre_xy) - half, np.array(table.centre_xy) + half
+    mounted = (description.left, description.right)
+    tool = Tool(pad.size, pad.flange_to_face)
+    rule = [
+        rules(HARDWARE, StopProfile(), arm_body(Base(m.base_position, m.base_orientation_wxyz), tool)) for m in mounted
+    ]
+    memory = empty_memory(2)
+    reach = np.array(pad.size) / 2
+    for tick in range(0, planned.recording.points.shape[1], LOOK_TICKS):
+        t_s = tick * planned.recording.period_s
+        for arm, side in enumerate(SIDES):
+            joints, point = planned.joints[arm], planned.recording.points[arm, tick]
+            place_arm(joints.q[tick], joints.dq[tick], rule[arm][0], memory[arm])
+            lowest = point["position"][2] - point["rotation"][2, 2] * reach[2] - np.abs(point["rotation"][2]) @ reach
+            ends = memory[arm]["ends_world"][1:-1]  # the first capsule is the base, the last the pad's
+            above = np.all((ends[:, :, :2] > low) & (ends[:, :, :2] < high), axis=2)
+            links = np.where(above, ends[:, :, 2] - rule[arm][0]["radius"][1:-1, None], np.inf)
+            if min(float(lowest), float(links.min())) < table.top_z + CLEARANCE_M:
+                raise PlanError(f"{side} arm: it would touch the table at {t_s:.2f} s: plan a greater height")
+        if arm_distance(memory[0], memory[1], rule[0][0], ARM_DISTANCE_M) < ARM_DISTANCE_M:
+            raise PlanError(f"the arms come nearer than {ARM_DISTANCE_M} m to each other at {t_s:.2f} s")

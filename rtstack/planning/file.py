@@ -1,0 +1,81 @@
+"""Writes a plan as a log (rtstack.references.planned reads it): arms, references, the object's way, predictions."""
+
+import contextlib
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hal.description import fr3_urdf
+from hal.tracker import OBJECT_POSE
+from rtstack.log.errors import LogError
+from rtstack.log.frames import FrameTree, quaternion_of
+from rtstack.log.job import Attachment
+from rtstack.log.sink import McapSink
+from rtstack.model.cell_description import CellDescription
+from rtstack.planning.planned import PlannedMotion
+from rtstack.references.planned import PLAN
+from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, EVENT, SIDES, TIMING_SAMPLE, Level, Mode
+from rtstack.trials.provenance import git_commit, package_versions
+from rtstack.trials.record import frames
+
+
+def write_plan(path: Path, planned: PlannedMotion, description: CellDescription, cell_file: Path) -> None:
+    """Write the plan to `path`, which gets its name when the file is complete. Raises LogError with one line."""
+    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    values = {key: value if isinstance(value, str) else json.dumps(value) for key, value in planned.as_dict().items()}
+    load = planned.recording.load
+    values["load"] = json.dumps([] if load is None else load.tolist())
+    trial = {
+        "kind": "plan", "object": planned.recording.object, "versions": json.dumps(package_versions()),
+        "git_commit": git_commit(),
+    }  # fmt: skip
+    batches = _records(planned)
+    tree = FrameTree(frames(description, planned.recording.object), fr3_urdf())
+    arms = {side: batches[f"/{side}/arm"] for side in SIDES}
+    try:
+        with open(partial, "xb") as file:
+            sink = McapSink(file)
+            sink.write_metadata("trial", trial)
+            sink.write_metadata(PLAN, values)
+            for attachment in (
+                Attachment("cell.toml", "application/toml", cell_file.read_bytes()),
+                Attachment("fr3.urdf", "application/xml", fr3_urdf().encode()),
+            ):
+                sink.attach(attachment.name, attachment.media_type, attachment.data)
+            sink.write(batches, tree.update(arms, batches["/object/pose"]))
+            sink.close()
+        os.replace(partial, path)
+    except OSError as error:
+        raise LogError(f"cannot write {path}: {error.strerror or error}") from None
+    finally:
+        with contextlib.suppress(FileNotFoundError):
+            partial.unlink()
+
+
+def _records(planned: PlannedMotion) -> dict[str, NDArray]:
+    recording = planned.recording
+    n = recording.points.shape[1]
+    t_ns = np.arange(n) * round(recording.period_s * 1e9)
+    batches: dict[str, NDArray] = {}
+    for arm, side in enumerate(SIDES):
+        points, motion = recording.points[arm], planned.joints[arm]
+        sample, control = np.zeros(n, ARM_SAMPLE), np.zeros(n, CONTROL_SAMPLE)
+        sample["t_ns"] = control["t_ns"] = t_ns
+        sample["q"], sample["dq"], sample["O_T_EE"] = motion.q, motion.dq, motion.T_base_ee
+        control["mode"] = np.where(np.arange(n) < recording.impact, Mode.ANTE_IMPACT, Mode.POST_IMPACT)
+        control["pose_ref"][:, :3] = points["position"]
+        control["pose_ref"][:, 3:] = [quaternion_of(rotation) for rotation in points["rotation"]]
+        control["twist_ref"], control["beta"] = points["twist"], points["beta"]
+        control["wrench_ff"] = control["wrench_desired"] = points["wrench_ff"]
+        batches[f"/{side}/arm"], batches[f"/{side}/control"] = sample, control
+    timing, pose, event = np.zeros(n, TIMING_SAMPLE), np.zeros(n, OBJECT_POSE), np.zeros(2, EVENT)
+    timing["t_ns"] = pose["t_ns"] = t_ns
+    pose["position"], pose["orientation_wxyz"], pose["seen"] = planned.object_position, (1.0, 0.0, 0.0, 0.0), 1
+    for record, tick, text in zip(
+        event, (recording.impact, recording.release), ("nominal impact, planned", "release, planned"), strict=True
+    ):
+        record["t_ns"], record["level"], record["name"], record["text"] = t_ns[tick], Level.INFO, PLAN, text
+    return batches | {"/timing": timing, "/object/pose": pose, "/events": event}

@@ -1,0 +1,98 @@
+"""Via-point paths of a pad and of its arm's posture: (11)-(13) of the impact-map paper. The orientation stays."""
+
+from dataclasses import dataclass
+from math import ceil
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtstack.control.records import POINT
+from rtstack.planning.request import PlanError
+from rtstack.references.quintic import ViaPoint, quintic_motion
+
+Array = NDArray[np.floating]
+Vias = list[ViaPoint]
+UNHURRIED_S = 0.8  # for an axis that has no speed to gather
+
+
+@dataclass(frozen=True, slots=True)
+class ArmPath:
+    """Via points of one arm: the pad's face along x, y and z, m, and the posture's joint, rad."""
+
+    x: Vias
+    y: Vias
+    z: Vias
+    xi: Vias
+
+
+def points_along(path: ArmPath, rotation: Array, t_s: Array) -> tuple[NDArray, Array]:
+    """Return the points (n,) of POINT at the times t_s (n,), without feedforward, and their accelerations (n, 4):
+    of x, y, z m/s^2 and of the posture's joint rad/s^2."""
+    points = np.zeros(len(t_s), POINT)
+    acceleration = np.empty((len(t_s), 4))
+    for axis, vias in enumerate((path.x, path.y, path.z)):
+        points["position"][:, axis], points["twist"][:, axis], acceleration[:, axis] = quintic_motion(vias, t_s)
+    points["xi"], points["dxi"], acceleration[:, 3] = quintic_motion(path.xi, t_s)
+    points["rotation"] = rotation
+    return points, acceleration
+
+
+@dataclass(frozen=True, slots=True)
+class Approach:
+    """The way of one pad from rest to where it meets the object: positions (3,) m, velocity there (3,) m/s, the
+    posture's joint at the start and there, rad."""
+
+    start: Array
+    contact: Array
+    velocity: Array
+    xi_start: float
+    xi_contact: float
+
+    def least_s(self, steady_s: float) -> float:
+        """Return how long it takes, s, with steady_s at constant velocity at its end.
+
+        A speed v is gathered over d in 2 d / v: at half of it on average, so that the path never turns back. Raises
+        PlanError where there is no room.
+        """
+        return max(steady_s + self._gathering_s(axis, steady_s) for axis in range(3))
+
+    def path(self, touch_s: float, steady_s: float) -> ArmPath:
+        """Return the path that arrives at the time touch_s, and goes straight on at constant velocity."""
+        axes = []
+        for axis in range(3):
+            v, contact = float(self.velocity[axis]), float(self.contact[axis])
+            steady = touch_s - steady_s
+            begin = steady - self._gathering_s(axis, steady_s)
+            axes.append(
+                [
+                    ViaPoint(begin, float(self.start[axis])),
+                    ViaPoint(steady, contact - v * steady_s, v),
+                    ViaPoint(touch_s + 1.0, contact + v, v),
+                ]
+            )
+        unhurried = ViaPoint(touch_s - steady_s - UNHURRIED_S, self.xi_start)
+        return ArmPath(*axes, xi=[unhurried, ViaPoint(touch_s - steady_s, self.xi_contact)])
+
+    def _gathering_s(self, axis: int, steady_s: float) -> float:
+        v = float(self.velocity[axis])
+        if v == 0.0:
+            return UNHURRIED_S
+        distance = float(self.contact[axis] - self.start[axis]) - v * steady_s
+        if not distance * v > 0.0:
+            raise PlanError(
+                f"no room to gather {abs(v):g} m/s along {'xyz'[axis]}: the pad starts "
+                f"{abs(self.contact[axis] - self.start[axis]) * 1e3:.0f} mm from where it meets the object; plan a "
+                f"lower speed{' or a greater height' if axis == 2 else ''}"
+            )
+        return 2.0 * distance / v
+
+
+def common_touch_s(approaches: list[Approach], rest_s: float, steady_s: float, period_s: float) -> float:
+    """Return the time at which all arrive, s: a tick, no earlier than each can after resting for rest_s."""
+    least = max(approach.least_s(steady_s) for approach in approaches)
+    return ceil((rest_s + least) / period_s - 1e-6) * period_s
+
+
+def coast(t_s: float, position: float, velocity: float, stop_s: float) -> Vias:
+    """Return the via points of a coordinate that comes to rest from this velocity within stop_s."""
+    return [ViaPoint(t_s, position, velocity), ViaPoint(t_s + stop_s, position + velocity * stop_s / 2.0)]

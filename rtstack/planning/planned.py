@@ -1,0 +1,126 @@
+"""A planned motion: the recording that no demonstration has made, and what was computed on the way."""
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtstack.impact_map import Impact, ImpactMap
+from rtstack.model.arm_model import ArmModel
+from rtstack.model.cell_description import CellDescription
+from rtstack.planning.joints import JointMotion, feedforward, joint_motion
+from rtstack.planning.path import ArmPath, points_along
+from rtstack.planning.request import GrabPlan, PushPlan
+from rtstack.references.motion import Motion
+from rtstack.references.planned import planned_reference
+from rtstack.references.recording import Recording
+from rtstack.references.spreading import ExtendedReference
+from rtstack.samples import SIDES
+
+Array = NDArray[np.floating]
+# times (n,) s and accelerations of both arms (2, n, 3) -> forces of the pads on the object, N (2, n, 3): those that
+# move and carry it, and those that only clamp it
+Forces = Callable[[Array, Array], tuple[Array, Array]]
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """Of a plan, s: the nominal impact, the release, the end."""
+
+    touch_s: float
+    release_s: float
+    end_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedMotion:
+    """A plan that may be run.
+
+    recording: ante-impact points before the nominal impact, post-impact ones from it on; joints: of the left and the
+    right arm at the same ticks; force (2, n, 3) N: what the pads are to exert; map: of the impact; velocities (2, 3)
+    m/s of the pads after it, scaled; object_pose (n, 3) m: where the object's centre is meant to be.
+    """
+
+    request: GrabPlan | PushPlan
+    recording: Recording
+    joints: tuple[JointMotion, JointMotion]
+    force: Array
+    map: ImpactMap
+    velocities: Array
+    object_position: Array
+
+    @property
+    def reference(self) -> ExtendedReference:
+        """The references of a trial: each goes on at constant velocity beyond the nominal impact."""
+        return planned_reference(self.recording)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return parameters and predictions as JSON-ready values."""
+        arms = [name for name in self.map.problem.names if name in SIDES]
+        return {
+            "motion": str(self.recording.motion),
+            "object": self.recording.object,
+            "parameters": {key: getattr(value, "value", value) for key, value in asdict(self.request).items()},
+            "nominal_impact_s": self.recording.impact_s,
+            "release_s": self.recording.release * self.recording.period_s,
+            "duration_s": self.recording.points.shape[1] * self.recording.period_s,
+            "velocity_before": {side: self.map.twist_before(side)[:3].tolist() for side in arms},
+            "velocity_after": {side: self.map.twist(side)[:3].tolist() for side in arms},
+            "velocity_after_single_step": {
+                side: self.map.twist(side, self.map.single_step)[:3].tolist() for side in arms
+            },
+            "velocity_planned": {side: self.velocities[SIDES.index(side)].tolist() for side in arms},
+            "converged": _impact_dict(self.map, self.map.converged),
+            "single_step": _impact_dict(self.map, self.map.single_step),
+        }
+
+
+def assemble(
+    description: CellDescription, request: GrabPlan | PushPlan, motion: Motion, object_name: str,
+    ante: tuple[ArmPath, ArmPath], post: tuple[ArmPath, ArmPath], timing: Timing, forces: Forces, impact: ImpactMap,
+    rotations: Array, object_start: Array, period_s: float, posture_joint: int,
+) -> PlannedMotion:  # fmt: skip
+    """Put a plan together: points, joints, feedforward. Raises PlanError where an arm cannot follow."""
+    k = round(timing.touch_s / period_s)
+    t_s = np.arange(round(timing.end_s / period_s)) * period_s
+    pieces, accelerations = [], []
+    for arm in range(2):
+        before, a = points_along(ante[arm], rotations[arm], t_s[:k])
+        after, b = points_along(post[arm], rotations[arm], t_s[k:])
+        pieces.append((before, after))
+        accelerations.append(np.concatenate([a, b]))
+    acceleration = np.array(accelerations)
+    force = np.zeros((2, len(t_s), 3))
+    moving, clamping = forces(t_s[k:], acceleration[:, k:, :3])
+    force[:, k:] = moving + clamping
+    load = np.zeros((2, 6))
+    load[:, :3] = moving[:, 0]
+    points, joints = [], []
+    for arm, mounting in enumerate((description.left, description.right)):
+        model = ArmModel(mounting, description.pad)
+        moved = joint_motion(model, np.array(mounting.home), pieces[arm], period_s, SIDES[arm])
+        joints.append(moved)
+        whole = np.concatenate(pieces[arm])
+        whole["wrench_ff"], whole["beta"] = feedforward(moved, acceleration[arm], force[arm], posture_joint)
+        points.append(whole)
+    both = np.array(points)
+    recording = Recording(both, period_s, k, round(timing.release_s / period_s), object_name, motion, load)
+    carriers = [arm for arm, side in enumerate(SIDES) if side in impact.problem.names]
+    held = both["position"][carriers].mean(axis=0)
+    where = object_start + held - held[k]
+    where[:k] = object_start
+    where[recording.release :] = where[recording.release]
+    velocities = both["twist"][:, k, :3]
+    return PlannedMotion(request, recording, (joints[0], joints[1]), force, impact, velocities, where)
+
+
+def _impact_dict(result: ImpactMap, impact: Impact) -> dict[str, Any]:
+    contacts = {}
+    for k, (contact, rows) in enumerate(zip(result.problem.contacts, result.problem.points, strict=True)):
+        contacts[" on ".join(contact.between)] = {
+            "normal_impulse_ns": float(impact.impulses[rows, 2].sum()),
+            "pressing_ns": float(impact.pressing_ns[k]),
+        }
+    return {"status": str(impact.status), "detail": impact.detail, "contacts": contacts}

@@ -1,0 +1,136 @@
+"""A single-arm hit-and-push, planned: the left arm hits the object and pushes it over the table, away from itself."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtstack.control.parameters import ControlParameters
+from rtstack.impact_map import Arm, Box, Contact, ImpactMap, Plane, Scene, SceneError, impact_map
+from rtstack.impact_map.grab import joint_state
+from rtstack.impact_map.scene import Joints
+from rtstack.model.arm_model import ArmModel
+from rtstack.model.cell_description import CellDescription
+from rtstack.planning.feasibility import GRAVITY, check_impact, check_motion, check_place, check_push, object_named
+from rtstack.planning.path import Approach, ArmPath, coast, common_touch_s, points_along
+from rtstack.planning.planned import PlannedMotion, Timing, assemble
+from rtstack.planning.request import PlanError, PushPlan
+from rtstack.references.demonstration import end_effector_pose
+from rtstack.references.motion import Motion
+from rtstack.references.quintic import ViaPoint
+
+Array = NDArray[np.floating]
+COAST_S = 0.4
+GIVING_WAY_S = 1.2
+
+
+def plan_push(
+    description: CellDescription,
+    object_name: str,
+    plan: PushPlan | None = None,
+    control: ControlParameters | None = None,
+) -> PlannedMotion:
+    """Return a hit-and-push of the object at its place. Raises PlanError with one line where it is not feasible."""
+    plan = plan or PushPlan()
+    control = control or ControlParameters()
+    thing = object_named(description, object_name)
+    check_place(description, object_name, plan.height)
+    period_s, top, joint = control.period_s, description.table.top_z, control.posture_joint
+    place = np.array([0.0, 0.0, top + thing.size[2] / 2])
+    poses = [
+        end_effector_pose(ArmModel(mounting, description.pad), np.array(mounting.home))
+        for mounting in (description.left, description.right)
+    ]
+    start, rotation = poses[0]
+    inward = -float(np.sign(start[1]))
+    xi = description.left.home[joint]
+    contact = place + (0.0, -inward * thing.size[1] / 2, plan.height)
+    approach = Approach(start, contact, np.array([0.0, inward * plan.speed, 0.0]), xi, xi - inward * plan.posture)
+    touch = max(common_touch_s([approach], plan.rest_s, plan.steady_s, period_s), GIVING_WAY_S)
+    ante = approach.path(touch, plan.steady_s)
+    meeting = points_along(ante, rotation, np.array([touch]))[0][0]
+    impact = _push_impact(description, object_name, meeting, plan)
+    check_impact(impact, plan.speed)
+    velocity = plan.post_impact_scale * impact.twist("left")[:3]
+    dxi = plan.post_impact_scale * float(impact.velocity("left")[joint])
+    post, release = _post_path(plan, approach, velocity, dxi, inward, touch)
+    timing = Timing(touch, release, release + plan.release_s + plan.rest_s)
+    aside = _aside(poses[1][0], description.right.home[joint], plan.way_up)
+    table = description.contact_friction.table
+
+    def forces(t_s: Array, acceleration: Array) -> tuple[Array, Array]:
+        force = np.zeros((2, len(t_s), 3))
+        pushing = (t_s < timing.release_s) * 1.0
+        force[0, :, :2] = thing.mass * acceleration[0, :, :2] * pushing[:, None]
+        force[0, :, 1] += inward * table * thing.mass * GRAVITY * pushing
+        return force, np.zeros_like(force)
+
+    planned = assemble(
+        description, plan, Motion.HIT_AND_PUSH, object_name, (ante, aside), (post, aside), timing, forces, impact,
+        np.array([rotation, poses[1][1]]), place, period_s, joint,
+    )  # fmt: skip
+    check_push(planned, description, object_name, inward)
+    check_motion(planned, description)
+    return planned
+
+
+def _push_impact(description: CellDescription, object_name: str, meeting: NDArray, plan: PushPlan) -> ImpactMap:
+    """Return the map of the left arm at the object on the table; the right arm touches nothing."""
+    thing, top, mounting = description.objects[object_name], description.table.top_z, description.left
+    try:
+        q, dq = (_joints(values) for values in joint_state(mounting, description.pad, meeting))
+        return impact_map(
+            Scene(
+                arms={"left": Arm(mounting.base_position, q, mounting.base_orientation_wxyz, dq=dq)},
+                objects={"object": Box(thing.mass, thing.size, (0.0, 0.0, top + thing.size[2] / 2))},
+                supports={"table": Plane((0.0, 0.0, top), (0.0, 0.0, 1.0))},
+                contacts=(
+                    Contact(("left", "object"), description.contact_friction.pad),
+                    Contact(("object", "table"), description.contact_friction.table),
+                ),
+                pad=description.pad,
+                reflected=plan.inertia,
+            )
+        )
+    except SceneError as error:
+        raise PlanError(f"left arm: {error}; plan another height or posture") from None
+
+
+def _joints(values: Array) -> Joints:
+    a, b, c, d, e, f, g = values.tolist()
+    return a, b, c, d, e, f, g
+
+
+def _post_path(
+    plan: PushPlan, approach: Approach, velocity: Array, dxi: float, inward: float, touch: float
+) -> tuple[ArmPath, float]:
+    """Return the left arm's path from the nominal impact on, and when it lets go of the object, s."""
+    (x, y, z), (vx, vy, vz) = approach.contact.tolist(), velocity.tolist()
+    v = inward * vy
+    slowing = plan.travel - v * plan.steady_s
+    if not (v > 0.0 and slowing > 0.0):
+        raise PlanError(f"after the impact the object goes at {v:.3f} m/s: plan a longer travel or a lower speed")
+    steady = touch + plan.steady_s
+    release = steady + 2.0 * slowing / v
+    end = y + inward * plan.travel
+    path = ArmPath(
+        x=coast(touch, x, vx, COAST_S),
+        y=[
+            ViaPoint(touch, y, vy),
+            ViaPoint(steady, y + vy * plan.steady_s, vy),
+            ViaPoint(release, end),
+            ViaPoint(release + plan.release_s, end - inward * plan.retreat),
+        ],
+        z=coast(touch, z, vz, COAST_S),
+        xi=coast(touch, approach.xi_contact, dxi, COAST_S),
+    )
+    return path, release
+
+
+def _aside(start: Array, xi: float, way_up: float) -> ArmPath:
+    """Return the other arm's path: straight up, out of the object's way."""
+    x, y, z = start.tolist()
+    return ArmPath(
+        x=[ViaPoint(0.0, x)],
+        y=[ViaPoint(0.0, y)],
+        z=[ViaPoint(0.0, z), ViaPoint(GIVING_WAY_S, z + way_up)],
+        xi=[ViaPoint(0.0, xi)],
+    )

@@ -1,0 +1,92 @@
+"""What a plan is asked to do: data, checked key by key."""
+
+from typing import Annotated, Any, TypeVar
+
+from pydantic import Field, ValidationError
+from pydantic.dataclasses import dataclass as checked
+
+from rtstack.configuration import STRICT, ConfigurationError
+from rtstack.impact_map import ReflectedInertia
+
+Time = Annotated[float, Field(gt=0.0, le=10.0, allow_inf_nan=False)]
+Length = Annotated[float, Field(ge=-0.5, le=0.5, allow_inf_nan=False)]
+Distance = Annotated[float, Field(gt=0.0, le=0.5, allow_inf_nan=False)]
+# m/s: slower hits are below what the detector of Appendix B sees (0.025 m/s), faster ones above ee_speed_max's room
+Speed = Annotated[float, Field(ge=0.05, le=0.8, allow_inf_nan=False)]
+# the validation campaign's range is 0.8 to 1.2
+Scale = Annotated[float, Field(ge=0.5, le=1.5, allow_inf_nan=False)]
+Angle = Annotated[float, Field(ge=-1.5, le=1.5, allow_inf_nan=False)]
+
+
+class PlanError(ConfigurationError):
+    """A motion that cannot be planned as asked. The message says in one line why, and what to change."""
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class GrabPlan:
+    """A dual-arm grab. Lengths m, times s, along the world's axes.
+
+    speed, rise: of both pads when they meet the object, inwards and upwards, m/s; height: of the pads' centres over the
+    object's there; posture: joint 1 of the left arm there, rad from home (the right arm's is the mirror image);
+    squeeze: the force of each pad that is wanted, N. post_impact_scale: what the velocities after the impact are
+    multiplied with (the validation campaign plans 0.8 to 1.2); inertia: of the motors, as the map counts it.
+    """
+
+    speed: Speed = 0.35
+    rise: Speed = 0.25
+    height: Length = 0.02
+    posture: Angle = 0.0
+    squeeze: Annotated[float, Field(gt=0.0, le=120.0, allow_inf_nan=False)] = 40.0
+    lift: Distance = 0.25
+    carry: Length = 0.05
+    post_impact_scale: Scale = 1.0
+    inertia: ReflectedInertia = ReflectedInertia.B_THETA
+    rest_s: Time = 0.3
+    steady_s: Time = 0.05  # at constant velocity before the impact and after it
+    lift_s: Time = 1.2
+    carry_s: Time = 0.6
+    lower_s: Time = 1.1
+    release_s: Time = 0.6
+    retreat: Distance = 0.12
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class PushPlan:
+    """A hit-and-push by the left arm, away from it along y, while the right one gives way upwards. See GrabPlan.
+
+    travel: how far the object goes after the impact.
+    """
+
+    speed: Speed = 0.5
+    height: Length = 0.0
+    posture: Angle = 0.0
+    travel: Distance = 0.2
+    post_impact_scale: Scale = 1.0
+    inertia: ReflectedInertia = ReflectedInertia.B_THETA
+    rest_s: Time = 0.8
+    steady_s: Time = 0.05
+    release_s: Time = 0.6
+    retreat: Distance = 0.05
+    way_up: Distance = 0.3
+
+
+Plan = TypeVar("Plan", GrabPlan, PushPlan)
+
+
+def grab_plan(**values: Any) -> GrabPlan:
+    """Return a GrabPlan of these values. Raises PlanError with the first one out of range."""
+    return _checked(GrabPlan, values)
+
+
+def push_plan(**values: Any) -> PushPlan:
+    """Return a PushPlan of these values. Raises PlanError with the first one out of range."""
+    return _checked(PushPlan, values)
+
+
+def _checked(kind: type[Plan], values: dict[str, Any]) -> Plan:
+    try:
+        return kind(**values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        raise PlanError(f"plan: {key}: {first['msg']}, got {first['input']}") from None

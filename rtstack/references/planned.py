@@ -1,0 +1,57 @@
+"""A planned motion as a file: a log of the arms' planned states, with /control in the modes of the plan.
+
+Any reader of logs shows it. What a trial needs is in /left/control and /right/control (mode, pose_ref, twist_ref,
+wrench_ff, beta), in the posture's joint of /left/arm and /right/arm, and in the metadata record `plan`.
+"""
+
+import json
+
+import numpy as np
+
+from rtstack.control.records import POINT
+from rtstack.log.reader import Log
+from rtstack.model.rotation import rotation_from_quaternion
+from rtstack.references.motion import Motion
+from rtstack.references.recording import Recording, ReferenceError
+from rtstack.references.spreading import ExtendedReference, spread
+from rtstack.samples import SIDES, Mode
+
+PLAN = "plan"  # the metadata record that makes a log a plan
+
+
+def planned_reference(recording: Recording) -> ExtendedReference:
+    """Return the references of a planned motion: no interval is excluded, as nothing in it rings."""
+    return spread(recording, recording.impact - 1, recording.impact)
+
+
+def planned_recording(log: Log, posture_joint: int, period_s: float) -> Recording:
+    """Return the motion in the log of a plan. Raises ReferenceError with one line."""
+    metadata = log.metadata[PLAN]
+    controls = [log.topic(f"/{side}/control") for side in SIDES]
+    samples = [log.topic(f"/{side}/arm") for side in SIDES]
+    t_ns = controls[0]["t_ns"]
+    n = len(t_ns)
+    if n < 2 or any(not np.array_equal(topic["t_ns"], t_ns) for topic in (*controls, *samples)):
+        raise ReferenceError(f"{log.path}: the plan is incomplete: plan it again")
+    if np.any(np.diff(t_ns) != round(period_s * 1e9)):
+        raise ReferenceError(f"{log.path}: the plan has not one point every {period_s:g} s: plan it again")
+    points = np.zeros((2, n), POINT)
+    for arm, (control, sample) in enumerate(zip(controls, samples, strict=True)):
+        points[arm]["position"] = control["pose_ref"][:, :3]
+        points[arm]["rotation"] = [rotation_from_quaternion(pose[3:]) for pose in control["pose_ref"]]
+        points[arm]["twist"] = control["twist_ref"]
+        points[arm]["wrench_ff"] = control["wrench_ff"]
+        points[arm]["beta"] = control["beta"]
+        points[arm]["xi"] = sample["q"][:, posture_joint]
+        points[arm]["dxi"] = sample["dq"][:, posture_joint]
+    modes = controls[0]["mode"]
+    after = np.flatnonzero(modes == Mode.POST_IMPACT)
+    impact = int(after[0]) if len(after) else 0
+    if impact < 1 or not np.all(modes[:impact] == Mode.ANTE_IMPACT):
+        raise ReferenceError(f"{log.path}: the plan has no motion before and after an impact: plan it again")
+    try:
+        release, motion = round(float(metadata["release_s"]) / period_s), Motion(metadata["motion"])
+        load = np.array(json.loads(metadata["load"]), dtype=float).reshape(2, 6)
+    except (KeyError, ValueError) as error:
+        raise ReferenceError(f"{log.path}: its record of the plan is damaged ({error}): plan it again") from None
+    return Recording(points, period_s, impact, release, metadata.get("object", ""), motion, load)
