@@ -12,12 +12,16 @@ from rtstack.samples import Mode
 
 
 class Strategy(IntEnum):
-    """How the controller goes through an impact: the proposed one, or a baseline."""
+    """How the controller goes through an impact: the proposed one, a baseline, or our extension of the proposed one.
+
+    CONTACT_COMPLETION is the paper's future work (part VI): the interim mode waits for full contact.
+    """
 
     PROPOSED = 0
     NO_REFERENCE_SPREADING = 1
     NO_VELOCITY_FEEDBACK = 2
     NO_INTERIM = 3
+    CONTACT_COMPLETION = 4
 
 
 @dataclass(slots=True)
@@ -37,6 +41,10 @@ class ModeMachine:
     velocity_weight: float = 1.0
     impact_s: float = -1.0
     patience_over: bool = False
+    waiting: bool = False  # in interim mode, for full contact
+    completion_s: float = -1.0  # when contact was complete
+    _ramp_s: float = -1.0
+    _ramp_from: float = 0.0
 
     def begin(self, mode: Mode) -> None:
         """Leave idle: to teleoperation or to the ante-impact mode. Ignored in any other mode."""
@@ -53,14 +61,16 @@ class ModeMachine:
         if self.mode is Mode.STOPPING:
             self.mode = Mode.STOPPED
 
-    def update(self, t_s: float, impact: bool) -> None:
-        """Advance to the time t_s; impact: the detector fired in this tick, on either arm."""
+    def update(self, t_s: float, impact: bool, complete: bool = False) -> None:
+        """Advance to the time t_s; impact: the detector fired in this tick, on either arm; complete: full contact."""
         if self.mode not in (Mode.ANTE_IMPACT, Mode.INTERIM, Mode.POST_IMPACT):
             return
         if impact and self.impact_s < 0.0:
             self.impact_s = t_s
-        switch = self._on_time if self.strategy in _BY_TIME else self._on_impact
-        switch(t_s)
+        if self.strategy in _BY_TIME:
+            self._on_time(t_s)
+        else:
+            self._on_impact(t_s, complete)
         if self.strategy is Strategy.NO_VELOCITY_FEEDBACK:
             around = abs(t_s - self.nominal_impact_s) <= self.parameters.interim_s
             self.velocity_weight = 0.0 if around else 1.0
@@ -69,7 +79,7 @@ class ModeMachine:
         if self.mode is Mode.ANTE_IMPACT and t_s >= self.nominal_impact_s:
             self._enter_post()
 
-    def _on_impact(self, t_s: float) -> None:
+    def _on_impact(self, t_s: float, complete: bool) -> None:
         if self.mode is Mode.ANTE_IMPACT:
             if self.impact_s < 0.0:
                 self.patience_over = t_s > self.nominal_impact_s + self.parameters.impact_patience_s
@@ -77,12 +87,25 @@ class ModeMachine:
                 self._enter_post()
             else:
                 self.mode = Mode.INTERIM
+                self._ramp_s = self.impact_s
+                self.waiting = self.strategy is Strategy.CONTACT_COMPLETION
         if self.mode is Mode.INTERIM:
-            self.gamma = (t_s - self.impact_s) / self.parameters.interim_s  # (29)
+            self.gamma = self._ramp_from + (t_s - self._ramp_s) / self.parameters.interim_s  # (29)
+            if self.waiting:
+                self._wait(t_s, complete)
             if self.gamma >= 1.0 - 1e-9:
                 self._enter_post()
             else:
                 self.velocity_weight = self.gamma
+
+    def _wait(self, t_s: float, complete: bool) -> None:
+        """Hold gamma where it may go without full contact. Once that is there, or patience is over, (29) goes on."""
+        self.gamma = min(self.gamma, self.parameters.completion_gamma)
+        if complete:
+            self.completion_s = t_s
+        if complete or t_s - self.impact_s >= self.parameters.completion_patience_s - 1e-9:
+            self.waiting = False
+            self._ramp_s, self._ramp_from = t_s, self.gamma
 
     def _enter_post(self) -> None:
         self.mode = Mode.POST_IMPACT

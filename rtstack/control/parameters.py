@@ -35,6 +35,10 @@ class ControlParameters:
     regularisation: float = 1e-8
     # ours: an impact that is this late does not come any more (30 mm at 0.3 m/s are 0.1 s)
     impact_patience_s: float = 0.3
+    # ours, contact_completion alone: where gamma waits for full contact. A simultaneous impact has it by then, so that
+    # only other impacts make gamma wait; and how long after the first impact it waits at most, as for the first one
+    completion_gamma: float = 0.7
+    completion_patience_s: float = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +49,17 @@ class DetectorParameters:
     force_high_n: float = 5.0
     velocity_m_s: float = 0.025
     window_s: float = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class CompletionParameters:
+    """When a pad is in lasting contact. Force and speed: those of the impact detector, Appendix B, which tell contact
+    from none and motion from rest; hold: ours, longer than a vibrating pad takes to turn round.
+    """
+
+    force_n: float = 5.0
+    speed_m_s: float = 0.025
+    hold_s: float = 0.01
 
 
 @dataclass(frozen=True, slots=True)

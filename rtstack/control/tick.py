@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.limits import FR3
+from rtstack.control.completion import CompletionDetector
 from rtstack.control.detector import ImpactDetector
 from rtstack.control.law import force_norm, observe, pose_problem, torque
 from rtstack.control.modes import ModeMachine
 from rtstack.control.parameters import (
+    CompletionParameters,
     ControlParameters,
     DetectorParameters,
     FrictionParameters,
@@ -49,6 +51,7 @@ class ArmController:
         inertia: InertiaParameters,
         friction: FrictionParameters,
         solver: QpSolver = QpSolver.PROXQP,
+        completion: CompletionParameters | None = None,
     ) -> None:
         self.model = model
         self.sample = np.zeros(1, ARM_SAMPLE)
@@ -70,6 +73,7 @@ class ArmController:
         self._R_world_base = np.ascontiguousarray(model.T_world_base[:3, :3])
         history = ImpactDetector(detector, parameters.period_s)
         self._history, self._head, self._count = history.memory
+        self.completion = CompletionDetector(completion or CompletionParameters())
         self._tau_step = FR3.tau_rate_max * parameters.period_s * (1.0 - 2e-4)  # a little inside the judge's line
         # views of single fields: looking a field up costs more than writing it
         sample = self.sample[0]
@@ -81,6 +85,8 @@ class ArmController:
         self._wrench_desired = self.control["wrench_desired"][0]
         work = self.workspace[0]
         self._tau_previous = work["tau_previous"]
+        self.velocity = work["twist"][:3]
+        self._force_world, self._rotation = work["force_world"], work["rotation"]
         self._qp = tuple(work[n] for n in ("H", "gradient", "lower", "upper", "M", "tau_lower", "tau_upper", "ddq"))
 
     def observe(self) -> None:
@@ -94,6 +100,10 @@ class ArmController:
             self._friction.scale, self._gravity_share, self._inertia.observer_gain_hz, self.parameters.period_s,
             self._history, self._head, self._count, d.force_low_n, d.force_high_n, d.velocity_m_s,
         )  # fmt: skip
+
+    def in_contact(self, t_s: float, other: "ArmController") -> bool:
+        """Whether this arm's pad, as last observed, is in lasting contact. Asked every tick while somebody waits."""
+        return self.completion.update(t_s, self._force_world, self._rotation, self.velocity, other.velocity)
 
     def command(self, mode: Mode) -> QpStatus:
         """Find tau_desired in `sample` for the setpoint. Where the QP has no answer the last torque stays."""
@@ -160,7 +170,13 @@ class DualArmController:
             self.impact_arm = "both" if self.left.impact and self.right.impact else (
                 "left" if self.left.impact else "right"
             )  # fmt: skip
-        self.machine.update(t_s, impact)
+        machine = self.machine
+        machine.update(t_s, impact, machine.waiting and self.contact_complete(t_s))
+
+    def contact_complete(self, t_s: float) -> bool:
+        """Whether both pads are in lasting contact; each with the other one's newest state."""
+        left, right = self.left, self.right
+        return left.in_contact(t_s, right) & right.in_contact(t_s, left)  # both are asked: each keeps its own time
 
     def finish(self) -> None:
         """Write what concerns both arms."""

@@ -135,6 +135,7 @@ class Session:
         self._unpublished = 0
         self._rest = Rest([a.sample["dq"][0] for a in controller.arms])
         self._mode = Mode.IDLE
+        self._waiting = False
 
     def run(self) -> SessionOutcome:
         """Follow the plan to its end, brake, and leave torque control. Never raises for what a robot or a controller
@@ -343,6 +344,11 @@ class Session:
 
     def _say_mode(self) -> None:
         machine = self._controller.machine
+        if machine.mode is self._mode and machine.waiting is self._waiting:
+            return
+        if self._waiting and not machine.waiting:
+            self._say_contact()
+        self._waiting = machine.waiting
         if machine.mode is self._mode:
             return
         if (
@@ -360,6 +366,15 @@ class Session:
             self._time.t_ns, Level.INFO, "mode", f"{self._mode.name.lower()} -> {machine.mode.name.lower()}"
         )
         self._mode = machine.mode
+
+    def _say_contact(self) -> None:
+        machine = self._controller.machine
+        if machine.completion_s >= 0.0:
+            level, text = Level.INFO, f"complete at {machine.completion_s:.3f} s"
+        else:
+            patience_s = machine.parameters.completion_patience_s
+            level, text = Level.WARNING, f"not complete within {patience_s} s of the impact: going on without"
+        self._publisher.event(self._time.t_ns, level, "contact", text)
 
     def _say_link(self) -> None:
         """Where two clocks were served: what the link lost, and how far the clocks drifted apart."""

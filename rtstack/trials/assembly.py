@@ -1,11 +1,17 @@
 """Puts a controller together: models, arms, judges, with everything compiled before the robot is armed."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from rtstack.control.modes import ModeMachine, Strategy
-from rtstack.control.parameters import ControlParameters, DetectorParameters, FrictionParameters, InertiaParameters
+from rtstack.control.parameters import (
+    CompletionParameters,
+    ControlParameters,
+    DetectorParameters,
+    FrictionParameters,
+    InertiaParameters,
+)
 from rtstack.control.records import POINT
 from rtstack.control.tick import ArmController, DualArmController
 from rtstack.model.arm_model import ArmModel
@@ -22,6 +28,7 @@ STRATEGIES = {
     Controller.NO_REFERENCE_SPREADING: Strategy.NO_REFERENCE_SPREADING,
     Controller.NO_VELOCITY_FEEDBACK: Strategy.NO_VELOCITY_FEEDBACK,
     Controller.NO_INTERIM: Strategy.NO_INTERIM,
+    Controller.CONTACT_COMPLETION: Strategy.CONTACT_COMPLETION,
 }
 
 
@@ -34,6 +41,7 @@ class Parameters:
     inertia: InertiaParameters
     friction: tuple[FrictionParameters, FrictionParameters]
     solver: QpSolver = QpSolver.PROXQP
+    completion: CompletionParameters = field(default_factory=CompletionParameters)
 
 
 def default_parameters() -> Parameters:
@@ -63,6 +71,7 @@ def arm_controllers(cell: CellDescription, parameters: Parameters) -> tuple[ArmC
             parameters.inertia,
             friction,
             parameters.solver,
+            parameters.completion,
         )
         for mounting, friction in zip((cell.left, cell.right), parameters.friction, strict=True)
     )
@@ -102,4 +111,5 @@ def _warm_up(controller: DualArmController, cell: CellDescription) -> None:
         arm.tau_max[:] = 1e-3
         arm.command(Mode.ANTE_IMPACT)
         judge.judge(arm.sample, residual=arm.control["momentum_residual"][0])
+    controller.contact_complete(0.0)
     controller.finish()

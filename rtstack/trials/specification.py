@@ -9,12 +9,14 @@ Tightening = tuple[tuple[str, Any], ...]
 
 
 class Controller(StrEnum):
-    """The paper's controller and its three baselines (part V)."""
+    """The paper's controller and its three baselines (part V), and the proposed one with a contact-completion detector
+    (part VI)."""
 
     PROPOSED = "proposed"
     NO_REFERENCE_SPREADING = "no_reference_spreading"
     NO_VELOCITY_FEEDBACK = "no_velocity_feedback"
     NO_INTERIM = "no_interim"
+    CONTACT_COMPLETION = "contact_completion"
 
 
 @dataclass(frozen=True, slots=True)

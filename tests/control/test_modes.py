@@ -1,6 +1,10 @@
 """The mode machine: which mode when, for the proposed controller and its baselines."""
 
+from itertools import pairwise
+
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from rtstack.control.modes import ModeMachine, Strategy
 from rtstack.control.parameters import ControlParameters
@@ -51,7 +55,75 @@ def test_no_velocity_feedback_is_without_it_around_the_nominal_time():
     assert seen[500][0] is Mode.POST_IMPACT
 
 
-@pytest.mark.parametrize("strategy", [Strategy.PROPOSED, Strategy.NO_INTERIM])
+RISE = 1e-3 / P.interim_s  # of gamma in a tick
+
+
+def _completed(impact_tick: int, complete: list[bool], ticks_ms: list[int]) -> list[tuple[int, Mode, float, float]]:
+    """The completion's mode machine from the impact on: ms, mode, gamma, velocity weight of each tick."""
+    machine = ModeMachine(Strategy.CONTACT_COMPLETION, P, 0.5)
+    machine.begin(Mode.ANTE_IMPACT)
+    seen, ms = [], impact_tick
+    for k in range(1000):
+        machine.update(ms * 1e-3, k == 0, complete[min(k, len(complete) - 1)])
+        seen.append((ms, machine.mode, machine.gamma, machine.velocity_weight))
+        ms += ticks_ms[k % len(ticks_ms)]
+    return seen
+
+
+@given(
+    impact_tick=st.integers(300, 700),
+    complete=st.lists(st.booleans(), min_size=1, max_size=400),
+    ticks_ms=st.lists(st.sampled_from([0, 1, 1, 1, 2, 5]), min_size=1, max_size=20).filter(any),
+)
+def test_gamma_rises_steadily_to_one_whatever_the_detector_says(impact_tick, complete, ticks_ms):
+    """Never down, never above 1, never faster than (29), and over when patience and the rest of the ramp are."""
+    longest_ms = 1e3 * (P.completion_patience_s + (1.0 - P.completion_gamma) * P.interim_s)
+    for (ms, _, gamma, _), (later_ms, mode, later, weight) in pairwise(_completed(impact_tick, complete, ticks_ms)):
+        assert gamma <= later <= 1.0
+        assert later - gamma <= RISE * (later_ms - ms) + 1e-9
+        assert weight == later
+        after_ms = later_ms - impact_tick
+        if mode is Mode.INTERIM:
+            assert after_ms < longest_ms + max(ticks_ms)
+        else:
+            assert mode is Mode.POST_IMPACT
+            assert later == 1.0
+            assert after_ms >= 1e3 * P.interim_s
+
+
+@pytest.mark.parametrize("completed_ms", [0, 30, 70, 71, 160, 299])
+def test_the_ramp_goes_on_when_contact_is_complete(completed_ms):
+    seen = _completed(400, [False] * completed_ms + [True], [1])
+    held_ms = max(0, completed_ms - round(1e3 * P.completion_gamma * P.interim_s))
+    for k, (_, mode, gamma, _) in enumerate(seen):
+        ramp = min(k * RISE, P.completion_gamma) if k <= completed_ms else (k - held_ms) * RISE
+        assert gamma == pytest.approx(min(1.0, ramp), abs=1e-9)
+        assert (mode is Mode.INTERIM) == (k < 100 + held_ms)
+
+
+def test_without_full_contact_the_interim_mode_ends_all_the_same():
+    machine = ModeMachine(Strategy.CONTACT_COMPLETION, P, 0.5)
+    machine.begin(Mode.ANTE_IMPACT)
+    for k in range(400, 700):
+        machine.update(k * 1e-3, k == 400)
+        assert machine.waiting
+        assert machine.gamma <= P.completion_gamma
+    modes = []
+    for k in range(700, 740):
+        machine.update(k * 1e-3, False)
+        modes.append(machine.mode)
+    assert modes == [Mode.INTERIM] * 30 + [Mode.POST_IMPACT] * 10
+    assert machine.completion_s < 0.0
+
+
+def test_completion_is_what_the_proposed_controller_is_where_contact_is_complete_in_time():
+    proposed = _run(Strategy.PROPOSED, 0.4)[400:]
+    completed = [state[1:] for state in _completed(400, [False] * 60 + [True], [1])]
+    for ours, theirs in zip(completed, proposed, strict=False):
+        assert ours == (theirs[0], pytest.approx(theirs[1]), pytest.approx(theirs[2]))
+
+
+@pytest.mark.parametrize("strategy", [Strategy.PROPOSED, Strategy.NO_INTERIM, Strategy.CONTACT_COMPLETION])
 def test_patience_ends(strategy):
     machine = ModeMachine(strategy, P, 0.5)
     machine.begin(Mode.ANTE_IMPACT)
