@@ -35,14 +35,22 @@ NAMES = {
     Controller.NO_INTERIM: "No interim mode",
     Controller.PROPOSED: "Proposed approach",
 }
+BEYOND = {Controller.CONTACT_COMPLETION: "Contact completion"}  # ours: no part of what the paper compares
+ALL_NAMES = NAMES | BEYOND
 BASELINES = tuple(controller for controller in PAPER_TABLE2 if controller is not Controller.PROPOSED)
 
 
 class Evaluation:
-    """The results of a campaign, seen through the paper's eyes. conditions: under which of them."""
+    """The results of a campaign, seen through the paper's eyes. conditions: under which of them.
 
-    def __init__(self, rows: list[Row], conditions: str = NOMINAL) -> None:
-        self.rows = [row for row in rows if row["conditions"] == conditions]
+    controllers: whose results; by default the paper's four, so that a fifth one changes nothing of what is compared.
+    """
+
+    def __init__(
+        self, rows: list[Row], conditions: str = NOMINAL, controllers: Iterable[Controller] = tuple(PAPER_TABLE2)
+    ) -> None:
+        wanted = set(controllers)
+        self.rows = [row for row in rows if row["conditions"] == conditions and row["controller"] in wanted]
         self.conditions = conditions
 
     def of(self, experiment: str, **values: object) -> list[Row]:

@@ -1,6 +1,6 @@
 """The paper's figures 5, 8, 10 and 11, from recordings, logs and results. Matplotlib without a display."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from rtstack.campaign.evaluation import NAMES, Evaluation
+from rtstack.campaign.evaluation import ALL_NAMES, NAMES, Evaluation
 from rtstack.campaign.measures import Passage, hit_arm, passage
 from rtstack.control.parameters import ControlParameters
 from rtstack.log.reader import read_log
@@ -34,8 +34,9 @@ COLOURS = {
     Controller.NO_VELOCITY_FEEDBACK: "#CC79A7",
     Controller.NO_INTERIM: "#56B4E9",
     Controller.PROPOSED: "#000000",
+    Controller.CONTACT_COMPLETION: "#009E73",
 }
-MARKERS = dict(zip(COLOURS, "sv^o", strict=True))
+MARKERS = dict(zip(COLOURS, "sv^oD", strict=True))
 BEFORE_S, AFTER_S = 0.2, 0.3
 _STYLE: Any = {
     "font.size": 9,
@@ -180,7 +181,7 @@ def figure10(path: Path, trials: Sequence[LoggedTrial], nominal_s: float) -> Non
     for trial in trials:
         t_ms = 1e3 * (trial.passage.t_s - nominal_s)
         shown = (t_ms > -1e3 * BEFORE_S) & (t_ms < 1e3 * AFTER_S)
-        label = None if trial.controller in named else NAMES[trial.controller]
+        label = None if trial.controller in named else ALL_NAMES[trial.controller]
         named.add(trial.controller)
         axis.plot(t_ms[shown], trial.passage.force_norm[shown], color=COLOURS[trial.controller], alpha=0.75,
                   linewidth=0.9, label=label)  # fmt: skip
@@ -193,21 +194,23 @@ def figure10(path: Path, trials: Sequence[LoggedTrial], nominal_s: float) -> Non
 
 
 @mpl.rc_context(_STYLE)
-def figure11(path: Path, evaluation: Evaluation) -> None:
+def figure11(path: Path, evaluation: Evaluation, controllers: Iterable[Controller] = tuple(NAMES)) -> None:
     """Draw the mean of (33) by displacement and controller, with its 95 % intervals."""
+    controllers = tuple(controllers)
     figure, axes = _figure(7.5, 3.8)
     axis = axes[0][0]
     displacements = evaluation.displacements()
-    for index, controller in enumerate(COLOURS):
+    for index, controller in enumerate(controllers):
         points = [(d, evaluation.mean_force(controller, d)) for d in displacements]
-        known = [(d + (index - 1.5) * 0.9, interval) for d, interval in points if interval is not None]
+        aside = 0.9 * (index - 0.5 * (len(controllers) - 1))
+        known = [(d + aside, interval) for d, interval in points if interval is not None]
         means = [interval.mean for _, interval in known]
         axis.errorbar(
             [d for d, _ in known], means,
             yerr=[[m - (i.low if i.low is not None else m) for m, (_, i) in zip(means, known, strict=True)],
                   [(i.high if i.high is not None else m) - m for m, (_, i) in zip(means, known, strict=True)]],
             color=COLOURS[controller], marker=MARKERS[controller], markersize=5, capsize=3, linewidth=1.2,
-            label=NAMES[controller],
+            label=ALL_NAMES[controller],
         )  # fmt: skip
     axis.set_xticks(displacements)
     axis.set_xlabel("displacement of the object, mm")

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rtstack.control.parameters import ControlParameters
+from rtstack.campaign.completion import SLOPE, contact_completed
+from rtstack.control.parameters import CompletionParameters, ControlParameters
 from rtstack.loop.history import Columns
 from rtstack.model.cell_description import CellDescription, base_frame
 from rtstack.samples import Mode
@@ -20,7 +21,6 @@ STANDING_POSES = 20  # of the tracker before anything moves
 APART_M = 5e-4  # the silicone gives by more than that under any force that holds
 SETTLING_S = 0.5
 SWING_S = 0.15
-SLOPE = 2  # ticks on each side over which a velocity is taken: 2 mm/s of the encoders' noise are left
 BEFORE_S, AFTER_S = 0.05, 0.3  # around the impact: where steps are looked for
 
 
@@ -34,7 +34,8 @@ class Measures:
     largest_step: of the desired wrenches of both arms from one tick to the next, largest_step_ms when, from T_r;
     step_to_interim and step_to_post: where ante-impact mode and where interim (or ante-impact) mode ends.
     settled_ms: from the first contact to where both pads stay on the object. swing_m_s: peak to peak, along y, of the
-    pad that was hit, in the 150 ms after T_r.
+    pad that was hit, in the 150 ms after T_r. contact_completed_s: when the detector of
+    contact_completion, run on the log, finds both pads in lasting contact; interim_ms: length of the interim mode.
     """
 
     first_contact_s: float | None
@@ -49,6 +50,8 @@ class Measures:
     step_to_post: float | None
     settled_ms: float | None
     swing_m_s: float | None
+    contact_completed_s: float | None
+    interim_ms: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,6 +129,9 @@ def measure(
     first = contacts[0] if contacts else None
     mode = columns.control[0]["mode"]
     detected = None if detected_impact_s is None else int(np.searchsorted(t_s, detected_impact_s - 1e-9))
+    completed = None
+    if detected is not None:
+        completed = contact_completed(columns, description, detected, SETTLING_S, CompletionParameters())
     if detected is not None:  # or the nominal time, where that is what a baseline waits for
         detected = min(detected, int(np.argmax(mode != Mode.ANTE_IMPACT)))
     peak = share = None
@@ -155,6 +161,8 @@ def measure(
         step_to_post=_at(steps, _first(mode == Mode.POST_IMPACT)),
         settled_ms=_settled_ms(seen, first),
         swing_m_s=float(np.ptp(seen.velocity_y[hit_arm(displacement_mm), swing])) if swing.sum() > 1 else None,
+        contact_completed_s=_at(t_s, completed),
+        interim_ms=_interim_ms(t_s, mode),
     )
 
 
@@ -165,6 +173,12 @@ def _at(values: Array, tick: int | None) -> float | None:
 def _first(condition: NDArray[np.bool_]) -> int | None:
     ticks = np.flatnonzero(condition)
     return int(ticks[0]) if len(ticks) else None
+
+
+def _interim_ms(t_s: Array, mode: NDArray[np.int64]) -> float | None:
+    """Length of the interim mode; None where there was none, or where the trial ended in it."""
+    begin, end = _first(mode == Mode.INTERIM), _first(mode == Mode.POST_IMPACT)
+    return None if begin is None or end is None else float(1e3 * (t_s[end] - t_s[begin]))
 
 
 def _settled_ms(seen: Passage, first: int | None) -> float | None:

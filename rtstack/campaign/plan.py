@@ -123,7 +123,7 @@ class Plan:
     def trials(self, experiment: Experiment, chosen: Sequence[Reference] = ()) -> list[Trial]:
         """Return the trials of an experiment; chosen: the references that were selected for it.
 
-        The four controllers of a repetition share its seed: they meet the same arms, friction and placement.
+        The controllers of a repetition share its seed: they meet the same arms, friction and placement.
         """
         references = [*chosen, *map(Reference.named, experiment.references)]
         return [

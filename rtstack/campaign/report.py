@@ -11,14 +11,16 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from rtstack.campaign.beyond import COMPARED, Comparison, judge_beyond, summary
 from rtstack.campaign.claims import Claim, judge_claims, millimetres, shown
-from rtstack.campaign.evaluation import FIGURE11, NAMES, PAPER_TABLE2, TABLE2, Evaluation
+from rtstack.campaign.evaluation import ALL_NAMES, FIGURE11, NAMES, PAPER_TABLE2, TABLE2, Evaluation
 from rtstack.campaign.figures import figure5, figure8, figure10, figure11, logged_trial
 from rtstack.campaign.plan import Experiment, Plan, PlanFile
 from rtstack.campaign.sensitivity import figure_sensitivity, outcomes
 from rtstack.campaign.store import Row, Store
 from rtstack.campaign.trial import Reference
 from rtstack.campaign.worker import RECORDINGS
+from rtstack.control.parameters import CompletionParameters, ControlParameters
 from rtstack.model.cell_description import CellDescription
 from rtstack.references.recording import load_recording
 from rtstack.references.spreading import extend
@@ -53,6 +55,9 @@ class Part:
     force: list[dict[str, Any]]
     failures: dict[str, list[int]]
     figure11: str | None
+    beyond: list[Comparison]
+    beyond_verdict: str
+    beyond_figure: str | None
 
 
 def write_report(store: Store, plan: Plan, file: PlanFile, description: CellDescription, chosen: Chosen) -> Path:
@@ -65,7 +70,7 @@ def write_report(store: Store, plan: Plan, file: PlanFile, description: CellDesc
     folder.mkdir(exist_ok=True)
     names = [name for name in plan.conditions if any(row["conditions"] == name for row in rows)]
     evaluations = [Evaluation(rows, name) for name in names]
-    parts = [_part(evaluation, plan, folder) for evaluation in evaluations]
+    parts = [_part(rows, name, plan, folder) for name in names]
     several = len(names) > 1
     if several:
         figure_sensitivity(folder / "sensitivity.png", evaluations)
@@ -80,10 +85,12 @@ def write_report(store: Store, plan: Plan, file: PlanFile, description: CellDesc
         headings=["success", "lift difference", *(heading for heading, *_ in SIDE_BY_SIDE)],
         overview=_overview(evaluations) if several else [], outcomes=outcomes(evaluations) if several else [],
         verdicts=Counter(str(claim.verdict) for part in parts for claim in part.claims),
-        controllers=list(NAMES.values()), plan_commit=about["plan_commit"],
+        controllers=list(NAMES.values()), failing=[ALL_NAMES[c] for c in plan.controllers],
+        plan_commit=about["plan_commit"],
         commits=sorted({row["git_commit"] for row in rows}),
         conditions={name: _words(asdict(plan.conditions[name])) for name in names},
         references=[reference.name for reference in plan.references()],
+        completion=CompletionParameters(), control=ControlParameters(),
         chosen=[reference.name for references in selected.values() for reference in references],
         pace=_pace(store.invocations()),
     )  # fmt: skip
@@ -92,12 +99,18 @@ def write_report(store: Store, plan: Plan, file: PlanFile, description: CellDesc
     return path
 
 
-def _part(evaluation: Evaluation, plan: Plan, folder: Path) -> Part:
+def _part(rows: list[Row], conditions: str, plan: Plan, folder: Path) -> Part:
+    evaluation, both = Evaluation(rows, conditions), Evaluation(rows, conditions, COMPARED)
+    failures = Evaluation(rows, conditions, plan.controllers).failures()
     has_force, has_table = bool(evaluation.of(FIGURE11)), bool(evaluation.of(TABLE2))
-    drawn = None
+    drawn = drawn_beyond = None
     if has_force:
-        drawn = f"figure11-{evaluation.conditions}.png"
+        drawn = f"figure11-{conditions}.png"
         figure11(folder / drawn, evaluation)
+    beyond = judge_beyond(both)
+    if beyond and has_force:
+        drawn_beyond = f"beyond-{conditions}.png"
+        figure11(folder / drawn_beyond, both, COMPARED)
     return Part(
         name=evaluation.conditions,
         conditions=_words(asdict(plan.conditions[evaluation.conditions])),
@@ -111,8 +124,11 @@ def _part(evaluation: Evaluation, plan: Plan, folder: Path) -> Part:
             }
             for d in evaluation.displacements()
         ],
-        failures={why: [by.get(c, 0) for c in NAMES] for why, by in evaluation.failures().items()},
+        failures={why: [by.get(c, 0) for c in plan.controllers] for why, by in failures.items()},
         figure11=drawn,
+        beyond=beyond,
+        beyond_verdict=summary(beyond),
+        beyond_figure=drawn_beyond,
     )
 
 
@@ -168,15 +184,21 @@ def _single_trials(rows: list[Row], out: Path, folder: Path, description: CellDe
     first = {trial.controller: trial for trial in reversed(logged)}
     figure5(folder / "figure5.png", recording, reference)
     figure8(folder / "figure8.png", {c: first[c] for c in NAMES if c in first}, reference, example["displacement_mm"])
-    figure10(folder / "figure10.png", logged, reference.nominal_impact_s)
+    papers = [trial for trial in logged if trial.controller in NAMES]
+    figure10(folder / "figure10.png", papers, reference.nominal_impact_s)
     name, of = example["reference"], f"{example['reference']}, {EXAMPLE_MM:+g} mm"
     log = f"log {example['log']} and its three fellows"
-    return [
+    drawn = [
         ("figure5.png", f"Figure 5: the recording {name} around its impact, and the extended references. Right arm, "
          "towards the object; grey: the interval that is left out."),
         ("figure8.png", f"Figure 8: velocity and desired force towards the object ({of}, {log})."),
         ("figure10.png", f"Figure 10: desired force norm (33), {of}, every repetition."),
     ]  # fmt: skip
+    pair = [trial for trial in logged if trial.controller in COMPARED]
+    if len({trial.controller for trial in pair}) == len(COMPARED):
+        figure10(folder / "beyond.png", pair, reference.nominal_impact_s)
+        drawn.append(("beyond.png", f"Beyond the paper: desired force norm (33) with and without the detector, {of}."))
+    return drawn
 
 
 def _embedded(path: Path, caption: str) -> Markup:

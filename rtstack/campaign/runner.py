@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 from distributed import Client, Future, as_completed
 
+from rtstack.campaign.evaluation import NAMES
 from rtstack.campaign.measures import measure
 from rtstack.campaign.plan import Experiment, Plan
 from rtstack.campaign.store import COLUMNS, Row, Store
@@ -83,7 +84,8 @@ class Runner:
         if selection is None:
             return []
         before = next(e for e in self._plan.experiments if e.name == selection.experiment)
-        return select(self._store.rows(self._plan.trials(before)), selection.count)
+        rows = self._store.rows(self._plan.trials(before))
+        return select([row for row in rows if row["controller"] in NAMES], selection.count)  # as the paper's four do
 
     def _record(self) -> None:
         """Record the references that are missing."""

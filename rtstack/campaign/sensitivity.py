@@ -55,8 +55,8 @@ def figure_sensitivity(path: Path, evaluations: list[Evaluation]) -> None:
     """Draw success, lift and force norm of each controller under each set of conditions, with their 95 % intervals."""
     figure = Figure(figsize=(9.5, 1.2 + 0.42 * len(evaluations)), layout="constrained")
     axes = figure.subplots(1, len(PANELS), sharey=True)
-    for index, controller in enumerate(COLOURS):
-        offset = 0.16 * (index - (len(COLOURS) - 1) / 2)
+    for index, controller in enumerate(NAMES):
+        offset = 0.16 * (index - (len(NAMES) - 1) / 2)
         label = {"label": NAMES[controller]}
         for panel, (_, factor) in enumerate(PANELS):
             for k, evaluation in enumerate(evaluations):

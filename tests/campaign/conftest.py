@@ -42,7 +42,7 @@ class Command:
 
 @pytest.fixture(scope="session")
 def command(tmp_path_factory: pytest.TempPathFactory) -> Command:
-    """Four trials: the rice box at -30 mm, each controller."""
+    """Five trials: the rice box at -30 mm, each controller."""
     text = plan_file("reference-spreading").path.read_text()
     table2 = text.index("[[experiments]]")
     path = tmp_path_factory.mktemp("plan") / "small.toml"

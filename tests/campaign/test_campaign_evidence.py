@@ -29,7 +29,7 @@ def rows(finished):
 
 
 def test_every_row_names_its_log_seed_commit_and_parameters(finished, rows):
-    assert len(rows) == 4
+    assert len(rows) == 5
     for row in rows:
         log = read_log(finished.out / row["log"])
         assert log.metadata["campaign"]["id"] == row["id"]
@@ -121,10 +121,14 @@ def test_the_page_needs_nothing_else(finished):
     text = (finished.out / "report.html").read_text()
     page = _Sources()
     page.feed(text)
-    assert len(page.sources) == 3  # figures 5, 8 and 10: there is no figure 11 in it
+    assert len(page.sources) == 4  # figures 5, 8 and 10, and ours: there is no figure 11 in it
     assert all(source.startswith("data:image/png;base64,") for source in page.sources)
     assert "url(" not in text
     assert "<script" not in text
-    assert {path.name for path in (finished.out / "figures").iterdir()} == {f"figure{n}.png" for n in (5, 8, 10)}
+    assert {path.name for path in (finished.out / "figures").iterdir()} == {
+        "beyond.png",
+        *(f"figure{n}.png" for n in (5, 8, 10)),
+    }
     assert re.search(r"no velocity feedback has the fewest successful grabs", text)
     assert "cannot be told" in text or "holds" in text
+    assert "mean force norm: cannot be told with the object displaced." in text

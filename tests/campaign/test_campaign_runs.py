@@ -58,10 +58,10 @@ def scheduler():
 def test_it_says_how_fast_it_was_and_where_the_report_is(finished):
     assert finished.process.returncode == 0, finished.process.stderr
     first, second = finished.process.stdout.splitlines()
-    assert "4 trials" in first
+    assert "5 trials" in first
     assert "x real time, logs included" in first
     assert second == f"report: {finished.out / 'report.html'}"
-    assert len(logs(finished.out)) == 4
+    assert len(logs(finished.out)) == 5
 
 
 @pytest.fixture

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rtstack.campaign.evaluation import BASELINES
 from rtstack.log.reader import read_log
 from rtstack.samples import SIDES, Mode
 from rtstack.trials.review import log_columns, review_log
-from rtstack.trials.specification import Controller
 
 
 def test_a_demonstration_is_a_recording_with_an_impact(demonstration):
@@ -89,7 +89,7 @@ def test_the_same_seed_gives_the_same_bits_and_another_one_does_not(runner, tmp_
         assert np.any(a["tau_applied"][:n] != c["tau_applied"][:n])
 
 
-@pytest.mark.parametrize("controller", [c for c in Controller if c is not Controller.PROPOSED])
+@pytest.mark.parametrize("controller", BASELINES)
 def test_a_baseline_is_worse_than_the_proposed_controller(runner, controller):
     proposed, baseline = runner.run(), runner.run(controller)
     assert proposed.average_force_norm < baseline.average_force_norm
