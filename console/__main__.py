@@ -21,6 +21,7 @@ from console.parts import Parts
 from console.presence import Presence
 from console.scenes import Scenes
 from console.sign_in import SignIn
+from console.teleoperation.hand import Hand
 from console.watch import STATUS_TIMEOUT_S, Watch
 from rtstack.configuration import ConfigurationError
 from rtstack.live.client import SOCKET_NAME, RobotClient
@@ -96,10 +97,11 @@ def _parts(asked: argparse.Namespace, port: int, stack: ExitStack) -> Parts:
     client = RobotClient(socket_path)
     stack.callback(client.close)
     presence = Presence()
-    watch = Watch(rings, RobotClient(socket_path, STATUS_TIMEOUT_S), presence)
+    watch = Watch(rings, RobotClient(socket_path, STATUS_TIMEOUT_S), presence, cell)
     stack.callback(watch.close)
     watch.start()
-    scenes = Scenes(cell, watch)
+    hand = Hand(mailbox, watch)
+    scenes = Scenes(cell, watch, hand)
     stack.callback(scenes.close)
     return Parts(
         sign_in=SignIn(port),
@@ -110,6 +112,7 @@ def _parts(asked: argparse.Namespace, port: int, stack: ExitStack) -> Parts:
         watch=watch,
         catalogue=Catalogue(asked.logs),
         scenes=scenes,
+        hand=hand,
     )
 
 

@@ -13,7 +13,7 @@ from starlette.exceptions import HTTPException
 from console.guard import Guard
 from console.parts import Parts
 from console.presence import heartbeat
-from console.routes import control, jobs, live, logs, pages, robot, scene
+from console.routes import control, jobs, live, logs, pages, robot, scene, teleoperation
 from console.sign_in import NameTaken
 from rtstack.live.client import RobotRefused, RobotUnreachable
 from rtstack.log.errors import LogError
@@ -29,7 +29,7 @@ def create_app(parts: Parts, port: int) -> FastAPI:
 
     app = FastAPI(title="rtstack console", docs_url=None, redoc_url=None, openapi_url=None, lifespan=alive)
     app.state.parts = parts
-    for module in (pages, robot, control, jobs, logs, live, scene):
+    for module in (pages, robot, control, jobs, logs, live, scene, teleoperation):
         app.include_router(module.router)
     app.mount("/static", StaticFiles(directory=Path(__file__).parent / "static"))
     app.add_exception_handler(HTTPException, _http_error)

@@ -9,6 +9,7 @@ from fastapi.requests import HTTPConnection
 from console.presence import Presence
 from console.scenes import Scenes
 from console.sign_in import Session, SignIn
+from console.teleoperation.hand import Hand
 from console.watch import Watch
 from rtstack.live.client import RobotClient
 from rtstack.log.catalogue import Catalogue
@@ -28,6 +29,7 @@ class Parts:
     watch: Watch
     catalogue: Catalogue
     scenes: Scenes
+    hand: Hand
 
 
 def parts_of(connection: HTTPConnection) -> Parts:

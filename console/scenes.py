@@ -4,7 +4,9 @@ import threading
 from enum import StrEnum
 
 from console.scene import CellScene
+from console.scene_hands import HandFigures
 from console.scene_server import SceneServer
+from console.teleoperation.hand import Hand
 from console.watch import Watch
 from rtstack.model.cell_description import CellDescription
 
@@ -21,9 +23,10 @@ class Detail(StrEnum):
 class _LiveScene:
     """One scene, its server, and the thread that keeps it up to date while somebody looks."""
 
-    def __init__(self, cell: CellDescription, watch: Watch, detail: Detail) -> None:
+    def __init__(self, cell: CellDescription, watch: Watch, hand: Hand, detail: Detail) -> None:
         self.server = SceneServer()
         self._scene = CellScene(self.server.viser, cell, full=detail is Detail.FULL)
+        self._hands = HandFigures(self.server.viser, cell, hand)
         self._watch = watch
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._follow, daemon=True, name=f"scene {detail}")
@@ -45,13 +48,15 @@ class _LiveScene:
                     self._scene.show_arms(q)
                 if status is not None:
                     self._scene.show_object(status.object, self._watch.object_pose())
+                self._hands.show(self._watch.measured(), self._watch.command(), self._watch.forces())
 
 
 class Scenes:
     """The live scenes by their detail."""
 
-    def __init__(self, cell: CellDescription, watch: Watch) -> None:
+    def __init__(self, cell: CellDescription, watch: Watch, hand: Hand) -> None:
         self._cell = cell
+        self._hand = hand
         self._watch = watch
         self._lock = threading.Lock()
         self._live: dict[Detail, _LiveScene] = {}
@@ -60,7 +65,7 @@ class Scenes:
         """Return the server of a scene; the first call makes it, which takes a second or two for the full one."""
         with self._lock:
             if detail not in self._live:
-                self._live[detail] = _LiveScene(self._cell, self._watch, detail)
+                self._live[detail] = _LiveScene(self._cell, self._watch, self._hand, detail)
             return self._live[detail].server
 
     def close(self) -> None:

@@ -18,6 +18,8 @@ from hal.state import RobotMode
 from rtstack.live.client import RobotClient, RobotRefused, RobotUnreachable
 from rtstack.live.protocol import BeatRequest, Status, StatusRequest
 from rtstack.log.ring import RingReader, Rings
+from rtstack.model.cell_description import ArmMounting, CellDescription, base_frame
+from rtstack.model.rotation import quaternion_from_rotation
 from rtstack.samples import SIDES, Level, Mode
 
 _SAMPLE_PERIOD_S = 0.02  # how finely an age is known
@@ -31,13 +33,15 @@ NEVER_S = 1e6  # an age before the first record
 
 @dataclass(frozen=True, slots=True)
 class ArmView:
-    """One arm. `age_s` since the last new state, `success_rate` as the robot reports it."""
+    """One arm. `age_s` since the last new state, `success_rate` as the robot reports it; its pad's force and speed."""
 
     robot_mode: str
     errors: tuple[str, ...]
     mode: str
     age_s: float
     success_rate: float
+    force_n: float | None = None
+    speed_m_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +85,12 @@ class LiveView:
 class _ArmWatch:
     """Follows one arm's rings."""
 
-    def __init__(self, rings: Rings, side: str) -> None:
+    def __init__(self, rings: Rings, side: str, mounting: ArmMounting) -> None:
+        self._base = base_frame(mounting)
+        self._base_wxyz = np.array(mounting.base_orientation_wxyz)
+        self.measured: NDArray[np.float64] | None = None
+        self.told: NDArray[np.float64] | None = None
+        self.force: NDArray[np.float64] | None = None
         self._arm = rings.reader(f"/{side}/arm")
         self._control = rings.reader(f"/{side}/control")
         self._t_ns = 0
@@ -96,6 +105,7 @@ class _ArmWatch:
         if t_ns != self._t_ns or self._changed_s is None:
             self._t_ns, self._changed_s = t_ns, now_s
         self.q = record["q"][0]
+        speed = self._take_pad(record[0], control)
         rate = float(record["control_command_success_rate"][0])
         return ArmView(
             robot_mode=_name(RobotMode, record["robot_mode"][0]),
@@ -103,7 +113,21 @@ class _ArmWatch:
             mode="UNKNOWN" if control is None else _name(Mode, control["mode"][0]),
             age_s=now_s - self._changed_s,
             success_rate=rate if np.isfinite(rate) else 0.0,
+            force_n=float(np.linalg.norm(self.force)) if self.force is not None else None,
+            speed_m_s=speed,
         )
+
+    def _take_pad(self, record: Any, control: NDArray | None) -> float | None:
+        """Take where the pad is, in the world, what it was told, and what it feels; return its speed, m/s."""
+        base, pose = self._base, record["O_T_EE"]
+        measured = np.zeros(7)
+        measured[:3] = base.translation + base.rotation @ pose[:3, 3]
+        quaternion_from_rotation(np.ascontiguousarray(base.rotation @ pose[:3, :3]), measured[3:])
+        self.measured = measured
+        self.force = -(base.rotation @ record["O_F_ext_hat_K"][:3])
+        led = control is not None and int(control["mode"][0]) == Mode.TELEOPERATION
+        self.told = control["pose_ref"][0].copy() if led and control is not None else None
+        return float(np.linalg.norm(control["twist_ref"][0][:3])) if led and control is not None else None
 
 
 class _LoopWatch:
@@ -135,8 +159,9 @@ class Watch:
     Who asks the robot process for its status also passes on the holder's signs of life.
     """
 
-    def __init__(self, rings: Rings, client: RobotClient, presence: Presence) -> None:
-        self._arms = {side: _ArmWatch(rings, side) for side in SIDES}
+    def __init__(self, rings: Rings, client: RobotClient, presence: Presence, cell: CellDescription) -> None:
+        mountings = {"left": cell.left, "right": cell.right}
+        self._arms = {side: _ArmWatch(rings, side, mountings[side]) for side in SIDES}
         self._loop = _LoopWatch(rings.reader("/timing"))
         self._object = rings.reader("/object/pose")
         self._event_reader = rings.reader("/events")
@@ -173,6 +198,18 @@ class Watch:
         """Return both arms' joints, (2, 7) rad, None until both have spoken."""
         joints = [self._arms[side].q for side in SIDES]
         return None if any(q is None for q in joints) else np.array(joints)
+
+    def measured(self) -> NDArray[np.float64] | None:
+        """Return both pads' poses in the world, (2, 7) position m and quaternion wxyz, None until both have spoken."""
+        return _both([self._arms[side].measured for side in SIDES])
+
+    def command(self) -> NDArray[np.float64] | None:
+        """Return the poses that a teleoperation asks of both arms, as `measured`; None while there is none."""
+        return _both([self._arms[side].told for side in SIDES])
+
+    def forces(self) -> NDArray[np.float64] | None:
+        """Return the forces on both pads, (2, 3) N in the world, None until both have spoken."""
+        return _both([self._arms[side].force for side in SIDES])
 
     def object_pose(self) -> NDArray[np.float64] | None:
         """Return the object's pose, (7,) position m and quaternion wxyz, None until it was seen."""
@@ -218,6 +255,10 @@ class Watch:
             except (RobotUnreachable, RobotRefused) as error:
                 status, asked_s, _ = self._status
                 self._status = (status, asked_s, str(error))
+
+
+def _both(values: list[NDArray[np.float64] | None]) -> NDArray[np.float64] | None:
+    return None if any(value is None for value in values) else np.array(values)
 
 
 def _name(kind: type[RobotMode] | type[Mode], value: object) -> str:

@@ -14,6 +14,7 @@ from rtstack.live.protocol import (
     JobRequest,
     ObjectName,
     Seed,
+    TeleoperationRequest,
     TrialRequest,
     status_document,
 )
@@ -42,6 +43,25 @@ class TrialOrder:
     controller: Controller = Controller.PROPOSED
     displacement_mm: Annotated[float, Field(ge=-1000.0, le=1000.0)] = 0.0
     seed: Seed = 0
+
+
+@checked(frozen=True, slots=True, config=_STRICT)
+class TeleoperationOrder:
+    """What the page asks for before it moves the arms by hand. See TeleoperationRequest."""
+
+    object: ObjectName
+    seed: Seed = 0
+    recorded: bool = False
+    stop_on_release: bool = True
+
+
+@router.post("/teleoperation", status_code=202)
+def teleoperation(order: TeleoperationOrder, session: NeedsSession, parts: NeedsParts) -> dict[str, Any]:
+    """Start a teleoperation: the arms hold where they are until the clutch is held."""
+    request = TeleoperationRequest(
+        order.object, order.seed, order.recorded, order.stop_on_release, operator=session.operator
+    )
+    return _start(parts, request)
 
 
 @router.post("/demonstration", status_code=202)

@@ -23,12 +23,14 @@ BEAT = "beat"
 @router.websocket("/live")
 async def live(websocket: WebSocket) -> None:
     """Push the live view, and as whom this session acts (`you`), until the page closes."""
-    watch = parts_of(websocket).watch
+    parts = parts_of(websocket)
+    watch = parts.watch
     await websocket.accept()
     listening = asyncio.create_task(_listen(websocket))
     try:
         while (session := _session(websocket)) is not None:
-            await websocket.send_json({**watch.view.as_document(), "you": session.operator})
+            own = {"you": session.operator, "hand": asdict(parts.hand.view)}
+            await websocket.send_json(watch.view.as_document() | own)
             await asyncio.sleep(_PERIOD_S)
         await websocket.close(1008, "not signed in any more")
     except (WebSocketDisconnect, RuntimeError):

@@ -14,7 +14,8 @@ from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed, WebSocketException
 from websockets.typing import Subprotocol
 
-from console.parts import NeedsParts, parts_of
+from console.parts import NeedsParts, Parts, parts_of
+from console.scene_gate import lets_through
 from console.scene_server import SECRET_HEADER
 from console.scenes import Detail
 
@@ -63,7 +64,7 @@ async def stream(websocket: WebSocket, detail: Detail) -> None:
         ) as scene:
             await websocket.accept(subprotocol=scene.subprotocol)
             tasks = [
-                asyncio.create_task(_to_scene(websocket, scene)),
+                asyncio.create_task(_to_scene(websocket, scene, parts_of(websocket))),
                 asyncio.create_task(_to_page(scene, websocket)),
             ]
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -76,11 +77,14 @@ async def stream(websocket: WebSocket, detail: Detail) -> None:
         await websocket.close()
 
 
-async def _to_scene(page: WebSocket, scene: ClientConnection) -> None:
+async def _to_scene(page: WebSocket, scene: ClientConnection, parts: Parts) -> None:
+    key = page.scope["state"]["session"].key
     with contextlib.suppress(WebSocketDisconnect, ConnectionClosed, KeyError):
         while True:
             message = await page.receive_bytes()
-            if len(message) <= _MAX_MESSAGE_BYTES:
+            session, status = parts.sign_in.session(key), parts.watch.view.status
+            holder = session is not None and status is not None and session.operator == status.holder
+            if len(message) <= _MAX_MESSAGE_BYTES and lets_through(message, holder):
                 await scene.send(message)
 
 

@@ -19,6 +19,7 @@ from console.parts import Parts
 from console.presence import Presence
 from console.scenes import Scenes
 from console.sign_in import SignIn
+from console.teleoperation.hand import Hand
 from console.watch import Watch
 from deploy import cells
 from rtstack.cli.cells import live_source
@@ -98,15 +99,16 @@ def served(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[ServedCon
         status_client = RobotClient(folder / "robot.sock", timeout_s=2.0)
         stack.callback(status_client.close)
         presence = Presence()
-        watch = Watch(rings, status_client, presence)
+        watch = Watch(rings, status_client, presence, cell)
         stack.callback(watch.close)
         watch.start()
-        scenes = Scenes(cell, watch)
+        hand = Hand(mailbox, watch)
+        scenes = Scenes(cell, watch, hand)
         stack.callback(scenes.close)
         listener = socket.create_server(("127.0.0.1", 0))
         stack.callback(listener.close)
         port = listener.getsockname()[1]
-        parts = Parts(SignIn(port), cell, client, mailbox, presence, watch, Catalogue(logs), scenes)
+        parts = Parts(SignIn(port), cell, client, mailbox, presence, watch, Catalogue(logs), scenes, hand)
         config = uvicorn.Config(create_app(parts, port), log_level="warning", ws="websockets-sansio", lifespan="on")
         server = uvicorn.Server(config)
         thread = threading.Thread(target=server.run, args=([listener],))

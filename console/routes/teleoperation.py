@@ -1,0 +1,125 @@
+"""Teleoperation: the hand's WebSocket and its plain requests. A program moves the arms in the same way as the page.
+
+A message may hold any of: clutch (true holds it, and is its sign of life; false lets go; lost: because the operator is
+out of sight), coupling, speed_m_s, stiffness_n_m, and for each hand a pose (position m, wxyz) or a deflection (-1..1
+along and about the world's axes). A clutch that is held has to be said again at least every BEAT_S.
+"""
+
+import contextlib
+from dataclasses import asdict
+from typing import Annotated, Any
+
+import numpy as np
+from fastapi import APIRouter, WebSocket, WebSocketDisconnect
+from pydantic import ConfigDict, Field, StrictBool, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass as checked
+
+from console.parts import NeedsParts, NeedsSession, Parts, parts_of
+from console.teleoperation.devices import Placed
+from console.teleoperation.pair import Coupling
+from rtstack.live.client import RobotRefused
+from rtstack.loop.target import Letting
+from rtstack.teleoperation.reach import FASTEST_M_S, HARDEST_N_M, SLOWEST_M_S, SOFTEST_N_M
+
+router = APIRouter(prefix="/api/teleoperation")
+
+BEAT_S = 0.05
+_STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
+_Pose = Annotated[list[Annotated[float, Field(ge=-10.0, le=10.0)]], Field(min_length=7, max_length=7)]
+_Deflection = Annotated[list[Annotated[float, Field(ge=-1.0, le=1.0)]], Field(min_length=6, max_length=6)]
+
+
+@checked(frozen=True, slots=True, config=_STRICT)
+class Hands:
+    """A value for each hand, or for one of them."""
+
+    left: _Pose | None = None
+    right: _Pose | None = None
+
+
+@checked(frozen=True, slots=True, config=_STRICT)
+class Sticks:
+    """A deflection for each hand, or for one of them."""
+
+    left: _Deflection | None = None
+    right: _Deflection | None = None
+
+
+@checked(frozen=True, slots=True, config=_STRICT)
+class HandMessage:
+    """What an operator's hand does."""
+
+    clutch: StrictBool | None = None
+    lost: StrictBool = False
+    coupling: Coupling | None = None
+    speed_m_s: Annotated[float, Field(ge=SLOWEST_M_S, le=FASTEST_M_S)] | None = None
+    stiffness_n_m: Annotated[float, Field(ge=SOFTEST_N_M, le=HARDEST_N_M)] | None = None
+    pose: Hands | None = None
+    deflection: Sticks | None = None
+    sent: float | None = None  # comes back, so that a page can tell how long a beat takes
+
+
+_MESSAGES = TypeAdapter(HandMessage)
+
+
+@router.post("/hand")
+def hand(message: HandMessage, session: NeedsSession, parts: NeedsParts) -> dict[str, Any]:
+    """Do what a message says, once. The clutch goes quiet unless it is said again."""
+    _act(parts, session.operator, message)
+    return asdict(parts.hand.view)
+
+
+@router.post("/finish")
+def finish(session: NeedsSession, parts: NeedsParts) -> dict[str, Any]:
+    """End the teleoperation: the arms stop, and the log is finished."""
+    parts.hand.finish(session.operator)
+    return asdict(parts.hand.view)
+
+
+@router.websocket("/hand")
+async def hands(websocket: WebSocket) -> None:
+    """Take messages until the page closes; it has let go then, whatever it said before."""
+    parts = parts_of(websocket)
+    await websocket.accept()
+    key = websocket.scope["state"]["session"].key
+    operator = ""
+    try:
+        while (session := parts.sign_in.session(key)) is not None:
+            text = await websocket.receive_text()
+            operator = session.operator
+            answer: dict[str, Any] = {"error": None}
+            try:
+                message = _MESSAGES.validate_json(text)
+                answer["sent"] = message.sent
+                _act(parts, operator, message)
+            except ValidationError as error:
+                first = error.errors(include_url=False, include_input=False)[0]
+                answer["error"] = f"{'.'.join(str(part) for part in first['loc']) or 'message'}: {first['msg']}"
+            except RobotRefused as refused:
+                answer["error"] = str(refused)
+            await websocket.send_json(answer | asdict(parts.hand.view))
+    except (WebSocketDisconnect, RuntimeError):
+        pass  # the page has gone
+    finally:
+        parts.hand.let_go(operator, Letting.LOST)
+    with contextlib.suppress(RuntimeError):
+        await websocket.close(1008, "not signed in any more")
+
+
+def _act(parts: Parts, operator: str, message: HandMessage) -> None:
+    """Carry a message out. Raises RobotRefused."""
+    hand = parts.hand
+    if message.coupling is not None or message.speed_m_s is not None or message.stiffness_n_m is not None:
+        hand.set(operator, message.coupling, message.speed_m_s, message.stiffness_n_m)
+    if message.clutch is False:
+        hand.let_go(operator, Letting.LOST if message.lost else Letting.RELEASED)
+    elif message.clutch:
+        hand.press(operator)
+    if message.pose is not None:
+        hand.move(operator, Placed(_array(message.pose.left), _array(message.pose.right)))
+    if message.deflection is not None:
+        hand.jog(operator, _array(message.deflection.left), _array(message.deflection.right))
+
+
+def _array(values: list[float] | None) -> Any:
+    return None if values is None else np.array(values)

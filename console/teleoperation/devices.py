@@ -1,0 +1,76 @@
+"""What an operator's hand can be on: one interface, whatever it is. A device only says where the hands want to be.
+
+A gizmo and a tracked hand (a VR controller) give poses, a keyboard and a gamepad give deflections. Another device is
+one more class here, or any program that sends poses or deflections over the hand's WebSocket.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from console.teleoperation.pair import Coupling, conjugate, led, product, quaternion
+
+Array = NDArray[np.float64]
+LONGEST_STEP_S = 0.1  # a deflection is worth this long at most: then whoever gives it has to say so again
+
+
+class Device(Protocol):
+    """Turns what was asked before, (2, 7), into what is asked for now."""
+
+    def requests(self, asked: Array, coupling: Coupling) -> Array:
+        """Return the new requests (2, 7): position m, quaternion wxyz, in the world."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Dragged:
+    """A grip that was moved from one pose (7,) to another since the hands were at `began` (2, 7)."""
+
+    side: int
+    grip_began: Array
+    grip: Array
+    began: Array
+
+    def requests(self, asked: Array, coupling: Coupling) -> Array:
+        """See Device."""
+        turn = product(self.grip[3:], conjugate(self.grip_began[3:]))
+        return led(self.began, self.side, self.grip[:3] - self.grip_began[:3], turn, coupling)
+
+
+@dataclass(frozen=True, slots=True)
+class Placed:
+    """Hands whose poses are known: a program's, or tracked ones. None for a hand that stays."""
+
+    left: Array | None
+    right: Array | None
+
+    def requests(self, asked: Array, coupling: Coupling) -> Array:
+        """See Device. Both poses are taken as they are: who gives poses couples them."""
+        poses = asked.copy()
+        for side, pose in enumerate((self.left, self.right)):
+            if pose is not None:
+                poses[side] = pose
+        return poses
+
+
+@dataclass(frozen=True, slots=True)
+class Deflected:
+    """Keys or sticks: (6,) a hand, each from -1 to 1, along the world's axes and about them, held for elapsed_s."""
+
+    left: Array | None
+    right: Array | None
+    elapsed_s: float
+    speed_m_s: float
+    turn_rad_s: float
+
+    def requests(self, asked: Array, coupling: Coupling) -> Array:
+        """See Device."""
+        step_s = min(self.elapsed_s, LONGEST_STEP_S)
+        for side, deflection in enumerate((self.left, self.right)):
+            if deflection is not None and deflection.any():
+                bounded = np.clip(deflection, -1.0, 1.0)
+                shift = bounded[:3] * self.speed_m_s * step_s
+                asked = led(asked, side, shift, quaternion(bounded[3:] * self.turn_rad_s * step_s), coupling)
+        return asked

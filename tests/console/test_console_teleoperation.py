@@ -1,0 +1,215 @@
+"""The hand through the console: who may move what, and what reaches the mailbox."""
+
+import json
+import time
+from dataclasses import replace
+
+import httpx
+import msgspec
+import numpy as np
+import pytest
+from websockets.sync.client import connect
+
+from console.scenes import Detail
+from console.teleoperation.pair import Coupling, led, quaternion
+from rtstack.live.protocol import JobState
+from rtstack.loop.target import TARGET, Letting
+from rtstack.loop.watchdogs import CLUTCH_S
+from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, SIDES, Mode
+from tests.console.test_console_jobs import arm
+from tests.console.test_console_watch import wait_for
+
+POSES = np.array([[0.0, 0.35, 0.26, 1.0, 0.0, 0.0, 0.0], [0.0, -0.35, 0.26, 1.0, 0.0, 0.0, 0.0]])
+ORDER = {"object": "rice_box"}
+
+
+def target(served):
+    """What the loop would read."""
+    record = np.zeros(1, TARGET)
+    served.mailbox.read_target(record)
+    return record[0]
+
+
+@pytest.fixture
+def running(served):
+    """A console whose robot process carries out a teleoperation; arms that say where they were told to be."""
+    with served.signed_in() as (client, headers):
+        arm(client, headers)
+        assert client.post("/api/jobs/teleoperation", json=ORDER, headers=headers).status_code == 202
+        served.desk.started("x.mcap")
+        sample, control = np.zeros(1, ARM_SAMPLE), np.zeros(1, CONTROL_SAMPLE)
+        sample["O_T_EE"] = np.eye(4)
+        control["mode"] = Mode.TELEOPERATION
+        for side, pose in zip(SIDES, POSES, strict=True):
+            control["pose_ref"] = pose
+            served.rings.pusher(f"/{side}/arm").push(sample)
+            served.rings.pusher(f"/{side}/control").push(control)
+        wait_for(lambda: served.parts.watch.command() is not None and served.parts.hand.running)
+        yield served, client, headers
+
+
+def say(client, headers, **message):
+    return client.post("/api/teleoperation/hand", json=message, headers=headers)
+
+
+def moved(**hands):
+    """A message that holds the clutch and places hands."""
+    return {"clutch": True, "pose": hands}
+
+
+def test_the_holder_moves_both_arms_and_the_loop_reads_it_whole(running):
+    served, client, headers = running
+    left = [0.02, 0.3, 0.3, 1.0, 0.0, 0.0, 0.0]
+    answer = say(client, headers, **moved(left=left), speed_m_s=0.1, stiffness_n_m=150.0)
+    assert answer.json() == {
+        "held": True, "coupling": "separate", "speed_m_s": 0.1, "stiffness_n_m": 150.0, "refusal": None,
+    }  # fmt: skip
+    read = target(served)
+    np.testing.assert_allclose(read["pose"], [left, POSES[1]])
+    assert (read["job"], read["finish"], read["speed"], read["stiffness"]) == (1, 0, 0.1, 150.0)
+    assert 0 <= time.monotonic_ns() - read["clutch_ns"] < 60e9
+    say(client, headers, clutch=False)
+    assert (target(served)["clutch_ns"], target(served)["letting"]) == (0, Letting.RELEASED)
+
+
+def test_nothing_moves_without_the_clutch_the_lease_or_a_teleoperation(served):
+    with served.signed_in() as (client, headers):
+        assert "take control first" in say(client, headers, clutch=True).json()["error"]
+        arm(client, headers)
+        wait_for(lambda: served.parts.watch.view.status.holder is not None)
+        assert "no teleoperation runs" in say(client, headers, clutch=True).json()["error"]
+        assert "hold the clutch" in say(client, headers, pose={"left": POSES[0].tolist()}).json()["error"]
+        assert client.post("/api/teleoperation/hand", json={"clutch": True}).status_code == 403  # without the word
+    assert served.mailbox.target_sequence == 0
+
+
+def test_a_viewer_moves_nothing_by_any_way(running):
+    served, _, _ = running
+    cookies, others = served.second_session()
+    before = served.mailbox.target_sequence
+    with httpx.Client(base_url=served.base, cookies=cookies, trust_env=False) as viewer:
+        for message in ({"clutch": True}, {"pose": {"left": POSES[0].tolist()}}, {"speed_m_s": 0.4}):
+            assert say(viewer, others, **message).status_code == 409
+        assert viewer.post("/api/teleoperation/finish", json={}, headers=others).status_code == 409
+    with hand_socket(served, cookie_of(cookies)) as page:
+        page.send(json.dumps({"clutch": True}))
+        assert "has the robot" in json.loads(page.recv(timeout=10))["error"]
+    assert served.mailbox.target_sequence == before
+
+
+def cookie_of(cookies):
+    return "; ".join(f"{name}={value}" for name, value in cookies.items())
+
+
+def hand_socket(served, cookie, path="/api/teleoperation/hand", **options):
+    return connect(
+        f"ws://127.0.0.1:{served.port}{path}", additional_headers={"cookie": cookie}, origin=served.base, proxy=None,
+        max_size=None, **options,
+    )  # fmt: skip
+
+
+def gizmo(x):
+    """What viser's client sends when a gizmo is dragged."""
+    return [
+        msgspec.msgpack.encode({"type": f"TransformControls{kind}Message", "name": "/grip/left", "owner": "", **pose})
+        for kind, pose in (
+            ("DragStart", {}),
+            ("Update", {"wxyz": [1.0, 0.0, 0.0, 0.0], "position": [0.0, 0.35, 0.26]}),
+            ("Update", {"wxyz": [1.0, 0.0, 0.0, 0.0], "position": [x, 0.35, 0.26]}),
+        )
+    ]
+
+
+def test_a_gizmo_moves_the_arm_for_the_holder_and_for_nobody_else(running):
+    served, client, headers = running
+    cookies, _ = served.second_session()
+    for cookie, moves in ((cookie_of(cookies), False), (served.cookie(client), True)):
+        with hand_socket(served, cookie, "/viser/light", subprotocols=["viser-v1.1.1"]) as page:
+            page.recv(timeout=10)
+            figures = served.parts.scenes._live[Detail.LIGHT]._hands
+            # a page without a camera is not drawn for
+            figures.show(served.parts.watch.measured(), served.parts.watch.command(), served.parts.watch.forces())
+
+            def drag(page=page):
+                say(client, headers, clutch=True)
+                for message in [*gizmo(0.1), b"\xc1 no message at all"]:
+                    page.send(message)
+                time.sleep(0.1)
+                return target(served)["pose"][0, 0] == pytest.approx(0.1)
+
+            if moves:
+                wait_for(drag)
+            else:
+                assert not drag()
+                np.testing.assert_allclose(target(served)["pose"], POSES)
+
+
+def test_a_socket_that_closes_lets_go_at_once(running):
+    served, client, _ = running
+    with hand_socket(served, served.cookie(client)) as page:
+        page.send(json.dumps({"clutch": True, "sent": 12.5}))
+        answer = json.loads(page.recv(timeout=10))
+        assert (answer["held"], answer["sent"], answer["error"]) == (True, 12.5, None)
+    wait_for(lambda: target(served)["clutch_ns"] == 0)
+    assert target(served)["letting"] == Letting.LOST
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        {"pose": {"left": [0.0] * 6}}, {"pose": {"left": [1e300] * 7}}, {"speed_m_s": 5.0}, {"stiffness_n_m": -1.0},
+        {"deflection": {"left": [2.0] * 6}}, {"coupling": "upside down"}, {"clutch": "yes"}, {"else": 1},
+    ],
+)  # fmt: skip
+def test_a_bad_message_is_one_line_and_moves_nothing(running, message):
+    served, client, headers = running
+    say(client, headers, clutch=True)
+    before = served.mailbox.target_sequence
+    answer = say(client, headers, **message)
+    assert answer.status_code == 422
+    assert "\n" not in answer.json()["error"]
+    assert served.mailbox.target_sequence == before
+
+
+def test_a_jump_and_a_pose_that_is_none_are_refused_with_the_reason(running):
+    served, client, headers = running
+    for left in ([0.5, 0.35, 0.26, 1, 0, 0, 0], [0, 0.35, 0.26, 0, 0, 0, 0], [0, 0.35, 0.26, 0, 1, 0, 0]):
+        assert say(client, headers, **moved(left=left)).json()["refusal"] is not None
+        np.testing.assert_allclose(target(served)["pose"], POSES)
+
+
+def test_keys_and_sticks_move_as_far_as_they_are_held_and_both_arms_where_they_are_linked(running):
+    served, client, headers = running
+    say(client, headers, clutch=True, coupling="linked", speed_m_s=0.2)
+    for _ in range(3):
+        say(client, headers, clutch=True, deflection={"left": [0, 0, 1, 0, 0, 0]})
+        time.sleep(0.05)
+    rise = target(served)["pose"][:, 2] - POSES[:, 2]
+    assert rise[0] == pytest.approx(rise[1])
+    assert 0.0 < rise[0] <= 3 * 0.1 * 0.2 + 1e-9
+
+
+def test_linked_hands_turn_about_their_middle_and_mirrored_ones_close(running):
+    turned = led(POSES, 0, np.zeros(3), quaternion(np.array([0.0, 0.0, np.pi / 2])), Coupling.LINKED)
+    np.testing.assert_allclose(turned[:, :3], [[-0.35, 0.0, 0.26], [0.35, 0.0, 0.26]], atol=1e-12)
+    closed = led(POSES, 1, np.array([0.01, 0.1, 0.02]), quaternion(np.array([0.1, 0.2, 0.3])), Coupling.MIRRORED)
+    np.testing.assert_allclose(closed[:, :3], [[0.01, 0.25, 0.28], [0.01, -0.25, 0.28]])
+    np.testing.assert_allclose(closed[0, 3:], closed[1, 3:] * [1, -1, 1, -1])
+
+
+def test_a_clutch_that_goes_quiet_is_shown_as_let_go(running):
+    served, client, headers = running
+    say(client, headers, clutch=True)
+    assert served.parts.hand.view.held
+    time.sleep(1.2 * CLUTCH_S)
+    assert not served.parts.hand.view.held
+    assert "hold the clutch" in say(client, headers, pose={"left": POSES[0].tolist()}).json()["error"]
+
+
+def test_finishing_asks_the_loop_for_the_end(running):
+    served, client, headers = running
+    assert client.post("/api/teleoperation/finish", json={}, headers=headers).status_code == 200
+    assert (target(served)["finish"], target(served)["job"]) == (1, 1)
+    served.desk._change(state=JobState.DONE)
+    wait_for(lambda: not served.parts.hand.running)
+    assert replace(served.parts.hand.view, held=True).held
