@@ -1,0 +1,78 @@
+"""The feedback signal (28) of a trial and its integral (29), from the trial's samples."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtstack.control.impedance import task_inertia
+from rtstack.control.tick import ArmController
+from rtstack.loop.history import Columns
+
+Array = NDArray[np.float64]
+
+BEFORE_S, AFTER_S = 0.1, 0.6  # t1 and t2 of (29), around the nominal impact
+
+
+@dataclass(frozen=True, slots=True)
+class Direction:
+    """What is looked at: the pads of these arms (0 left, 1 right), averaged, along axis 0 to 2 of the world, counted
+    positive along `sign`."""
+
+    arms: tuple[int, ...]
+    axis: int
+    sign: float
+
+
+@dataclass(frozen=True, slots=True)
+class FeedbackSignal:
+    """Over the window of (29), (n,) each: time from the nominal impact s, the pads' velocity and its reference m/s,
+    feedback m/s^2, and its integral m/s. complete: whether the trial lasted for the whole window."""
+
+    t_s: Array
+    velocity: Array
+    reference: Array
+    feedback: Array
+    integral: Array
+    complete: bool
+
+    @property
+    def net(self) -> float:
+        """Return a_fb,net of (29), m/s."""
+        return float(self.integral[-1])
+
+
+def feedback_signal(
+    columns: Columns, nominal_impact_s: float, arms: tuple[ArmController, ArmController], direction: Direction
+) -> FeedbackSignal:
+    """Return the signal of a trial whose samples begin with its reference. arms: for their models.
+
+    (28) has the feedback as an acceleration of the pad. The controller's feedback is a wrench,
+    gamma D (v_d - v) + K (x_d - x), and what it adds to the pad's acceleration is Lambda^-1 times it, (26): gamma is 0
+    at the detected impact and 1 after the interim mode. All feedforward is left out.
+    """
+    t_ns = columns.arm[0]["t_ns"]
+    t_s = (t_ns - t_ns[0]) * 1e-9 - nominal_impact_s
+    ticks = np.flatnonzero((t_s >= -BEFORE_S - 1e-9) & (t_s <= AFTER_S + 1e-9))
+    velocity, reference, feedback = (np.zeros((len(direction.arms), len(ticks))) for _ in range(3))
+    for row, side in enumerate(direction.arms):
+        arm, samples, control = arms[side], columns.arm[side], columns.control[side]
+        wrench = control["wrench_desired"][ticks] - control["wrench_ff"][ticks]
+        for i, k in enumerate(ticks):
+            arm.sample["q"][0], arm.sample["dq"][0] = samples["q"][k], samples["dq"][k]
+            arm.observe()
+            work = arm.workspace[0]
+            task_inertia(work)
+            velocity[row, i] = work["twist"][direction.axis]
+            feedback[row, i] = work["Lambda_inverse"][direction.axis] @ wrench[i]
+        reference[row] = control["twist_ref"][ticks, direction.axis]
+    v, v_d, a = (direction.sign * values.mean(axis=0) for values in (velocity, reference, feedback))
+    window = t_s[ticks]
+    complete = bool(len(ticks) > 1 and window[0] < -BEFORE_S + 2e-3 and window[-1] > AFTER_S - 2e-3)
+    return FeedbackSignal(window, v, v_d, a, integral(window, a), complete)
+
+
+def integral(t_s: Array, values: Array) -> Array:
+    """Return the running integral (n,) of values (n,) over t_s (n,), by trapezoids; 0 at the first."""
+    steps = np.diff(t_s) * (values[1:] + values[:-1]) / 2.0
+    return np.concatenate([[0.0], np.cumsum(steps)])
