@@ -44,16 +44,9 @@ def task_inertia(work):
 
 
 @njit(cache=True, error_model="numpy")
-def desired_wrench(work, setpoint, control):
-    """(5), (22), (27): feedforward + weight D (v_d - v) + K (pose error, along the inertial axes); D from (7)."""
-    relative = work.relative
-    local = work.three
+def impedance_feedback(work, setpoint, control):
+    """Write feedforward + weight D (v_d - v) + K error; work.six holds the pose error."""
     error = work.six
-    transpose_multiply(work.rotation, setpoint.rotation, relative)
-    log_so3(relative, local)
-    for i in range(3):
-        error[i] = setpoint.position[i] - work.position[i]
-        error[3 + i] = work.rotation[i, 0] * local[0] + work.rotation[i, 1] * local[1] + work.rotation[i, 2] * local[2]
     for i in range(6):
         root_i = math.sqrt(setpoint.stiffness[i])
         damping = 0.0
@@ -64,6 +57,47 @@ def desired_wrench(work, setpoint, control):
         control.wrench_desired[i] = (
             setpoint.wrench_ff[i] + setpoint.velocity_weight * damping + setpoint.stiffness[i] * error[i]
         )
+
+
+@njit(cache=True, error_model="numpy")
+def acceleration_feedback(work, setpoint, control):
+    """Write feedforward + Lambda times the feedback of the acceleration tasks; work.six holds the pose error."""
+    error, half = work.six, work.seven
+    for i in range(6):
+        k = setpoint.stiffness[i]
+        damping = 2.0 * math.sqrt(k) * (setpoint.twist[i] - work.twist[i])
+        error[i] = setpoint.velocity_weight * damping + k * error[i]
+    for i in range(6):
+        half[i] = 0.0
+        for j in range(6):
+            half[i] += work.sqrt_Lambda[i, j] * error[j]
+    for i in range(6):
+        force = 0.0
+        for j in range(6):
+            force += work.sqrt_Lambda[i, j] * half[j]
+        control.wrench_desired[i] = setpoint.wrench_ff[i] + force
+
+
+@njit(cache=True, error_model="numpy")
+def desired_wrench(work, setpoint, control):
+    """(5), (22), (27): feedforward + weight D (v_d - v) + K (pose error, along the inertial axes); D from (7).
+
+    With acceleration tasks, (15), (16), (23) and (25) of the impact-map paper: feedforward + Lambda (weight 2 sqrt(k)
+    (v_d - v) + k (pose error)), so that feedback accelerates each axis by itself.
+    """
+    relative = work.relative
+    local = work.three
+    error = work.six
+    transpose_multiply(work.rotation, setpoint.rotation, relative)
+    log_so3(relative, local)
+    for i in range(3):
+        error[i] = setpoint.position[i] - work.position[i]
+        error[3 + i] = work.rotation[i, 0] * local[0] + work.rotation[i, 1] * local[1] + work.rotation[i, 2] * local[2]
+    if setpoint.acceleration_tasks != 0:
+        acceleration_feedback(work, setpoint, control)
+    else:
+        impedance_feedback(work, setpoint, control)
+    for i in range(6):
         control.wrench_ff[i] = setpoint.wrench_ff[i]
         control.twist_ref[i] = setpoint.twist[i]
     for i in range(3):

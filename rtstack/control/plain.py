@@ -115,6 +115,10 @@ class PlainArm:
         D = sqrt_Lambda @ sqrt_K + sqrt_K @ sqrt_Lambda  # (7)
         R = T_world_ee.rotation
         error = np.concatenate([setpoint.position - T_world_ee.translation, R @ pin.log3(R.T @ setpoint.rotation)])
+        if self._p.acceleration_tasks:  # (15)-(16) of the impact-map paper
+            k_task = setpoint.stiffness
+            sqrt_K, D = np.diag(np.sqrt(k_task)), np.linalg.inv(Lambda_inverse) @ np.diag(2.0 * np.sqrt(k_task))
+            error = np.linalg.solve(Lambda_inverse, k_task * error) / k_task
         wrench = (
             setpoint.wrench_ff + setpoint.velocity_weight * (D @ (setpoint.twist - twist)) + setpoint.stiffness * error
         )  # (5), (22), (27)

@@ -17,9 +17,16 @@ POINT = np.dtype(
 )
 
 # What one arm is asked for in this tick: a point, and how hard to pursue it. velocity_weight scales the velocity
-# feedback: 1 in the ante- and post-impact modes, gamma in the interim mode, 0 where a baseline removes it.
+# feedback: 1 in the ante- and post-impact modes, gamma in the interim mode, 0 where a baseline removes it. stiffness
+# N/m, Nm/rad, or 1/s^2 where acceleration_tasks is not 0
 SETPOINT = np.dtype(
-    [*POINT.descr, ("velocity_weight", "f8"), ("stiffness", "f8", 6), ("posture_gain", "f8")],
+    [
+        *POINT.descr,
+        ("velocity_weight", "f8"),
+        ("stiffness", "f8", 6),
+        ("posture_gain", "f8"),
+        ("acceleration_tasks", "i8"),
+    ],
 )
 
 # What the tick of one arm works on. Names as in the papers; lower/upper bound ddq, tau_lower/tau_upper bound (14)

@@ -131,8 +131,10 @@ class ArmController:
         return status
 
     def pursue(self, stiffness: NDArray, posture_gain: float) -> None:
-        """Set how hard setpoints are pursued from now on: stiffness (6,) N/m and Nm/rad, posture gain 1/s^2."""
+        """Set how hard setpoints are pursued from now on: stiffness (6,) N/m and Nm/rad (1/s^2 for acceleration tasks),
+        posture gain 1/s^2."""
         self.setpoint["stiffness"][0] = stiffness
+        self.setpoint["acceleration_tasks"] = self.parameters.acceleration_tasks
         self.setpoint["posture_gain"][0] = posture_gain
 
     def choose(self, ante: NDArray, post: NDArray, index: int, machine: ModeMachine) -> None:

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from hal.limits import FR3
 from rtstack.control.modes import ModeMachine, Strategy
-from rtstack.control.parameters import ControlParameters
+from rtstack.control.parameters import ControlParameters, FrictionParameters
 from rtstack.control.plain import PlainArm, PlainSetpoint, PlainState
 from rtstack.control.records import POINT
 from rtstack.control.tick import ArmController, DualArmController, make_arm_controller
@@ -38,15 +38,22 @@ def _random_setpoint(rng: np.random.Generator, arm: ArmController, weight: float
 
 
 def _put(arm: ArmController, setpoint: PlainSetpoint) -> None:
-    for name in arm.setpoint.dtype.names:
+    for name in PlainSetpoint.__slots__:
         arm.setpoint[name][0] = getattr(setpoint, name)
 
 
-@given(seed=st.integers(0, 2**31), weight=st.sampled_from([0.0, 0.3, 1.0]), ticks=st.integers(1, 4))
+@given(
+    seed=st.integers(0, 2**31), weight=st.sampled_from([0.0, 0.3, 1.0]), ticks=st.integers(1, 4), tasks=st.booleans()
+)  # fmt: skip
 @settings(max_examples=60, deadline=None)
-def test_compiled_and_plain_tick_agree(cell, seed, weight, ticks):
+def test_compiled_and_plain_tick_agree(cell, seed, weight, ticks, tasks):
+    """With both task laws, and an error of the robot's gravity compensation that is made up for."""
     rng = np.random.default_rng(seed)
-    arm, plain = _arm(cell), PlainArm(ArmModel(cell.left, cell.pad))
+    control = ControlParameters(acceleration_tasks=tasks)
+    friction = FrictionParameters(gravity_share=0.01 * rng.normal(size=7))
+    arm = make_arm_controller(ArmModel(cell.left, cell.pad), control, friction=friction)
+    plain = PlainArm(ArmModel(cell.left, cell.pad), control, friction=friction)
+    arm.pursue(control.stiffness, control.posture_gain)
     tolerance = {QpStatus.UNCONSTRAINED: 1e-9, QpStatus.SOLVED: 1e-3}
     for _ in range(ticks):
         q = np.array(cell.left.home) + 0.3 * rng.normal(size=7)
@@ -127,6 +134,22 @@ def test_torque_reaches_the_task_acceleration(cell):
     acceleration = work["J"] @ work["ddq"] + work["dJdq"]
     np.testing.assert_allclose(acceleration, work["Lambda_inverse"] @ control["wrench_desired"], atol=1e-4)
     assert work["ddq"][0] == pytest.approx(control["beta"], abs=1e-4)
+
+
+def test_an_acceleration_task_moves_each_axis_by_itself(cell):
+    """(15) of the impact-map paper: an error along z accelerates along z, k_p times it, and turns nothing."""
+    parameters = ControlParameters(acceleration_tasks=True)
+    arm = make_arm_controller(ArmModel(cell.left, cell.pad), parameters)
+    arm.sample["q"][0] = cell.left.home
+    arm.observe()
+    work = arm.workspace[0]
+    arm.setpoint["position"][0] = work["position"] + (0.0, 0.0, 0.01)
+    arm.setpoint["rotation"][0] = work["rotation"]
+    arm.setpoint["xi"] = cell.left.home[0]
+    arm.pursue(np.full(6, 100.0), 100.0)
+    assert arm.command(Mode.ANTE_IMPACT) is QpStatus.UNCONSTRAINED
+    acceleration = work["J"] @ work["ddq"] + work["dJdq"]
+    np.testing.assert_allclose(acceleration, [0.0, 0.0, 1.0, 0.0, 0.0, 0.0], atol=1e-4)
 
 
 @pytest.mark.parametrize("limit", ["position", "velocity", "torque"])
