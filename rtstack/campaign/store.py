@@ -13,10 +13,10 @@ from collections.abc import Iterable
 from dataclasses import fields
 from pathlib import Path
 from types import TracebackType
-from typing import Any, TextIO
+from typing import Any, Protocol, TextIO
 
 from rtstack.campaign.measures import Measures
-from rtstack.campaign.plan import Plan, PlanFile
+from rtstack.campaign.plan import PlanFile
 from rtstack.campaign.trial import Trial
 from rtstack.trials.errors import TrialError
 from rtstack.trials.result import TrialResult
@@ -25,7 +25,7 @@ DATABASE = "campaign.sqlite"
 RESULTS = "results.csv"
 TIMES = "times.csv"
 # what a host makes of a trial, and not the trial: in a table of their own when written as CSV
-OF_THE_HOST = ("wall_s", "worker", "compute_us_p50", "compute_us_p99", "real_time_factor")
+OF_THE_HOST = ("wall_s", "cpu_s", "worker", "compute_us_p50", "compute_us_p99", "real_time_factor")
 _PROVENANCE: dict[str, Any] = {"git_commit": str, "digest": str, "wall_s": float, "worker": str}
 
 Row = dict[str, Any]
@@ -49,19 +49,31 @@ def _sql_type(kind: Any) -> str:
     return "INTEGER" if kinds & {int, bool} else "TEXT"
 
 
+class Campaign(Protocol):
+    """Whose results a folder has. digest: of everything that a result depends on but code."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def quick(self) -> bool: ...
+    @property
+    def digest(self) -> str: ...
+
+
 class Store:
     """The results in a campaign's folder. A context manager: one program at a time works on a folder."""
 
-    def __init__(self, out: Path) -> None:
-        """Open or create the table. Raises TrialError where another program works here."""
+    def __init__(self, out: Path, columns: dict[str, Any] = COLUMNS) -> None:
+        """Open or create the table, of these columns. Raises TrialError where another program works here."""
         self.out = out
+        self._columns = columns
         self._lock = _locked(out)
         self._database = sqlite3.connect(out / DATABASE)
         self._database.row_factory = sqlite3.Row
         self._database.execute("PRAGMA journal_mode=WAL")
-        columns = ", ".join(f"{name} {_sql_type(kind)}" for name, kind in COLUMNS.items() if name != "id")
+        declared = ", ".join(f"{name} {_sql_type(kind)}" for name, kind in columns.items() if name != "id")
         with self._database as database:
-            database.execute(f"CREATE TABLE IF NOT EXISTS results (id TEXT PRIMARY KEY, {columns})")
+            database.execute(f"CREATE TABLE IF NOT EXISTS results (id TEXT PRIMARY KEY, {declared})")
             database.execute("CREATE TABLE IF NOT EXISTS campaign (name TEXT PRIMARY KEY, value TEXT)")
             numbers = "trials INTEGER, robot_s REAL, wall_s REAL, workers INTEGER"
             database.execute(f"CREATE TABLE IF NOT EXISTS invocations ({numbers})")
@@ -79,7 +91,7 @@ class Store:
         self._database.close()
         self._lock.close()
 
-    def claim(self, plan: Plan, file: PlanFile) -> None:
+    def claim(self, plan: Campaign, file: PlanFile) -> None:
         """Note whose results these are."""
         values = {"name": plan.name, "quick": json.dumps(plan.quick), "digest": plan.digest, "plan_commit": file.commit}
         with self._database as database:
@@ -101,30 +113,31 @@ class Store:
         """Return what `claim` noted."""
         return {row["name"]: row["value"] for row in self._database.execute("SELECT name, value FROM campaign")}
 
-    def add(self, row: Row) -> None:
-        """Keep a result. A second one of the same trial replaces the first."""
-        marks = ", ".join(f":{name}" for name in COLUMNS)
+    def add(self, *rows: Row) -> None:
+        """Keep results, all of them or none. A second one of the same trial replaces the first."""
+        names = self._columns
+        marks = ", ".join(f":{name}" for name in names)
         with self._database as database:
-            values = {name: row[name] for name in COLUMNS}
-            database.execute(f"INSERT OR REPLACE INTO results ({', '.join(COLUMNS)}) VALUES ({marks})", values)
+            values = [{name: row[name] for name in names} for row in rows]
+            database.executemany(f"INSERT OR REPLACE INTO results ({', '.join(names)}) VALUES ({marks})", values)
 
     def rows(self, trials: Iterable[Trial] | None = None) -> list[Row]:
         """Return all results by id, or those of these trials in their order."""
-        found = {row["id"]: _row(row) for row in self._database.execute("SELECT * FROM results ORDER BY id")}
+        found = {row["id"]: self._row(row) for row in self._database.execute("SELECT * FROM results ORDER BY id")}
         return list(found.values()) if trials is None else [found[t.id] for t in trials if t.id in found]
 
     def write_csv(self, rows: list[Row]) -> None:
         """Write the results and, in a file of their own, what depends on the host."""
-        results = [name for name in COLUMNS if name not in OF_THE_HOST]
-        for file, names in ((RESULTS, results), (TIMES, ["id", *OF_THE_HOST])):
+        results = [name for name in self._columns if name not in OF_THE_HOST]
+        times = ["id", *(name for name in OF_THE_HOST if name in self._columns)]
+        for file, names in ((RESULTS, results), (TIMES, times)):
             with open(self.out / file, "w", newline="", encoding="utf-8") as out:
                 writer = csv.DictWriter(out, names, extrasaction="ignore", lineterminator="\n")
                 writer.writeheader()
                 writer.writerows(rows)
 
-
-def _row(row: sqlite3.Row) -> Row:
-    return {name: bool(row[name]) if kind is bool else row[name] for name, kind in COLUMNS.items()}
+    def _row(self, row: sqlite3.Row) -> Row:
+        return {name: bool(row[name]) if kind is bool else row[name] for name, kind in self._columns.items()}
 
 
 def _locked(out: Path) -> TextIO:
@@ -137,7 +150,7 @@ def _locked(out: Path) -> TextIO:
     return lock
 
 
-def check_folder(out: Path, plan: Plan, resume: bool) -> None:
+def check_folder(out: Path, plan: Campaign, resume: bool) -> None:
     """Raise TrialError where `out` cannot be this campaign's folder. Nothing is written."""
     if out.exists() and not out.is_dir():
         raise TrialError(f"{out} is not a folder")

@@ -14,9 +14,11 @@ import typer
 from rtstack.campaign.plan import Plan, PlanFile, load_plan, plan_file
 from rtstack.campaign.store import Store, check_folder
 from rtstack.campaign.worker import Bench, digests
+from rtstack.cli import study
 from rtstack.cli.campaign_cell import open_conditioned_cell
 from rtstack.cli.cells import load_description
 from rtstack.model.cell_description import CellDescription
+from rtstack.studies.aim_aware.study import is_study
 from rtstack.trials.errors import TrialError
 from rtstack.trials.run import check_object
 
@@ -29,21 +31,34 @@ def campaign(name: str, out: Path, quick: bool, workers: int | None, scheduler: 
     if scheduler is not None and workers is not None:
         raise TrialError("--workers starts processes here, --scheduler has workers of its own: give one of them")
     file = plan_file(name)
+    out = out.resolve()
+    at_once = workers or len(os.sched_getaffinity(0))
+    if is_study(file.path):
+        run = study.prepare(file, out, quick, resume)
+        with _resumable(_again(name, out, quick)):
+            study.run_all(run, file, out, at_once, scheduler)
+        return
     plan = load_plan(file.path, quick)
     description, cell_file = load_description(None)
     for reference in plan.references():
         check_object(reference.object, description)
     sources = [file.path, cell_file, *_plant_files()]
     plan = plan.sealed([path.read_bytes() for path in sources])
-    out = out.resolve()
     check_folder(out, plan, resume)
+    with _resumable(_again(name, out, quick)):
+        bench = Bench(out, cell_file, open_conditioned_cell, plan.criterion, plan.digest, digests(sources))
+        _run(bench, plan, file, description, at_once, scheduler)
+
+
+@contextmanager
+def _resumable(again: str) -> Iterator[None]:
+    """End the program in order at Ctrl-C, with the command that goes on."""
     with _interruptible():
         try:
-            bench = Bench(out, cell_file, open_conditioned_cell, plan.criterion, plan.digest, digests(sources))
-            _run(bench, plan, file, description, workers or len(os.sched_getaffinity(0)), scheduler)
+            yield
         except KeyboardInterrupt:
             signal.signal(signal.SIGINT, signal.SIG_IGN)
-            print(f"rtstack: interrupted; go on with: {_again(name, out, quick)}", file=sys.stderr)
+            print(f"rtstack: interrupted; go on with: {again}", file=sys.stderr)
             sys.stderr.flush()
             os._exit(INTERRUPTED)
 

@@ -11,16 +11,17 @@ from numba import njit
 @njit(cache=True, error_model="numpy")
 def momentum_residual(work, M, C, tau_J, dq, gain, dt, control):
     """Advance the observer. control.momentum_residual has the sign of tau_ext_hat_filtered, i.e. -r, Nm."""
-    for i in range(7):
+    joints = dq.shape[0]
+    for i in range(joints):
         p = 0.0
-        for j in range(7):
+        for j in range(joints):
             # Pinocchio fills the upper triangle only
             p += (M[i, j] if j >= i else M[j, i]) * dq[j]
         if work.observed == 0:
             work.momentum_integral[i] = p
             work.residual_previous[i] = 0.0
         drift = tau_J[i] - work.gravity[i] + work.residual_previous[i]
-        for j in range(7):
+        for j in range(joints):
             drift += C[j, i] * dq[j]
         if work.observed != 0:
             work.momentum_integral[i] += drift * dt

@@ -1,0 +1,1 @@
+"""The planar study of the collision-monitoring paper: simulations, tuning, classification, report."""

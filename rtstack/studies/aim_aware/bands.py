@@ -1,0 +1,52 @@
+"""Which inclinations a tuning expects always, sometimes and never: Figure 7 in numbers."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rtstack.studies.aim_aware.worker import Row
+
+
+@dataclass(frozen=True, slots=True)
+class Bands:
+    """shares: inclination, degrees -> share of its cases that were expected, in the order of the inclinations."""
+
+    shares: dict[float, float]
+    cases: int
+
+    @property
+    def always(self) -> tuple[float, float] | None:
+        """The band about 0 that is always expected, from and to, degrees; None where 0 is not."""
+        edges = [self._outwards(sign) for sign in (-1.0, 1.0)]
+        return (edges[0], edges[1]) if self.shares.get(0.0) == 1.0 else None
+
+    @property
+    def sometimes(self) -> tuple[list[float], list[float]]:
+        """The inclinations that are sometimes expected, below 0 and above it."""
+        some = [deg for deg, share in self.shares.items() if 0.0 < share < 1.0]
+        return [deg for deg in some if deg < 0.0], [deg for deg in some if deg > 0.0]
+
+    @property
+    def never(self) -> tuple[float | None, float | None]:
+        """From which inclination on, outwards, all are unexpected: below 0 and above it; None where none is."""
+        known = list(self.shares)
+        below = [deg for deg in known if all(self.shares[d] == 0.0 for d in known if d <= deg)]
+        above = [deg for deg in known if all(self.shares[d] == 0.0 for d in known if d >= deg)]
+        return max(below, default=None), min(above, default=None)
+
+    def _outwards(self, sign: float) -> float:
+        edge = 0.0
+        for deg in sorted((deg for deg in self.shares if sign * deg > 0.0), key=abs):
+            if self.shares[deg] < 1.0:
+                break
+            edge = deg
+        return edge
+
+
+def bands(rows: Sequence[Row], monitor: str) -> Bands:
+    """Return the bands of a tuning over these rows."""
+    counts: dict[float, list[int]] = {}
+    for row in rows:
+        expected = row[f"verdict_{monitor}"] == "expected"
+        counts.setdefault(row["inclination_deg"], []).append(int(expected))
+    shares = {deg: sum(values) / len(values) for deg, values in sorted(counts.items())}
+    return Bands(shares, len(rows))

@@ -1,0 +1,92 @@
+"""The paper's claims about the planar study, one by one, with what came out here."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+from rtstack.campaign.claims import Claim, Verdict
+from rtstack.studies.aim_aware.bands import Bands, bands
+from rtstack.studies.aim_aware.study import Column, StudyRun
+from rtstack.studies.aim_aware.worker import Row
+
+WITHIN_DEG = 1.0  # of the paper's edges: the grid's resolution
+PAPER_AMBIGUITY_DEG = 2.0  # "about 2 deg", a side
+MOST_AMBIGUITY_DEG = 3.0
+
+
+def judge(run: StudyRun, rows: Sequence[Row]) -> list[Claim]:
+    """Return every claim with its verdict; rows: of cases that the tuning has not seen."""
+    if not rows:
+        return []
+    found = {name: bands(rows, name) for name in run.study.tunings}
+    claims: list[Claim] = []
+    for name, column in run.study.tunings.items():
+        claims += _of_tuning(name, column, found[name])
+    return [*claims, _tunable(found), _consistent(found), _feasible(rows)]
+
+
+def band_words(edges: tuple[float, float] | None) -> str:
+    """Return a band in words."""
+    if edges is None:
+        return "none: not even 0 deg"
+    return "0 deg" if edges == (0.0, 0.0) else f"{edges[0]:+g} .. {edges[1]:+g} deg"
+
+
+def side_words(sides: tuple[list[float], list[float]]) -> str:
+    """Return the ambiguous inclinations of both sides in words."""
+    below, above = (", ".join(f"{deg:+g}" for deg in side) or "none" for side in sides)
+    return f"below: {below}; above: {above}"
+
+
+def _verdict(holds: bool) -> Verdict:
+    return Verdict.HOLDS if holds else Verdict.DIFFERS
+
+
+def _of_tuning(name: str, column: Column, found: Bands) -> list[Claim]:
+    where, wanted = f"Figure 7({name})", column.always_deg
+    always, sometimes, never = found.always, found.sometimes, found.never
+    meant = "0 deg is" if wanted == 0.0 else f"-{wanted:g} .. +{wanted:g} deg are"
+    beyond = wanted + PAPER_AMBIGUITY_DEG + 1.0
+    near = always is not None and all(abs(abs(edge) - wanted) <= WITHIN_DEG for edge in always)
+    return [
+        Claim(where, f"{meant} always expected (within 1 deg)", band_words(always), _verdict(near)),
+        Claim(
+            where,
+            "about 2 deg on each side are neither always expected nor always unexpected (3 at most)",
+            side_words(sometimes),
+            _verdict(max(map(len, sometimes)) <= MOST_AMBIGUITY_DEG),
+        ),
+        Claim(
+            where,
+            f"beyond, from {beyond:g} deg on, 100 % are unexpected (within 1 deg)",
+            f"from {_signed(never[0])} and {_signed(never[1])} deg on",
+            _verdict(all(edge is not None and abs(edge) <= beyond + WITHIN_DEG for edge in never)),
+        ),
+    ]
+
+
+def _signed(edge: float | None) -> str:
+    return "nowhere" if edge is None else f"{edge:+g}"
+
+
+def _tunable(found: dict[str, Bands]) -> Claim:
+    widths = [each.always[1] - each.always[0] if each.always else -1.0 for each in found.values()]
+    grows = all(before < after for before, after in pairwise(widths))
+    ours = "; ".join(f"({name}) {band_words(each.always)}" for name, each in found.items())
+    return Claim("IV-A", "the sensitivity can be tuned: the band grows from (a) to (c)", ours, _verdict(grows))
+
+
+def _consistent(found: dict[str, Bands]) -> Claim:
+    sizes = {name: max(map(len, each.sometimes)) for name, each in found.items()}
+    ours = "; ".join(f"({name}) {size} deg on the worse side" for name, size in sizes.items())
+    alike = max(sizes.values()) - min(sizes.values()) <= PAPER_AMBIGUITY_DEG
+    return Claim("IV-A", "the ambiguous area is of much the same size with every sensitivity", ours, _verdict(alike))
+
+
+def _feasible(rows: Sequence[Row]) -> Claim:
+    least = min(row["impulse_ns"] for row in rows)
+    return Claim(
+        "II-B",
+        "the map (4) applies: both corners hit together, and neither impulse is negative",
+        f"the smallest impulse of all planned impacts is {least:.3f} Ns",
+        _verdict(least >= 0.0),
+    )

@@ -1,0 +1,57 @@
+"""One case: simulated once, then seen by every tuning."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtstack.monitor.monitor import Assessment, Monitor
+from rtstack.monitor.parameters import MonitorParameters
+from rtstack.studies.aim_aware.study import Case, Study
+from rtstack.studies.planar.plan import Plan, plan_impact
+from rtstack.studies.planar.simulation import simulate
+
+
+@dataclass(frozen=True, slots=True)
+class Impact:
+    """A planned impact on a surface that is inclined otherwise. ticks: of rtstack.studies.planar.simulation.TICK."""
+
+    case: Case
+    plan: Plan
+    ticks: NDArray[np.void]
+
+    @property
+    def t_d_ns(self) -> int:
+        """When it is meant to be."""
+        return round(self.plan.t_d_s * 1e9)
+
+    def trace(self, parameters: MonitorParameters) -> NDArray[np.void]:
+        """Return the monitor's state after each tick."""
+        monitor = Monitor(parameters)
+        monitor.expect(self.t_d_ns, self.plan.q_d)
+        return monitor.follow(*self._signals())
+
+    def assess(self, parameters: MonitorParameters) -> Assessment:
+        """Return what the monitor makes of it."""
+        monitor = Monitor(parameters)
+        monitor.expect(self.t_d_ns, self.plan.q_d)
+        return monitor.assess(*self._signals())
+
+    def _signals(self) -> tuple[NDArray, ...]:
+        signals = (np.ascontiguousarray(self.ticks[name]) for name in ("t_ns", "residual", "q", "dq"))
+        return (*signals, self.plan.dq_post)
+
+
+def plan_case(study: Study, approach_deg: float, location_m: float) -> Plan:
+    """Plan the impact at this place; the surface is meant to be horizontal."""
+    return plan_impact(study.arm, study.task, study.gains, np.radians(approach_deg), location_m)
+
+
+def simulate_case(study: Study, plan: Plan, case: Case, residual_rate_nm_s: float) -> Impact:
+    """Simulate a case."""
+    inclination = np.radians(case.inclination_deg)
+    rates = (residual_rate_nm_s,) * 3
+    return Impact(
+        case, plan,
+        simulate(study.arm, study.contact, study.task, study.gains, rates, plan, case.location_m, inclination),
+    )  # fmt: skip

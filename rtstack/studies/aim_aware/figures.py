@@ -1,0 +1,120 @@
+"""Figures 3, 4, 6 and 7 of the collision-monitoring paper, from this study's simulations."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from numpy.typing import NDArray
+
+from rtstack.campaign.figures import _STYLE as STYLE
+from rtstack.campaign.figures import _figure as new_figure
+from rtstack.campaign.figures import _save as save
+from rtstack.monitor.parameters import MonitorParameters
+from rtstack.monitor.records import Verdict
+from rtstack.studies.aim_aware.bands import Bands
+from rtstack.studies.aim_aware.classification import Impact
+
+ANTE, POST, MEASURED, RED, BAND = "#009E73", "#E69F00", "#0072B2", "#D55E00", "#0072B2"
+BEFORE_MS, AFTER_MS = 60.0, 160.0
+
+
+def _t_ms(impact: Impact) -> NDArray[np.float64]:
+    return 1e-6 * (impact.ticks["t_ns"] - impact.t_d_ns)
+
+
+@mpl.rc_context(STYLE)
+def figure3(path: Path, impact: Impact) -> None:
+    """Draw the ante- and post-impact references, dashed where extended, and what the arm did."""
+    figure, axes = new_figure(9.0, 4.2, nrows=2, ncols=3, sharex=True)
+    t_ms = _t_ms(impact)
+    shown = (t_ms > -200.0) & (t_ms < 200.0)
+    rows = ((0, "x", (1e3, 1e3, 180.0 / np.pi), ("x, mm", "y, mm", "phi, deg")),
+            (1, "dx", (1.0, 1.0, 1.0), ("x rate, m/s", "y rate, m/s", "phi rate, rad/s")))  # fmt: skip
+    for row, name, factors, labels in rows:
+        for i, (factor, label) in enumerate(zip(factors, labels, strict=True)):
+            axis = axes[row][i]
+            axis.plot(t_ms[shown], factor * impact.ticks[name][shown, i], color=MEASURED, linewidth=1.0, label="arm")
+            for reference, colour, text, meant in (
+                (impact.plan.ante, ANTE, "ante-impact", t_ms <= 0.0),
+                (impact.plan.post, POST, "post-impact", t_ms >= 0.0),
+            ):
+                values = factor * reference[row][:, i]
+                axis.plot(t_ms[shown & meant], values[shown & meant], color=colour, label=text)
+                axis.plot(t_ms[shown & ~meant], values[shown & ~meant], color=colour, linestyle="--")
+            axis.set_title(label, loc="left", fontsize=9)
+            if row == 1:
+                axis.set_xlabel("time from $t_d$, ms")
+    handles, labels = axes[0][0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    save(figure, path)
+
+
+@mpl.rc_context(STYLE)
+def figure4(path: Path, impact: Impact, parameters: MonitorParameters) -> None:
+    """Draw the residual and its numerical derivative with the bound r_b, and the corners' forces below."""
+    trace = impact.trace(parameters)
+    figure, axes = new_figure(7.5, 5.2, nrows=3, sharex=True)
+    t_ms = _t_ms(impact)
+    shown = (t_ms > -BEFORE_MS) & (t_ms < AFTER_MS)
+    hits = t_ms[shown & (trace["impact"] != 0)]
+    for axis, values, label in zip(
+        axes[:, 0], (trace["residual"], trace["rate"], impact.ticks["forces"]),
+        ("residual r, Nm", r"$\Delta r/\Delta t$, Nm/s", "corners' forces, N"), strict=True,
+    ):  # fmt: skip
+        for i in range(values.shape[1]):
+            axis.plot(t_ms[shown], values[shown, i], label=f"{'corner' if values.shape[1] == 2 else 'joint'} {i + 1}")
+        for t in hits:
+            axis.axvline(t, color="#999999", linewidth=0.8, linestyle=":")
+        axis.set_ylabel(label)
+        axis.legend(loc="upper right", fontsize=8)
+    for sign in (-1.0, 1.0):
+        axes[1][0].axhline(sign * parameters.residual_rate_nm_s[0], color=RED, linestyle="--")
+    axes[2][0].set_xlabel("time from $t_d$, ms (dotted: impacts)")
+    save(figure, path)
+
+
+@mpl.rc_context(STYLE)
+def figure6(path: Path, impacts: Sequence[Impact], parameters: MonitorParameters) -> None:
+    """Draw the velocity error and its envelope; blue what is used for the verdict, red where it leaves zero out."""
+    figure, axes = new_figure(9.0, 5.4, nrows=3, ncols=len(impacts), sharex="col", sharey="row")
+    for column, impact in enumerate(impacts):
+        trace, t_ms = impact.trace(parameters), _t_ms(impact)
+        shown = (t_ms > -BEFORE_MS) & (t_ms < AFTER_MS + 60.0)
+        since = trace["t_ns"] - trace["t_impact_ns"]
+        used = (trace["impacts"] > 0) & (since >= 1e6 * parameters.delay) & (since <= 1e9 * parameters.horizon_s)
+        last = trace["t_impact_ns"] == trace["t_impact_ns"][-1]  # earlier impacts' windows were given up
+        for i in range(3):
+            axis = axes[i][column]
+            low, high = (trace[name][:, i] for name in ("lower", "upper"))
+            low, high = low - parameters.velocity_rad_s, high + parameters.velocity_rad_s
+            axis.plot(t_ms[shown], trace["error"][shown, i], color="#56B4E9", linewidth=0.9)
+            axis.fill_between(t_ms, low, high, where=shown & used & last, color=BAND, alpha=0.2, linewidth=0)
+            for edge, outside in ((low, low > 0.0), (high, high < 0.0)):
+                axis.fill_between(t_ms, 0.0, edge, where=shown & used & last & outside, color=RED, alpha=0.6)
+            axis.axhline(0.0, color="#555555", linewidth=0.7)
+            if column == 0:
+                axis.set_ylabel(f"joint {i + 1}, rad/s")
+        verdict = Verdict(trace["verdict"][-1]).name.lower()
+        axes[0][column].set_title(f"{impact.case.inclination_deg:+g} deg: {verdict}", loc="left", fontsize=9)
+        axes[2][column].set_xlabel("time from $t_d$, ms")
+    save(figure, path)
+
+
+@mpl.rc_context(STYLE)
+def figure7(path: Path, found: Mapping[str, Bands], wanted: Mapping[str, float]) -> None:
+    """Draw the share of expected impacts by inclination, a panel a tuning, with the paper's band."""
+    figure, axes = new_figure(7.5, 5.6, nrows=len(found), sharex=True)
+    for axis, (name, each) in zip(axes[:, 0], found.items(), strict=True):
+        degrees = list(each.shares)
+        always = each.always
+        if always is not None:
+            axis.axvspan(always[0] - 0.5, always[1] + 0.5, color=BAND, alpha=0.15, linewidth=0)
+        axis.bar(degrees, [100.0 * share for share in each.shares.values()], width=0.8, color=BAND)
+        for sign in (-1.0, 1.0):
+            axis.axvline(sign * (wanted[name] + 0.5), color=RED, linestyle="--", linewidth=1.0)
+        axis.set_ylabel(f"({name}) expected, %")
+        axis.set_ylim(0.0, 105.0)
+        axis.set_xticks(degrees)
+    axes[-1][0].set_xlabel("inclination of the surface, deg (dashed: the paper's band; shaded: ours)")
+    save(figure, path)

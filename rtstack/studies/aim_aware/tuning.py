@@ -1,0 +1,134 @@
+"""Finds epsilon, e_m and r_b on the coarse grid. Deterministic; `python -m rtstack.studies.aim_aware.tuning`.
+
+Every case needs bounds of its own to be expected: epsilon_need, the largest distance (11) at an impact, and e_m_need,
+what (17) lacks; infinite where (10) or (12), whose bounds are Table 1's, already refuse it. For a tuning
+
+    epsilon_0 = max epsilon_need, e_0 = max e_m_need over the cases with |beta| <= always_deg,
+
+and its separation is the largest factor s for which no case with |beta| >= always_deg + ambiguity_deg is expected with
+s epsilon_0 and s e_0. The tuning is sqrt(s) of both: in the middle, on a logarithmic scale, between what would refuse a
+wanted case and what would accept an unwanted one. r_b is the candidate whose worst separation among the tunings is the
+largest.
+"""
+
+import argparse
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.progress import track
+
+from rtstack.configuration import ConfigurationError
+from rtstack.studies.aim_aware.classification import Impact, plan_case, simulate_case
+from rtstack.studies.aim_aware.study import COMMAND, Case, Column, Found, Search, Study, Tuned, digest_of, load_study
+
+ROOT = Path(__file__).resolve().parents[3]
+LARGE = 1e3  # bounds that nothing reaches
+
+
+@dataclass(frozen=True, slots=True)
+class Need:
+    """What a case needs to be expected: rad, rad/s."""
+
+    configuration_rad: float
+    velocity_rad_s: float
+
+
+def need(impact: Impact, column: Column, residual_rate_nm_s: float) -> Need:
+    """Return what a case needs under the other bounds of a column."""
+    trace = impact.trace(column.parameters(residual_rate_nm_s, LARGE, LARGE))
+    hits = np.flatnonzero(trace["impact"])
+    if not len(hits) or trace["verdict"][-1] != 1:
+        return Need(np.inf, np.inf)
+    distances = np.linalg.norm(impact.ticks["q"][hits] - impact.plan.q_d, axis=1)
+    return Need(float(distances.max()), float(LARGE * (1.0 - trace["window_margin"][-1])))
+
+
+def separate(needs: dict[Case, Need], always_deg: float, search: Search) -> Found | None:
+    """Return the tuning for a band, None where a wanted case cannot be told from an unwanted one."""
+    wanted = [need for case, need in needs.items() if abs(case.inclination_deg) <= always_deg]
+    unwanted = [need for case, need in needs.items() if abs(case.inclination_deg) >= always_deg + search.ambiguity_deg]
+    configuration = max(each.configuration_rad for each in wanted)
+    velocity = max(each.velocity_rad_s for each in wanted)
+    separation = min(max(each.configuration_rad / configuration, each.velocity_rad_s / velocity) for each in unwanted)
+    if not (np.isfinite(configuration) and np.isfinite(separation) and separation > 1.0 and velocity > 0.0):
+        return None
+    scale = float(np.sqrt(separation))
+    return Found(
+        configuration_rad=round(scale * configuration, 4),
+        velocity_rad_s=round(scale * velocity, 4),
+        separation=round(float(separation), 4),
+    )
+
+
+def find(study: Study, residual_rate_nm_s: float) -> dict[str, Found] | None:
+    """Return the tunings with this r_b, None where one of them does not exist."""
+    needs: dict[str, dict[Case, Need]] = {name: {} for name in study.tunings}
+    plan, planned = None, None
+    for case in study.coarse.cases():
+        if planned != (case.approach_deg, case.location_m):
+            planned = (case.approach_deg, case.location_m)
+            plan = plan_case(study, *planned)
+        assert plan is not None
+        impact = simulate_case(study, plan, case, residual_rate_nm_s)
+        for name, column in study.tunings.items():
+            needs[name][case] = need(impact, column, residual_rate_nm_s)
+    found = {name: separate(needs[name], column.always_deg, study.tuning) for name, column in study.tunings.items()}
+    good = {name: each for name, each in found.items() if each is not None}
+    return good if len(good) == len(found) else None
+
+
+def tune(path: Path) -> Tuned:
+    """Return the tuning of the study at `path`. Raises ConfigurationError where no candidate tells the cases apart."""
+    study = load_study(path)
+    candidates = {rate: find(study, rate) for rate in track(study.tuning.residual_rate_nm_s, "candidates for r_b")}
+    good = {rate: found for rate, found in candidates.items() if found is not None}
+    if not good:
+        raise ConfigurationError(f"{path}: key tuning: no residual_rate_nm_s tells the wanted cases from the others")
+    best = max(good, key=lambda rate: min(found.separation for found in good[rate].values()))
+    separations = {
+        f"{rate:g}": [each.separation for each in found.values()] if found else [] for rate, found in candidates.items()
+    }
+    return Tuned(digest_of(path.read_bytes()), best, good[best], separations)
+
+
+def as_toml(tuned: Tuned, study_name: str) -> str:
+    """Return the file."""
+    lines = [
+        f"# Found by `{COMMAND}` on the coarse grid of deploy/campaigns/{study_name}.toml: run it again, do not edit.",
+        f'study_digest = "{tuned.study_digest}"',
+        f"residual_rate_nm_s = {tuned.residual_rate_nm_s}",
+        "",
+        "# of each candidate for r_b, by tuning; none where wanted and unwanted cases cannot be told apart",
+        "[separations]",
+        *(f'"{rate}" = {json.dumps(values)}' for rate, values in tuned.separations.items()),
+    ]
+    for name, found in tuned.tunings.items():
+        lines += [
+            "",
+            f"[tunings.{name}]",
+            f"configuration_rad = {found.configuration_rad}",
+            f"velocity_rad_s = {found.velocity_rad_s}",
+            f"separation = {found.separation}",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    """Write deploy/tunings/NAME.toml."""
+    parser = argparse.ArgumentParser(description="Tune the planar study on its coarse grid.")
+    parser.add_argument("study", nargs="?", type=Path, default=ROOT / "deploy/campaigns/aim-aware-planar.toml")
+    path = parser.parse_args().study
+    try:
+        name = load_study(path).name
+        text = as_toml(tune(path), name)
+    except ConfigurationError as error:
+        parser.exit(2, f"rtstack: {error}\n")
+    target = ROOT / "deploy/tunings" / f"{name}.toml"
+    target.write_text(text, encoding="utf-8")
+    print(f"{target}\n\n{text}", end="")
+
+
+if __name__ == "__main__":
+    main()

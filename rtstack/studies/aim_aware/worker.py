@@ -1,0 +1,53 @@
+"""What a worker does: all inclinations of a planned impact, each simulated once and seen by every tuning."""
+
+import os
+import time
+from typing import Any
+
+from rtstack.studies.aim_aware.classification import plan_case, simulate_case
+from rtstack.studies.aim_aware.study import Case, StudyRun
+from rtstack.trials.provenance import git_commit
+
+Row = dict[str, Any]
+
+
+def columns(run: StudyRun) -> dict[str, Any]:
+    """Return the columns of the results: name -> type."""
+    known: dict[str, Any] = {
+        "id": str, "approach_deg": float, "location_m": float, "inclination_deg": float, "tuned_on": bool,
+        "impulse_ns": float, "impacts": int, "first_ms": float, "last_ms": float,
+    }  # fmt: skip
+    for name in run.monitors():
+        known |= {f"verdict_{name}": str, f"reason_{name}": str, f"joint_{name}": int, f"margin_{name}": float}
+    return known | {"git_commit": str, "digest": str, "cpu_s": float, "worker": str}
+
+
+def run_plan(run: StudyRun, approach_deg: float, location_m: float, inclinations_deg: tuple[float, ...]) -> list[Row]:
+    """Return a row for each inclination. first_ms, last_ms: of the impacts, after the planned time; None without one.
+
+    impulse_ns: the smaller one that the impact map gives the two corners.
+    """
+    began_s = time.process_time()
+    study, monitors = run.study, run.monitors()
+    seen = set(study.coarse.cases())
+    plan = plan_case(study, approach_deg, location_m)
+    rows: list[Row] = []
+    for inclination_deg in inclinations_deg:
+        case = Case(approach_deg, location_m, inclination_deg)
+        impact = simulate_case(study, plan, case, run.tuned.residual_rate_nm_s)
+        row: Row = {
+            "id": case.id, "approach_deg": approach_deg, "location_m": location_m, "inclination_deg": inclination_deg,
+            "tuned_on": case in seen, "impulse_ns": float(plan.impulses.min()),
+        }  # fmt: skip
+        for name, parameters in monitors.items():
+            found = impact.assess(parameters)
+            row[f"verdict_{name}"], row[f"reason_{name}"] = found.verdict.name.lower(), found.reason.name.lower()
+            row[f"joint_{name}"], row[f"margin_{name}"] = found.joint, found.margin
+            offsets = [1e-6 * (t_ns - impact.t_d_ns) for t_ns in (found.t_first_ns, found.t_impact_ns)]
+            row["impacts"] = found.impacts
+            row["first_ms"], row["last_ms"] = offsets if found.impacts else (None, None)
+        rows.append(row)
+    cpu_s = (time.process_time() - began_s) / len(rows)
+    origin = {"git_commit": git_commit(), "digest": run.digest, "cpu_s": cpu_s}
+    worker = f"{os.uname().nodename}:{os.getpid()}"
+    return [row | origin | {"worker": worker} for row in rows]

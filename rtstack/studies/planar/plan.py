@@ -1,0 +1,101 @@
+"""What an impact is meant to be: ante- and post-impact references that the impact map joins (Section III-A)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtstack.references.quintic import ViaPoint, quintic_path
+from rtstack.studies.planar.dynamics import absolute, coriolis, inertia, tip, weight
+from rtstack.studies.planar.impact import simultaneous_impact
+from rtstack.studies.planar.parameters import Gains, PlanarArm, Task
+
+Array = NDArray[np.floating]
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """Kinematics and dynamics at a joint state. x (3,): m, m, rad; J, M, C (3, 3); g, dJdq (3,)."""
+
+    x: Array
+    J: Array
+    dJdq: Array
+    M: Array
+    C: Array
+    g: Array
+
+
+def model_at(arm: NDArray[np.void], q: Array, dq: Array) -> Model:
+    """Return the model of `arm`, (1,) of ARM, at q, dq (3,)."""
+    psi, dpsi, x, dJdq, g = np.zeros((5, 3))
+    J, M, C = np.zeros((3, 3, 3))
+    absolute(q, psi)
+    absolute(dq, dpsi)
+    tip(arm[0], psi, dpsi, x, J, dJdq)
+    inertia(arm[0], psi, M)
+    coriolis(arm[0], psi, dpsi, C)
+    weight(arm[0], psi, g)
+    return Model(x, J, dJdq, M, C, g)
+
+
+def joints_at(arm: NDArray[np.void], x: Array) -> Array:
+    """Return the joints (..., 3), elbow up, that put the plate's middle at x (..., 3). nan where it is out of reach."""
+    l1, l2, l3 = arm["length"][0]
+    psi3 = x[..., 2] - 0.5 * np.pi
+    wx, wy = x[..., 0] - l3 * np.cos(psi3), x[..., 1] - l3 * np.sin(psi3)
+    with np.errstate(invalid="ignore"):
+        q2 = -np.arccos((wx**2 + wy**2 - l1**2 - l2**2) / (2.0 * l1 * l2))
+    q1 = np.arctan2(wy, wx) - np.arctan2(l2 * np.sin(q2), l1 + l2 * np.cos(q2))
+    return np.stack([q1, q2, psi3 - q1 - q2], axis=-1)
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """References (ticks, 3) in x, y, phi before and after the impact at t_d_s, each extended beyond it.
+
+    q_d (3,): the joints at the impact; dq_post (ticks, 3): the joint velocities (14) that are expected after it.
+    """
+
+    t_d_s: float
+    q_start: Array
+    q_d: Array
+    impulses: Array
+    ante: tuple[Array, Array, Array]  # position, velocity, acceleration
+    post: tuple[Array, Array, Array]
+    dq_post: Array
+
+
+def plan_impact(planar: PlanarArm, task: Task, gains: Gains, approach_rad: float, x_m: float) -> Plan:
+    """Plan to hit the horizontal surface at x_m, coming down a line of this angle to it (90 degrees: from above).
+
+    Raises InfeasibleImpact, and ValueError for a place out of reach.
+    """
+    arm = planar.record()
+    hit = np.array([x_m, task.surface_height_m, 0.0])
+    before = -task.speed_m_s * np.array([np.cos(approach_rad), np.sin(approach_rad), 0.0])
+    q_d = joints_at(arm, hit)
+    model = model_at(arm, q_d, np.zeros(3))
+    corners = np.array([model.J[1] - planar.half_width_m * model.J[2], model.J[1] + planar.half_width_m * model.J[2]])
+    dq = np.linalg.solve(model.J, before)
+    dq_after, impulses = simultaneous_impact(model.M + np.diag(planar.B_theta_kg_m2), corners, dq)
+    after = model.J @ dq_after
+    t_d = task.approach_s
+    t_s = gains.period_s * np.arange(round(task.duration_s / gains.period_s))
+    end = t_s[-1] + gains.period_s
+    still = np.zeros(3)
+    beyond = (end, hit + before * (end - t_d), before)
+    ante = _path(t_s, [(0.0, hit - before * t_d / 2.0, still), (t_d, hit, before), beyond])
+    rest = (t_d + task.settle_s, hit + after * task.settle_s / 2.0, still)
+    post = _path(t_s, [(0.0, hit - after * t_d, after), (t_d, hit, after), rest])
+    q_ref = joints_at(arm, np.concatenate([ante[0], post[0]]))
+    if not np.isfinite(q_ref[: len(t_s)][t_s <= t_d]).all() or not np.isfinite(q_ref[len(t_s) :]).all():
+        raise ValueError(f"the way to x = {x_m:g} m is out of the arm's reach")
+    dq_post = [np.linalg.solve(model_at(arm, q, dq).J, v) for q, v in zip(q_ref[len(t_s) :], post[1], strict=True)]
+    return Plan(t_d, q_ref[0], q_d, impulses, ante, post, np.array(dq_post))
+
+
+def _path(t_s: Array, points: list[tuple[float, Array, Array]]) -> tuple[Array, Array, Array]:
+    """Return quintics through (time, position, velocity) for each coordinate; equal velocities make a straight line."""
+    columns = [quintic_path([ViaPoint(t, x[i], v[i]) for t, x, v in points], t_s) for i in range(3)]
+    position, velocity = (np.stack([column[k] for column in columns], axis=1) for k in range(2))
+    return position, velocity, np.gradient(velocity, t_s, axis=0)
