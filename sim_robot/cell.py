@@ -6,6 +6,7 @@ return the state at t = 0.
 """
 
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ from sim_robot.sensors import Sensors
 from sim_robot.tracker import SimulatedTracker
 
 Array = NDArray[np.float64]
+_REFUSING = (RobotMode.REFLEX, RobotMode.USER_STOPPED)
 
 
 class SimulatedArm:
@@ -38,6 +40,7 @@ class SimulatedArm:
         self._state = ArmState.empty()
         self._seen_tick = -1
         self._closed = False
+        self._box, self._plant = cell.boxes[side], cell.plant
         # copied as bytes: a record copies field by field
         self._bytes = self._state.record.view(np.uint8)
         self._source = cell.states[side : side + 1].view(np.uint8)
@@ -47,31 +50,35 @@ class SimulatedArm:
 
         Raises CommandRejected in a reflex (the plant has gone on), ConnectionLost when closed.
         """
-        self._check_open()
-        if self._seen_tick == self._cell.plant.ticks:
+        if self._closed:
+            self._refuse_closed()
+        if self._seen_tick == self._plant.ticks:
             self._cell.next_state()
-        self._seen_tick = self._cell.plant.ticks
+        self._seen_tick = self._plant.ticks
         self._bytes[:] = self._source
         if self._cell.faults is not None:
             self._cell.faults.distort(self._side, self._state.record, "t_ns", 1_000_000)
-        self._check_no_reflex()
+        if self._box.mode in _REFUSING:
+            self._refuse()
         return self._state
 
     def write(self, tau: Array) -> None:
         """Answer with a torque, (7,), Nm. The first one starts torque control. Raises as read does."""
-        self._check_open()
-        self._check_no_reflex()
-        self._cell.boxes[self._side].take(np.asarray(tau, dtype=np.float64))
+        if self._closed:
+            self._refuse_closed()
+        if self._box.mode in _REFUSING:
+            self._refuse()
+        self._box.take(np.asarray(tau, dtype=np.float64))
 
     def stop(self) -> None:
         """End torque control: the arm brakes and holds. A reflex stays latched."""
-        box = self._cell.boxes[self._side]
-        if box.mode != RobotMode.USER_STOPPED:
-            box.stop()
+        if self._box.mode != RobotMode.USER_STOPPED:
+            self._box.stop()
 
     def recover(self) -> None:
         """Clear a reflex: the arm is idle and holds. Raises RecoveryRefused while its cause persists."""
-        self._check_open()
+        if self._closed:
+            self._refuse_closed()
         self._cell.recover(self._side)
 
     def close(self) -> None:
@@ -79,17 +86,14 @@ class SimulatedArm:
         self.stop()
         self._closed = True
 
-    def _check_open(self) -> None:
-        if self._closed:
-            raise ConnectionLost(f"the {SIDES[self._side]} arm was closed; open the cell again")
+    def _refuse_closed(self) -> NoReturn:
+        raise ConnectionLost(f"the {SIDES[self._side]} arm was closed; open the cell again")
 
-    def _check_no_reflex(self) -> None:
-        box = self._cell.boxes[self._side]
-        if box.mode == RobotMode.REFLEX:
-            names = box.error_names
+    def _refuse(self) -> NoReturn:
+        if self._box.mode == RobotMode.REFLEX:
+            names = self._box.error_names
             raise CommandRejected(f"{SIDES[self._side]} arm in reflex: {', '.join(names)}; recover it first", names)
-        if box.mode == RobotMode.USER_STOPPED:
-            raise CommandRejected(f"{SIDES[self._side]} arm: user stop pressed; release the activation device first")
+        raise CommandRejected(f"{SIDES[self._side]} arm: user stop pressed; release the activation device first")
 
 
 class SimulatedCell:
@@ -141,10 +145,10 @@ class SimulatedCell:
             self.sensors.sense()
             self.faults.plant.enlighten_sensors()
         self.tracker.update()
-        reflexes.judge_states(self.states, self._tolerances, self._masks)
-        for side, box in enumerate(self.boxes):
-            if self._masks[side] and box.mode == RobotMode.MOVE:
-                box.trip(int(self._masks[side]))
+        if reflexes.judge_states(self.states, self._tolerances, self._masks):
+            for side, box in enumerate(self.boxes):
+                if self._masks[side] and box.mode == RobotMode.MOVE:
+                    box.trip(int(self._masks[side]))
         if self.faults is not None:
             self.faults.judge()
         for side, box in enumerate(self.boxes):

@@ -40,6 +40,7 @@ def _step_too_large(tau, tau_last, largest):
 
 @numba.njit(cache=True, error_model="numpy")
 def _judge(states, limits, overload, spare, position, velocity, torque, masks):
+    any_mask = 0
     for arm in range(2):
         state, mask = states[arm], 0
         for j in range(JOINTS):
@@ -53,6 +54,8 @@ def _judge(states, limits, overload, spare, position, velocity, torque, masks):
             if abs(state.tau_J[j]) > overload * limits[5, j]:
                 mask |= torque
         masks[arm] = mask
+        any_mask |= mask
+    return any_mask
 
 
 def judge_command(tau: Array, tau_last: Array) -> int:
@@ -60,11 +63,11 @@ def judge_command(tau: Array, tau_last: Array) -> int:
     return TORQUE_DISCONTINUITY if _step_too_large(tau, tau_last, _LARGEST_STEP) else 0
 
 
-def judge_states(states: NDArray[np.void], tolerances: ReflexParameters, masks: NDArray[np.int64]) -> None:
-    """Write the errors of both states (2,) into masks (2,): position, velocity, torque beyond limits.
+def judge_states(states: NDArray[np.void], tolerances: ReflexParameters, masks: NDArray[np.int64]) -> int:
+    """Write the errors of both states (2,) into masks (2,): position, velocity, torque beyond limits. Returns either's.
 
     The velocity limit shrinks to zero towards the position limits, as hal.limits says, and may be passed by
     `velocity_tolerance`. Torque trips at `tau_J_overload` times the range.
     """
     overload, spare = tolerances.tau_J_overload, tolerances.velocity_tolerance
-    _judge(states, _LIMITS, overload, spare, POSITION_LIMITS, VELOCITY, TORQUE_RANGE, masks)
+    return _judge(states, _LIMITS, overload, spare, POSITION_LIMITS, VELOCITY, TORQUE_RANGE, masks)

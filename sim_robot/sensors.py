@@ -105,6 +105,7 @@ class Sensors:
         record["dtau_J_gain"] = 1.0 - exp(-2.0 * pi * parameters.dtau_J_cutoff_hz * CONTROL_PERIOD_S)
         record["tau_ext_gain"] = 1.0 - exp(-2.0 * pi * parameters.tau_ext_cutoff_hz * CONTROL_PERIOD_S)
         self._qpos, self._qvel, self._motors = plant.data.qpos, plant.data.qvel, plant.motors
+        self._t_ns = self.states["t_ns"]
 
     def sense(self) -> None:
         """Measure the plant now: once a millisecond, since the filters and the noise count the calls."""
@@ -114,4 +115,4 @@ class Sensors:
         draws = self._draws[self._next]
         self._next += 1
         _sense(self._qpos, self._qvel, self._motors, self._records, self.kinematics, draws, self.states)
-        self.states["t_ns"] = self._plant.ticks * 1_000_000
+        self._t_ns[:] = self._plant.ticks * 1_000_000

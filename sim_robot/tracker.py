@@ -45,6 +45,9 @@ class SimulatedTracker:
         self._draws = np.zeros((BLOCK, 6))
         self._next = BLOCK
         self._seen, self._given = ObjectPose.empty(), ObjectPose.empty()
+        # copied as bytes, written through views of single fields: a record is looked up and copied field by field
+        self._seen_bytes, self._given_bytes = (pose.record.view(np.uint8) for pose in (self._seen, self._given))
+        self._record, self._t_ns = self._seen.record[0], self._seen.record["t_ns"]
         self._is_new = False
         # compile, or load from the cache, before a clock runs
         _see(self._pose, self._draws[0], 0.0, 0.0, ObjectPose.empty().record[0])
@@ -56,16 +59,15 @@ class SimulatedTracker:
         if self._next == BLOCK:
             self._generator.standard_normal(out=self._draws)
             self._next = 0
-        record = self._seen.record
-        record["t_ns"] = self._plant.ticks * 1_000_000
-        _see(self._pose, self._draws[self._next], self._position_noise, self._half_angle_noise, record[0])
-        record["seen"] = 1
+        self._t_ns[0] = self._plant.ticks * 1_000_000
+        _see(self._pose, self._draws[self._next], self._position_noise, self._half_angle_noise, self._record)
+        self._record["seen"] = 1
         self._next += 1
         self._is_new = True
 
     def latest(self) -> ObjectPose:
         """Return the newest frame. It belongs to the tracker and is overwritten by the next call."""
         if self._is_new:
-            self._given.record[:] = self._seen.record
+            self._given_bytes[:] = self._seen_bytes
             self._is_new = False
         return self._given

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hal.description import fr3_urdf
 from rtstack.log.frames import CellFrames, FrameTree
@@ -44,6 +45,9 @@ class WholeRunLog(TrialLog):
         self._attachments = attachments
         self._frames = frames
 
+    def trip(self) -> None:
+        """See Watchdog: nothing is written meanwhile, and nothing can fail."""
+
     def wait_ready(self) -> None:
         """Nothing to wait for."""
 
@@ -54,7 +58,6 @@ class WholeRunLog(TrialLog):
         """Write the file. Returns None, or in one line why there is none. `columns` are the samples from now on."""
         partial = self.path.with_suffix(".part")
         try:
-            self.columns = self._columns()
             with open(partial, "wb") as file:
                 sink = McapSink(file)
                 for name, values in self._metadata.items():
@@ -62,7 +65,8 @@ class WholeRunLog(TrialLog):
                 for attachment in self._attachments:
                     sink.attach(attachment.name, attachment.media_type, attachment.data)
                 values = {key: value if isinstance(value, str) else json.dumps(value) for key, value in result.items()}
-                LogWriter(self.rings, sink, FrameTree(self._frames, fr3_urdf())).finish(values, "closed", self.evidence)
+                writer = LogWriter(self.rings, sink, FrameTree(self._frames, fr3_urdf()))
+                self.columns = _columns(writer.finish(values, "closed", self.evidence))
             os.replace(partial, self.path)
         except OSError as error:
             partial.unlink(missing_ok=True)
@@ -75,18 +79,11 @@ class WholeRunLog(TrialLog):
         """Write nothing. Never raises."""
         self.rings.close()
 
-    def _columns(self) -> Columns:
-        read = {
-            topic: self.rings.log_reader(topic).drain()
-            for topic in (
-                *(f"/{side}/{what}" for side in SIDES for what in ("arm", "control")),
-                "/timing",
-                "/object/pose",
-            )
-        }
-        return Columns(
-            arm=np.stack([read[f"/{side}/arm"] for side in SIDES]),
-            control=np.stack([read[f"/{side}/control"] for side in SIDES]),
-            timing=read["/timing"],
-            object=read["/object/pose"],
-        )
+
+def _columns(written: dict[str, NDArray[Any]]) -> Columns:
+    return Columns(
+        arm=np.stack([written[f"/{side}/arm"] for side in SIDES]),
+        control=np.stack([written[f"/{side}/control"] for side in SIDES]),
+        timing=written["/timing"],
+        object=written["/object/pose"],
+    )

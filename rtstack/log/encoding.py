@@ -8,6 +8,7 @@ https://protobuf.dev/programming-guides/encoding/
 """
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +56,9 @@ class WireFormat:
         self.template = np.dtype(parts)
         self.size = self.template.itemsize
         self._empty = np.frombuffer(bytes(constants), self.template)
+        # fields whose bytes are on the wire as they are in the record: copied as such, not number by number
+        self._plain = [name for name in self.names if name not in ENUM_FIELDS and name != COLUMN_MAJOR_FIELD]
+        self._wire_bytes, self._record_bytes = (_as_bytes(dtype, self._plain) for dtype in (self.template, self.record))
         fixed = np.zeros(1, self.template)
         for name in self.names:
             fixed[f"{name} prefix"] = 0xFF
@@ -66,18 +70,19 @@ class WireFormat:
         """Return one message for each record of `records`, shape (n,)."""
         wire = np.repeat(self._empty, len(records))
         tails: dict[int, bytes] = {}
+        wire_bytes, record_bytes = wire.view(self._wire_bytes), records.view(self._record_bytes)
+        for name in self._plain:
+            wire_bytes[name] = record_bytes[name]
         for name in self.names:
-            values = records[name]
             if name in ENUM_FIELDS:
+                values = records[name]
                 wide = (values < 0) | (values > 0x7F)
                 wire[name][:, 0] = np.where(wide, 0, values)
                 for row in np.flatnonzero(wide).tolist():
                     value = int(np.clip(values[row], _INT32.min, _INT32.max))
                     tails[row] = tails.get(row, b"") + self.tags[name] + varint(value)
             elif name == COLUMN_MAJOR_FIELD:
-                wire[name] = values.transpose(0, 2, 1).reshape(wire[name].shape)
-            else:
-                wire[name] = values.reshape(wire[name].shape)
+                wire[name] = records[name].transpose(0, 2, 1).reshape(wire[name].shape)
         if ERRORS_FIELD in self.tags:
             errors = records[ERRORS_FIELD]
             for row in np.flatnonzero(errors).tolist():
@@ -129,6 +134,14 @@ class WireFormat:
                 return None
             mask |= 1 << ROBOT_ERRORS.index(name)
         return mask
+
+
+def _as_bytes(dtype: np.dtype, names: list[str]) -> np.dtype:
+    """Return a dtype of the same memory in which each of these fields is its bytes."""
+    fields: Any = dtype.fields
+    places = [(dtype[name].itemsize, fields[name][1]) for name in names]
+    formats, offsets = [f"V{size}" for size, _ in places], [offset for _, offset in places]
+    return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": dtype.itemsize})
 
 
 @cache

@@ -36,14 +36,18 @@ class LogWriter:
         self._readers = {topic: rings.log_reader(topic) for topic in TOPICS}
         self._held = {topic: np.zeros(0, record) for topic, record in TOPICS.items()}
 
-    def step(self, final: bool = False) -> None:
-        """Read every ring and write what was in it, in order of robot's time; `final` holds nothing back."""
+    def step(self, final: bool = False) -> dict[str, NDArray]:
+        """Read every ring and write what was in it, in order of robot's time; `final` holds nothing back.
+
+        Returns what was written, by topic.
+        """
         batches = {topic: reader.drain() for topic, reader in self._readers.items()}
         batches = self._settled(batches, final)
         if any(len(records) for records in batches.values()):
             self._sink.write(batches, self._transforms(batches))
             self._rings.messages = sum(self._sink.messages.values())
         self._sink.flush_if_due()
+        return batches
 
     def _settled(self, batches: dict[str, NDArray], final: bool) -> dict[str, NDArray]:
         """Hold back, for one step, what is newer than the newest tick that every topic has told about.
@@ -54,6 +58,9 @@ class LogWriter:
         limit = _FAR_FUTURE_NS if final else min(newest, default=_FAR_FUTURE_NS)
         ready = {}
         for topic, records in batches.items():
+            if final and not len(self._held[topic]):  # a whole run: not copied once more
+                ready[topic] = records
+                continue
             settled = records["t_ns"] <= limit
             ready[topic] = np.concatenate([self._held[topic], records[settled]])
             self._held[topic] = records[~settled]
@@ -65,9 +72,12 @@ class LogWriter:
         poses = batches["/object/pose"]
         return self._frames.update({side: batches[f"/{side}/arm"] for side in SIDES}, poses[poses["seen"] != 0])
 
-    def finish(self, result: dict[str, str], ended: str, evidence: Evidence | None = None) -> None:
-        """Write what is left, result, evidence and the account of what was lost, and finish the file."""
-        self.step(final=True)
+    def finish(self, result: dict[str, str], ended: str, evidence: Evidence | None = None) -> dict[str, NDArray]:
+        """Write what is left, result, evidence and the account of what was lost, and finish the file.
+
+        Returns what was left, by topic.
+        """
+        left = self.step(final=True)
         lost = {topic: reader.lost for topic, reader in self._readers.items()}
         counts = {topic: {"messages": n, "lost": lost.get(topic, 0)} for topic, n in self._sink.messages.items()}
         if evidence is not None:
@@ -84,6 +94,7 @@ class LogWriter:
         }
         self._sink.write_metadata("log", account)
         self._sink.close()
+        return left
 
 
 def run(job_descriptor: int, log_descriptor: int, parent: int) -> None:

@@ -76,14 +76,19 @@ class Pusher:
         The first push of an array looks up its address and checks it (TypeError): push the same array always.
         """
         if record is not self._record:
-            self._bind(record)
+            self.bind(record)
         self._push(self._head, self._slots, self._stride, self._mask, self._address)
 
-    def _bind(self, record: NDArray[Any]) -> None:
+    def bind(self, record: NDArray[Any]) -> tuple[int, int, int, int, int]:
+        """Look up where `record` is, as the first push of it does. Returns a row for `rtstack.log.push.push_all`.
+
+        The row holds addresses: keep the pusher and the record as long as it is used.
+        """
         if record.dtype != self._dtype or record.shape != (1,):
             raise TypeError(f"a record of shape (1,) and dtype {self._dtype} is needed, not {record.dtype}")
         self._record = record
         self._address = record.ctypes.data
+        return self._head, self._slots, self._stride, self._mask, self._address
 
 
 class RingReader:

@@ -108,28 +108,34 @@ class McapSink:
 
     def write(self, batches: dict[str, NDArray], transforms: list[tuple[int, bytes]]) -> None:
         """Write records of all topics and the /tf messages that belong to them, in order of robot's time."""
-        times = [np.maximum(records["t_ns"], 0) for records in batches.values()]
+        times: list[NDArray[np.int64]] = []
+        writes: list[Callable[[bytes, int], None]] = []
+        messages: list[bytes] = []
+        for topic, records in batches.items():
+            # an object that was never seen says nothing
+            said = records[records["seen"] != 0] if topic == "/object/pose" else records
+            times.append(np.maximum(said["t_ns"], 0))
+            self._take(topic, _encode(topic, said), writes, messages)
         times.append(np.array([t for t, _ in transforms], np.int64))
-        topics = [self._channels[topic] for topic in batches] + [self._channels[TRANSFORMS]]
-        messages = [_encode(topic, records) for topic, records in batches.items()]
-        messages.append([message for _, message in transforms])
-        for topic, encoded in zip([*batches, TRANSFORMS], messages, strict=True):
-            self.messages[topic] += sum(message is not None for message in encoded)
+        self._take(TRANSFORMS, [message for _, message in transforms], writes, messages)
         all_times = np.concatenate(times)
-        order = np.argsort(all_times, kind="stable").tolist()
-        channel_of = [channel for channel, encoded in zip(topics, messages, strict=True) for _ in encoded]
-        flat = [message for encoded in messages for message in encoded]
-        for row in order:
-            t_ns, message = int(all_times[row]), flat[row]
-            if message is None:
-                continue
-            if self._flushed_log_ns is None:
+        order = np.argsort(all_times, kind="stable")
+        due_ns = -1 if self._flushed_log_ns is None else self._flushed_log_ns + FLUSH_NS
+        for row, t_ns in zip(order.tolist(), all_times[order].tolist(), strict=True):
+            if t_ns >= due_ns:
+                if self._flushed_log_ns is not None:
+                    self.flush()
                 self._flushed_log_ns = t_ns
-            elif t_ns - self._flushed_log_ns >= FLUSH_NS:
-                self.flush()
-                self._flushed_log_ns = t_ns
-            channel_of[row].log(message, t_ns)
-            self._dirty = True
+                due_ns = t_ns + FLUSH_NS
+            writes[row](messages[row], t_ns)
+        self._dirty = self._dirty or bool(messages)
+
+    def _take(
+        self, topic: str, encoded: list[bytes], writes: list[Callable[[bytes, int], None]], messages: list[bytes]
+    ) -> None:
+        self.messages[topic] += len(encoded)
+        writes += [self._channels[topic].log] * len(encoded)
+        messages += encoded
 
     def flush_if_due(self) -> None:
         """Finish the chunk when the last one is 0.25 s of wall time old."""
@@ -155,12 +161,12 @@ class McapSink:
             raise self._file.error
 
 
-def _encode(topic: str, records: NDArray) -> list[bytes | None]:
-    """One message a record; None for a record that says nothing (an object that was never seen)."""
+def _encode(topic: str, records: NDArray) -> list[bytes]:
+    """One message a record."""
     if topic in TOPIC_MESSAGES:
-        return list(wire_format(TOPIC_MESSAGES[topic]).encode(records))
+        return wire_format(TOPIC_MESSAGES[topic]).encode(records)
     if topic == "/object/pose":
-        return [_pose(record) if record["seen"] else None for record in records]
+        return [_pose(record) for record in records]
     return [_event(record) for record in records]
 
 

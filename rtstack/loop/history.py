@@ -3,9 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from hal.tracker import OBJECT_POSE
+from rtstack.log.push import copy_bytes
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, TIMING_SAMPLE
 
 
@@ -17,6 +19,14 @@ class Columns:
     control: NDArray
     timing: NDArray
     object: NDArray
+
+
+@njit("void(int64[:, ::1], int64)", cache=True)
+def _append(rows, k):
+    """Copy record k of each of rows (n, 3): address of the memory, bytes a record, address of the source."""
+    for i in range(len(rows)):
+        target = rows[i, 0] + k * rows[i, 1]
+        copy_bytes(target, rows[i, 2], rows[i, 1])  # pyright: ignore[reportCallIssue] (numba passes its context)
 
 
 class History:
@@ -31,10 +41,10 @@ class History:
         self._control = np.zeros((2, capacity), CONTROL_SAMPLE)
         self._timing = np.zeros(capacity, TIMING_SAMPLE)
         self._object = np.zeros(capacity, OBJECT_POSE)
-        # bytes of a record a row: copying bytes costs a tenth of copying fields
-        self._arm_bytes = self._arm.view(np.uint8).reshape(2, capacity, -1)
-        self._control_bytes = self._control.view(np.uint8).reshape(2, capacity, -1)
-        self._sources: tuple[NDArray, ...] | None = None
+        self._sources: tuple[NDArray, ...] = ()
+        self._left: tuple[NDArray, NDArray] | None = None
+        self._rows = np.zeros((0, 3), np.int64)
+        self._capacity = capacity
         self._ticks = 0
         self._poses = 0
         # zeros that nobody has touched are no memory yet: the kernel would clear 2 MB in the middle of a tick (8 ms)
@@ -43,21 +53,27 @@ class History:
 
     def append(self, left: tuple[NDArray, NDArray], right: tuple[NDArray, NDArray], timing: NDArray) -> None:
         """Take both arms' arm and control records and the timing, (1,) each. Beyond the capacity: see the class."""
-        k, capacity = self._ticks, len(self._timing)
-        if k >= capacity:
+        k = self._ticks
+        if k >= self._capacity:
             if not self._endless:
                 return
-            k %= capacity
-        if self._sources is None or self._sources[0] is not left[0]:
-            # the loop publishes the same arrays every tick: their bytes are looked up once
-            self._sources = (left[0], *(record.view(np.uint8) for record in (*left, *right)))
-        _, left_arm, left_control, right_arm, right_control = self._sources
-        self._arm_bytes[0, k] = left_arm
-        self._control_bytes[0, k] = left_control
-        self._arm_bytes[1, k] = right_arm
-        self._control_bytes[1, k] = right_control
-        self._timing[k] = timing[0]
+            k %= self._capacity
+        if left is not self._left:
+            # the loop publishes the same arrays every tick: their places are looked up once
+            self._left = left
+            self._bind((*left, *right, timing))
+        _append(self._rows, k)
         self._ticks += 1
+
+    def _bind(self, sources: tuple[NDArray, ...]) -> None:
+        """Look up where the records (1,) are, and where they go. Raises TypeError for a record of another dtype."""
+        targets = (self._arm[0], self._control[0], self._arm[1], self._control[1], self._timing)
+        for source, target in zip(sources, targets, strict=True):
+            if source.dtype != target.dtype or source.shape != (1,):
+                raise TypeError(f"a record of shape (1,) and dtype {target.dtype} is needed, not {source.dtype}")
+        self._sources = sources
+        rows = [(t.ctypes.data, t.itemsize, s.ctypes.data) for s, t in zip(sources, targets, strict=True)]
+        self._rows = np.array(rows, np.int64)
 
     def append_pose(self, pose: NDArray) -> None:
         """Take an object pose, (1,)."""

@@ -6,9 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.tracker import ObjectTracker
+from rtstack.log.push import push_all
 from rtstack.log.ring import Rings
 from rtstack.loop.history import History
 from rtstack.samples import EVENT, TIMING_SAMPLE, Level
+
+_OF_A_TICK = ("/left/arm", "/left/control", "/right/arm", "/right/control", "/timing")
 
 
 class Publisher:
@@ -18,35 +21,40 @@ class Publisher:
         self.timing = np.zeros(1, TIMING_SAMPLE)
         self._history = history
         self._event = np.zeros(1, EVENT)
+        self._pushers = [[ring.pusher(topic) for topic in _OF_A_TICK] for ring in rings]
+        self._left: tuple[NDArray, NDArray] | None = None
+        self._right: tuple[NDArray, NDArray] | None = None
+        self._rows = np.zeros((0, 5), np.int64)
+        self._pose: NDArray | None = None
+        self._stamp = self._seen = np.zeros(1, np.int64)
         self._pose_t_ns = -1
-        self._pushers = [
-            tuple(
-                ring.pusher(topic).push
-                for topic in ("/left/arm", "/left/control", "/right/arm", "/right/control", "/timing")
-            )
-            for ring in rings
-        ]
         self._pose_pushers = [ring.pusher("/object/pose").push for ring in rings]
         self._event_pushers = [ring.pusher("/events").push for ring in rings]
 
     def tick(self, left: tuple[NDArray, NDArray], right: tuple[NDArray, NDArray], tracker: ObjectTracker) -> None:
         """Publish the arm and control records (1,) of both arms, the timing, and the object's pose where it is new."""
-        for left_arm, left_control, right_arm, right_control, timing in self._pushers:
-            left_arm(left[0])
-            left_control(left[1])
-            right_arm(right[0])
-            right_control(right[1])
-            timing(self.timing)
+        if left is not self._left or right is not self._right:
+            self._bind(left, right)
+        push_all(self._rows)
         if self._history is not None:
             self._history.append(left, right, self.timing)
         pose = tracker.latest().record
-        t_ns = int(pose["t_ns"][0])
-        if t_ns != self._pose_t_ns and pose["seen"][0]:
+        if pose is not self._pose:
+            self._pose, self._stamp, self._seen = pose, pose["t_ns"], pose["seen"]
+        t_ns = self._stamp.item()
+        if t_ns != self._pose_t_ns and self._seen[0]:
             self._pose_t_ns = t_ns
             for push in self._pose_pushers:
                 push(pose)
             if self._history is not None:
                 self._history.append_pose(pose)
+
+    def _bind(self, left: tuple[NDArray, NDArray], right: tuple[NDArray, NDArray]) -> None:
+        """Look up where the records are: the loop publishes the same ones every tick."""
+        self._left, self._right = left, right
+        records = (*left, *right, self.timing)
+        rows = [p.bind(record) for each in self._pushers for p, record in zip(each, records, strict=True)]
+        self._rows = np.array(rows, np.int64).reshape(-1, 5)
 
     def event(self, t_ns: int, level: Level, name: str, text: str) -> None:
         """Publish an event at the robot's time t_ns."""

@@ -30,6 +30,7 @@ from rtstack.samples import ARM_SAMPLE, SIDES, Level, Mode, QpStatus
 
 _OF_THE_OTHER = (Reason.PAIR_SKEW, Reason.OTHER_ARM)  # the other arm's own reason says more
 _FIRST = ((), (0,), (1,), (0,))  # the arm to serve of a mask of LEFT and RIGHT
+_MASK = {(): 0, (0,): LEFT, (1,): RIGHT, (0, 1): LEFT | RIGHT}  # of the arms that were served
 
 
 class StopSignal(Protocol):
@@ -120,11 +121,18 @@ class Session:
         for arm in controller.arms:
             arm.pursue(plan.stiffness, arm.parameters.posture_gain)
         self._states = tuple(a.sample.view(np.uint8)[: ARM_STATE.itemsize] for a in controller.arms)
+        self._shown: list[NDArray[np.void] | None] = [None, None]  # the record that an arm shows its states in,
+        self._shown_bytes: list[NDArray[np.uint8]] = list(self._states)  # and its bytes
         self._stamps = tuple(a.sample["t_ns"] for a in controller.arms)
         self._torques = tuple(a.sample["tau_applied"][0] for a in controller.arms)
         self._echoes = tuple(Echo(judge, arm) for judge, arm in zip(judges, controller.arms, strict=True))
         self._records = tuple((a.sample, a.control) for a in controller.arms)
         self._residuals = tuple(a.control["momentum_residual"][0] for a in controller.arms)
+        # views of single fields: what is looked up once costs a tick nothing
+        self._stopping = tuple(judge.memory["stopping"] for judge in judges)
+        self._references = tuple(zip(plan.ante, plan.post, strict=True))
+        self._last_index = plan.ticks
+        self._own_clocks = cell.own_clocks
         self._time = Timeline(publisher.timing, cell.own_clocks)
         self._compute_us = publisher.timing["compute_us"]
         self._overrun = TickOverrun()
@@ -187,8 +195,10 @@ class Session:
             self._tell_end()
         except Exception as error:
             self._go_on_alone(error)
-        self._overrun.take(sides, time.perf_counter_ns() - began_ns)
-        if any(judge.blind for judge in self._judges):
+        if self._own_clocks:
+            self._overrun.take(sides, time.perf_counter_ns() - began_ns)
+        left, right = self._judges
+        if left.blind or right.blind:
             return False  # by a state that does not change nobody can brake but the robot itself
         return not (self._controller.machine.mode is Mode.STOPPING and 0 in sides and self._at_rest())
 
@@ -205,10 +215,12 @@ class Session:
 
         Answered together, the first one would wait for the second one's tick.
         """
-        cell = self._cell
-        sides = _FIRST[cell.link.wait()] if cell.own_clocks and cell.link is not None else (0, 1)
+        sides = _FIRST[self._cell.link.wait()] if self._own_clocks and self._cell.link is not None else (0, 1)
         for k in sides:
-            self._states[k][:] = self._arms[k].read().record.view(np.uint8)
+            record = self._arms[k].read().record
+            if record is not self._shown[k]:
+                self._shown[k], self._shown_bytes[k] = record, record.view(np.uint8)
+            self._states[k][:] = self._shown_bytes[k]
         return sides
 
     def _take_time(self, sides: tuple[int, ...], host_ns: int) -> None:
@@ -216,7 +228,7 @@ class Session:
             self._controller.machine.begin(self._plan.mode)
         for k in sides:
             self._time.take(k, self._stamps[k], host_ns)
-            if self._cell.own_clocks:
+            if self._own_clocks:
                 self._echoes[k].agree(self._time.elapsed_ns[k] > 0)
 
     def _ask_for_torques(self, sides: tuple[int, ...]) -> QpStatus:
@@ -246,7 +258,8 @@ class Session:
             arm = controller.arms[k]
             if self._plan.guide is not None:
                 self._plan.guide.step(k, arm)
-            arm.choose(self._plan.ante[k], self._plan.post[k], self._time.elapsed_ns[k] // TICK_NS, machine)
+            ante, post = self._references[k]
+            arm.choose(ante, post, self._time.elapsed_ns[k] // TICK_NS, machine)
             found = arm.command(machine.mode)
             if found > QpStatus.SOLVED:
                 self._notes.take_qp(k, arm)
@@ -266,7 +279,7 @@ class Session:
     def _publish(self, sides: tuple[int, ...], compute_us: float) -> None:
         """Publish once both arms were served; where one was served twice, with the other one's last tick."""
         compute = self._compute_us
-        served = sum(1 << k for k in sides)
+        served = _MASK[sides]
         compute[0] = compute_us + (compute[0] if self._unpublished else 0.0)
         both = served | self._unpublished == LEFT | RIGHT
         if both or (served & self._unpublished and self._time.both_begun):
@@ -291,7 +304,7 @@ class Session:
         elif machine.patience_over:
             patience_s = machine.parameters.impact_patience_s
             self._end(Trip(End.NO_IMPACT, f"within {patience_s} s of the nominal impact"))
-        elif index >= self._plan.ticks and self._plan.guide is None:
+        elif index >= self._last_index and self._plan.guide is None:
             self._end(Trip(End.COMPLETED, ""))
         return False
 
@@ -313,8 +326,11 @@ class Session:
 
     def _look_at_judges(self, status: QpStatus) -> None:
         """Notice a stop of a judge's own, and when both arms stop."""
+        left, right = self._stopping
+        if not left[0] and not right[0]:
+            return
         stopping = [judge.stopping for judge in self._judges]
-        if any(stopping) and self._controller.machine.mode is not Mode.STOPPING:
+        if self._controller.machine.mode is not Mode.STOPPING:
             k = next((k for k in (0, 1) if stopping[k] and self._judges[k].reason not in _OF_THE_OTHER), None)
             k = stopping.index(True) if k is None else k
             judge = self._judges[k]

@@ -52,7 +52,7 @@ class Timeline:
 
     def take(self, side: int, stamps: NDArray[np.int64], host_ns: int) -> None:
         """Take the stamp (1,) of a new state of an arm; it is moved onto the common time line in place."""
-        t_ns = int(stamps[0])
+        t_ns = stamps.item()
         last_ns = self.elapsed_ns[side]
         if last_ns < 0:
             self._begin(side, t_ns, host_ns)
@@ -61,16 +61,20 @@ class Timeline:
             self._starts[side] = t_ns - TICK_NS
             self.start_ns = self._starts[0]
         elapsed_ns = self.elapsed_ns[side] = t_ns - self._starts[side]
-        if last_ns >= 0:
+        if last_ns >= 0 and elapsed_ns - last_ns > TICK_NS:
             self._missed[side] += max(0, round((elapsed_ns - last_ns) / TICK_NS) - 1)
-        stamps[0] = t_ns + self._offsets[side]
-        self._arrived_ns[side] = host_ns
-        if self._own_clocks and self.both_begun:
-            self._pair_skew_us[0] = abs(self._arrived_ns[0] - self._arrived_ns[1]) * 1e-3
+        if self._own_clocks:
+            self._take_own(side, stamps, t_ns, host_ns)
         if side == 0:
             self._keep_up(t_ns, last_ns >= 0, host_ns)
-        elif self._own_clocks:
-            self.skew_ns = max(self.skew_ns, abs(elapsed_ns - self.elapsed_ns[0]))
+
+    def _take_own(self, side: int, stamps: NDArray[np.int64], t_ns: int, host_ns: int) -> None:
+        stamps[0] = t_ns + self._offsets[side]
+        self._arrived_ns[side] = host_ns
+        if self.both_begun:
+            self._pair_skew_us[0] = abs(self._arrived_ns[0] - self._arrived_ns[1]) * 1e-3
+        if side == 1:
+            self.skew_ns = max(self.skew_ns, abs(self.elapsed_ns[1] - self.elapsed_ns[0]))
 
     def _begin(self, side: int, t_ns: int, host_ns: int) -> None:
         self._starts[side] = t_ns
@@ -87,5 +91,5 @@ class Timeline:
             self._period_us[0] = (host_ns - self._host_ns) * 1e-3
             late_ns = (host_ns - self._host_start_ns) - (self.t_ns - self.start_ns)
             self._lateness_us[0] = max(0.0, late_ns * 1e-3)
-        self._missed_deadlines[0] = self.missed
+        self._missed_deadlines[0] = max(self._missed)
         self._host_ns = host_ns

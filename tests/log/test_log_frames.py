@@ -12,7 +12,7 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from hal.description import fr3_urdf
-from rtstack.log.frames import quaternion_of
+from rtstack.log.frames import quaternions_of
 from rtstack.samples import SIDES
 
 
@@ -71,5 +71,5 @@ def test_the_rate_is_50_hz_of_the_robots_time(written: WrittenLog) -> None:
 def test_a_rotation_becomes_its_quaternion(values: list[float]) -> None:
     w, x, y, z = np.array(values) / np.linalg.norm(values)
     R = pin.Quaternion(w, x, y, z).matrix()
-    q = quaternion_of(R)
+    (q,) = quaternions_of(R[None])
     assert abs(q @ [w, x, y, z]) == pytest.approx(1.0, abs=1e-9)
