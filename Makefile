@@ -7,7 +7,7 @@ STAMP := $(VENV)/.installed
 SAFETY_TESTS := $(filter-out %_plant.py,$(wildcard tests/safety/test_*.py))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test realtime check bench coverage mutate explore faults soak good-trials clean
+.PHONY: help setup run test realtime check bench coverage mutate explore faults soak good-trials recompute kill-campaign clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -50,6 +50,12 @@ faults: setup  ## each fault at each moment, kill -9 of each process: what happe
 
 soak: setup  ## half an hour of the whole stack at work: memory, descriptors, missed deadlines
 	@$(BIN)/python tests/bench/soak.py --minutes 30
+
+recompute: setup  ## a campaign's numbers from its logs, without our code: make recompute OUT=DIR
+	@$(BIN)/python tests/campaign/recompute.py $(OUT)
+
+kill-campaign: setup  ## campaigns killed with -9 and resumed, TRIALS=N or the whole plan: the same results? (resumes, out/)
+	@$(BIN)/python tests/campaign/kill_campaign.py out/killed $(if $(TRIALS),--trials $(TRIALS))
 
 good-trials: setup  ## 140 grabs without an intervention, and one with each limit in reach (resumes, .good-trials/)
 	@$(BIN)/python tests/safety/good_trials.py

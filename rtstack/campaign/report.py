@@ -15,6 +15,7 @@ from rtstack.campaign.beyond import COMPARED, Comparison, judge_beyond, summary
 from rtstack.campaign.claims import Claim, judge_claims, millimetres, shown
 from rtstack.campaign.evaluation import ALL_NAMES, FIGURE11, NAMES, PAPER_TABLE2, TABLE2, Evaluation
 from rtstack.campaign.figures import figure5, figure8, figure10, figure11, logged_trial
+from rtstack.campaign.numbers import write_numbers
 from rtstack.campaign.plan import Experiment, Plan, PlanFile
 from rtstack.campaign.sensitivity import figure_sensitivity, outcomes
 from rtstack.campaign.store import Row, Store
@@ -61,7 +62,7 @@ class Part:
 
 
 def write_report(store: Store, plan: Plan, file: PlanFile, description: CellDescription, chosen: Chosen) -> Path:
-    """Write results.csv, times.csv, figures/*.png and report.html. Returns the page's path."""
+    """Write results.csv, times.csv, figures/*.png, report.html and report.json. Returns the page's path."""
     selected = {experiment.name: chosen(experiment) for experiment in plan.experiments}
     trials = [trial for e in plan.experiments for trial in plan.trials(e, selected[e.name])]
     rows = store.rows(trials)
@@ -96,6 +97,7 @@ def write_report(store: Store, plan: Plan, file: PlanFile, description: CellDesc
     )  # fmt: skip
     path = store.out / PAGE
     path.write_text(page, encoding="utf-8")
+    write_numbers(store.out, plan, [(e, part.claims) for e, part in zip(evaluations, parts, strict=True)])
     return path
 
 
