@@ -162,9 +162,10 @@ def compare(out: Path, reference: Path) -> None:
 
 
 def small_plan(name: str, trials: int, folder: Path) -> Path:
-    """Write a plan with Table II's first references only, of `trials` trials or up to seven more."""
-    text = plan_file(name).path.read_text()
-    references = ", ".join(f'"rice_box/{k}"' for k in range(-(-trials // 8)))
+    """Write a plan with Table II's first references only, of `trials` trials or a few more."""
+    path = plan_file(name).path
+    text, each = path.read_text(), 2 * len(load_plan(path).controllers)
+    references = ", ".join(f'"rice_box/{k}"' for k in range(-(-trials // each)))
     experiment = f'name = "table2"\nreferences = [{references}]\ndisplacements_mm = [-30.0, 30.0]\nrepetitions = 1\n'
     path = folder / f"first-{trials}.toml"
     path.write_text(f"{text[: text.index('[[experiments]]')]}[[experiments]]\n{experiment}")

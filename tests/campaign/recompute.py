@@ -200,7 +200,9 @@ def compare_report(out: Path, rows: list[dict], differences: Differences) -> Non
         differences.take(f"{name} on the page", True, f">{text}<" in page, f"{where}, {text}")
 
     for part in report["conditions"]:
-        mine = [row for row in rows if row["conditions"] == part["name"]]
+        mine = [
+            row for row in rows if row["conditions"] == part["name"] and row["controller"] in (PROPOSED, *BASELINES)
+        ]
         table2, figure11 = ([row for row in mine if row["experiment"] == name] for name in ("table2", "figure11"))
         lifted = [row for row in figure11 if row["object"] == RICE_BOX] or table2
         for line in part["table2"]:

@@ -205,6 +205,8 @@ def recompute(path: Path, criterion: dict[str, float]) -> dict[str, float | bool
     for name, which in (("step_to_interim", INTERIM), ("step_to_post", POST_IMPACT)):
         tick = first(mode == which)
         out[name] = None if tick is None else steps[tick]
+    begin, end = first(mode == INTERIM), first(mode == POST_IMPACT)
+    out["interim_ms"] = None if begin is None or end is None else 1e3 * (t_s[end] - t_s[begin])
     out["settled_ms"] = settled_ms(t_s, gap, contact)
     swing = (t_s >= nominal_s) & (t_s < nominal_s + 0.15) & moving
     arm = 0 if displacement > 0.0 else 1
