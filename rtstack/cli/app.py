@@ -53,7 +53,7 @@ def teach(
 def trial(
     reference: Annotated[Path, typer.Option(metavar="REC.mcap", help="Made by `rtstack teach` or `rtstack plan`.")],
     controller: Annotated[
-        Controller, typer.Option(help="The proposed controller or a baseline.")
+        Controller, typer.Option(help="The proposed controller, a baseline, or contact_completion.")
     ] = Controller.PROPOSED,
     object_name: ObjectName = "rice_box",
     displacement_mm: Annotated[float, typer.Option(help="Shift of the object along y.")] = 0.0,
