@@ -167,6 +167,7 @@ def check_folder(out: Path, plan: Campaign, resume: bool) -> None:
         connection = sqlite3.connect(f"file:{database}?mode=rw", uri=True)
         try:
             about = dict(connection.execute("SELECT name, value FROM campaign").fetchall())
+            columns = {name for (name,) in connection.execute("SELECT name FROM pragma_table_info('results')")}
         finally:
             connection.close()
     except sqlite3.Error as error:
@@ -181,5 +182,7 @@ def check_folder(out: Path, plan: Campaign, resume: bool) -> None:
             else (f"{theirs['name']}{quick} with other parameters (digest {theirs['digest']}, now {mine['digest']})")
         )
         raise TrialError(f"{out} has another campaign, {what}: choose another folder")
+    if columns and columns != set(COLUMNS):
+        raise TrialError(f"{out} was begun by a version of rtstack with other columns: choose another folder")
     if not resume:
         raise TrialError(f"{out} has results of this campaign: go on with --resume, or choose another folder")
