@@ -19,6 +19,8 @@ import uvicorn
 from console.app import create_app
 from console.parts import Parts
 from console.presence import Presence
+from console.review.cache import ReviewCache
+from console.review.scene import ReviewScenes
 from console.scenes import Scenes
 from console.sign_in import SignIn
 from console.teleoperation.hand import Hand
@@ -103,6 +105,10 @@ def _parts(asked: argparse.Namespace, port: int, stack: ExitStack) -> Parts:
     hand = Hand(mailbox, watch)
     scenes = Scenes(cell, watch, hand)
     stack.callback(scenes.close)
+    review_cache = ReviewCache(asked.logs)
+    stack.callback(review_cache.close)
+    review_scenes = ReviewScenes(cell)
+    stack.callback(review_scenes.close)
     return Parts(
         sign_in=SignIn(port),
         cell=cell,
@@ -113,6 +119,8 @@ def _parts(asked: argparse.Namespace, port: int, stack: ExitStack) -> Parts:
         catalogue=Catalogue(asked.logs),
         scenes=scenes,
         hand=hand,
+        review_cache=review_cache,
+        review_scenes=review_scenes,
     )
 
 

@@ -13,7 +13,8 @@ from starlette.exceptions import HTTPException
 from console.guard import Guard
 from console.parts import Parts
 from console.presence import heartbeat
-from console.routes import control, jobs, live, logs, pages, robot, scene, teleoperation
+from console.review.logs import NotReviewable
+from console.routes import control, foxglove, jobs, live, logs, pages, review, robot, scene, teleoperation
 from console.sign_in import NameTaken
 from rtstack.live.client import RobotRefused, RobotUnreachable
 from rtstack.log.errors import LogError
@@ -29,7 +30,7 @@ def create_app(parts: Parts, port: int) -> FastAPI:
 
     app = FastAPI(title="rtstack console", docs_url=None, redoc_url=None, openapi_url=None, lifespan=alive)
     app.state.parts = parts
-    for module in (pages, robot, control, jobs, logs, live, scene, teleoperation):
+    for module in (pages, robot, control, jobs, logs, live, review, scene, teleoperation, foxglove):
         app.include_router(module.router)
     app.mount("/static", StaticFiles(directory=Path(__file__).parent / "static"))
     app.add_exception_handler(HTTPException, _http_error)
@@ -38,6 +39,7 @@ def create_app(parts: Parts, port: int) -> FastAPI:
     app.add_exception_handler(NameTaken, _refused)
     app.add_exception_handler(RobotUnreachable, _unreachable)
     app.add_exception_handler(LogError, _log_error)
+    app.add_exception_handler(NotReviewable, _not_reviewable)
     app.add_middleware(Guard, sign_in=parts.sign_in, port=port)
     return app
 
@@ -68,3 +70,8 @@ def _unreachable(_: Request, error: Exception) -> JSONResponse:
 
 def _log_error(_: Request, error: Exception) -> JSONResponse:
     return _line(500, str(error))
+
+
+def _not_reviewable(_: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, NotReviewable)
+    return _line(error.status, str(error))

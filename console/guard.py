@@ -27,6 +27,7 @@ _SCENE_POLICY = (
     "base-uri 'none'; form-action 'none'; frame-ancestors 'self'"
 )
 SCENE_PREFIX = "/viser/"
+FEED_PREFIX = "/foxglove/"
 
 
 class Guard:
@@ -61,6 +62,10 @@ class Guard:
             return _refuse(400, "this console does not answer to that host name")
         origin = headers.get("origin")
         websocket = scope["type"] == "websocket"
+        if websocket and scope["path"].startswith(FEED_PREFIX):
+            # Foxglove has no cookie and an origin of its own: the word in the address lets it in, to watch only
+            known = self._sign_in.may_watch(scope["path"].removeprefix(FEED_PREFIX))
+            return None if known else _refuse(403, "this is not the address of the live feed")
         if (websocket or origin is not None) and origin not in self._origins:
             return _refuse(403, "this request comes from another site")
         path = scope["path"]

@@ -26,6 +26,8 @@ class LogRow:
     seed: int | None
     success: bool | None
     outcome: str
+    verdict: str | None
+    note: str | None
     average_force_norm: float | None
     max_lift_mm: float | None
     when: float
@@ -35,7 +37,7 @@ class LogRow:
 
 def log_rows(catalogue: Catalogue, being_written: str | None) -> list[LogRow]:
     """Return all logs, the newest first; `being_written` names the running job's file. Raises LogError."""
-    return [_row(entry, entry.path.name == being_written) for entry in catalogue.entries()]
+    return [log_row(entry, being_written) for entry in catalogue.entries()]
 
 
 def log_path(catalogue: Catalogue, log_id: str) -> Path | None:
@@ -46,7 +48,8 @@ def log_path(catalogue: Catalogue, log_id: str) -> Path | None:
         return None
 
 
-def _row(entry: LogEntry, being_written: bool) -> LogRow:
+def log_row(entry: LogEntry, being_written: str | None) -> LogRow:
+    """Return the row of one log; `being_written` names the running job's file."""
     asked = {**_values(entry.trial), **_object(_values(entry.trial).get("specification"))}
     result = _values(entry.result)
     values = {**asked, **result}
@@ -61,7 +64,9 @@ def _row(entry: LogEntry, being_written: bool) -> LogRow:
         displacement_mm=_number(values.get("displacement_mm")),
         seed=None if seed is None else int(seed),
         success=success,
-        outcome=_outcome(entry.condition, being_written, success, values.get("failure_reason")),
+        outcome=_outcome(entry.condition, entry.path.name == being_written, success, values.get("failure_reason")),
+        verdict=_text(values.get("impact_verdict")),
+        note=_text(values.get("note")),
         average_force_norm=_number(values.get("average_force_norm")),
         max_lift_mm=_number(values.get("max_lift_mm")),
         when=entry.modified_s,

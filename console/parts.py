@@ -7,6 +7,8 @@ from fastapi import Depends, Request
 from fastapi.requests import HTTPConnection
 
 from console.presence import Presence
+from console.review.cache import ReviewCache
+from console.review.scene import ReviewScenes
 from console.scenes import Scenes
 from console.sign_in import Session, SignIn
 from console.teleoperation.hand import Hand
@@ -30,6 +32,8 @@ class Parts:
     catalogue: Catalogue
     scenes: Scenes
     hand: Hand
+    review_cache: ReviewCache
+    review_scenes: ReviewScenes
 
 
 def parts_of(connection: HTTPConnection) -> Parts:

@@ -1,4 +1,4 @@
-"""The live scene: both arms, the pads, the table and the object, where the robot last said they are.
+"""What a scene shows: both arms, the pads, the table and the object, where they are said to be.
 
 Each arm is a chain of frames from our own description, so that seven rotations a step move all of it. World frame.
 """
@@ -91,38 +91,45 @@ class ArmFigure:
 _FLANGE_M = 0.107  # joint 7 to flange, the manual's Denavit-Hartenberg table
 
 
-class CellScene:
-    """Everything that a page sees. `full` chooses the visual meshes, otherwise the light ones without shadows."""
+def add_stage(server: viser.ViserServer, cell: CellDescription, full: bool) -> None:
+    """Draw what never moves, for everybody: light, camera, floor and table. `full`: with shadows."""
+    scene = server.scene
+    server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
+    # from behind the arms, so that the left arm is on the left
+    server.initial_camera.position = (-1.75, 0.0, 1.35)
+    server.initial_camera.look_at = (-0.02, 0.0, 0.3)
+    server.initial_camera.fov = 0.72  # rad
+    scene.configure_default_lights(cast_shadow=full)
+    scene.add_grid(
+        "/floor",
+        4.0,
+        4.0,
+        cell_size=0.1,
+        section_size=0.5,
+        cell_color=(62, 68, 76),
+        section_color=(84, 92, 102),
+    )
+    x, y = cell.table.centre_xy
+    length, width = cell.table.size_xy
+    scene.add_box(
+        "/table",
+        color=_TABLE_COLOUR,
+        dimensions=(length, width, cell.table.top_z),
+        position=(x, y, cell.table.top_z / 2.0),
+        cast_shadow=False,
+    )
 
-    def __init__(self, server: viser.ViserServer, cell: CellDescription, full: bool) -> None:
-        scene = server.scene
-        self._server = server
+
+class CellFigures:
+    """What moves: both arms and the object, in the scene of a server or of one client.
+
+    `full` chooses the visual meshes, otherwise the light ones without shadows.
+    """
+
+    def __init__(self, scene: viser.SceneApi, cell: CellDescription, full: bool) -> None:
+        self._scene = scene
         self._cell = cell
         self._full = full
-        server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
-        # from behind the arms, so that the left arm is on the left
-        server.initial_camera.position = (-1.75, 0.0, 1.35)
-        server.initial_camera.look_at = (-0.02, 0.0, 0.3)
-        server.initial_camera.fov = 0.72  # rad
-        scene.configure_default_lights(cast_shadow=full)
-        scene.add_grid(
-            "/floor",
-            4.0,
-            4.0,
-            cell_size=0.1,
-            section_size=0.5,
-            cell_color=(62, 68, 76),
-            section_color=(84, 92, 102),
-        )
-        x, y = cell.table.centre_xy
-        length, width = cell.table.size_xy
-        scene.add_box(
-            "/table",
-            color=_TABLE_COLOUR,
-            dimensions=(length, width, cell.table.top_z),
-            position=(x, y, cell.table.top_z / 2.0),
-            cast_shadow=False,
-        )
         self._arms = tuple(
             ArmFigure(scene, side, mounting, cell, full)
             for side, mounting in (("left", cell.left), ("right", cell.right))
@@ -145,7 +152,7 @@ class CellScene:
                 self._object_name = ""
             return
         if self._object is None or name != self._object_name:
-            self._object = self._server.scene.add_box(
+            self._object = self._scene.add_box(
                 "/object",
                 color=_OBJECT_COLOUR,
                 dimensions=description.size,

@@ -8,7 +8,8 @@ import contextlib
 import hmac
 import io
 import secrets
-from collections.abc import Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterator
+from contextvars import ContextVar
 from http import HTTPStatus
 from typing import Any
 
@@ -20,6 +21,9 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 SECRET_HEADER = "x-rtstack-scene"
+VIEW_HEADER = "x-rtstack-view"
+# the page whose connection is being served, as our proxy names it: viser's callbacks do not see headers
+VIEW: ContextVar[str] = ContextVar("view", default="")
 
 ProcessRequest = Callable[[ServerConnection, Request], Response | None]
 
@@ -52,14 +56,23 @@ def _guarded(secret: str) -> Iterator[None]:
     """While it lasts, a WebSocket server that is made refuses every request without the secret."""
     serve = websockets.asyncio.server.serve
 
-    def guarded_serve(*arguments: Any, process_request: ProcessRequest | None = None, **options: Any) -> Any:
+    def guarded_serve(
+        handler: Callable[[ServerConnection], Awaitable[None]],
+        *arguments: Any,
+        process_request: ProcessRequest | None = None,
+        **options: Any,
+    ) -> Any:
         def check(connection: ServerConnection, request: Request) -> Response | None:
             brought = request.headers.get(SECRET_HEADER, "")
             if not hmac.compare_digest(brought.encode(), secret.encode()):
                 return Response(HTTPStatus.FORBIDDEN, "Forbidden", Headers({"Content-Length": "0"}), b"")
             return None if process_request is None else process_request(connection, request)
 
-        return serve(*arguments, process_request=check, **options)
+        async def named(connection: ServerConnection) -> None:
+            VIEW.set("" if connection.request is None else connection.request.headers.get(VIEW_HEADER, ""))
+            await handler(connection)
+
+        return serve(named, *arguments, process_request=check, **options)
 
     websockets.asyncio.server.serve = guarded_serve  # type: ignore[misc,assignment]
     try:

@@ -3,7 +3,7 @@
 import threading
 from enum import StrEnum
 
-from console.scene import CellScene
+from console.scene import CellFigures, add_stage
 from console.scene_hands import HandFigures
 from console.scene_server import SceneServer
 from console.teleoperation.hand import Hand
@@ -25,7 +25,8 @@ class _LiveScene:
 
     def __init__(self, cell: CellDescription, watch: Watch, hand: Hand, detail: Detail) -> None:
         self.server = SceneServer()
-        self._scene = CellScene(self.server.viser, cell, full=detail is Detail.FULL)
+        add_stage(self.server.viser, cell, full=detail is Detail.FULL)
+        self._scene = CellFigures(self.server.viser.scene, cell, full=detail is Detail.FULL)
         self._hands = HandFigures(self.server.viser, cell, hand)
         self._watch = watch
         self._ending = threading.Event()

@@ -34,6 +34,7 @@ class SignIn:
         self.cookie = f"rtstack-{port}"
         self._lock = threading.Lock()
         self._token: str | None = secrets.token_urlsafe(24)
+        self.feed = secrets.token_urlsafe(24)  # part of the live feed's address: who has it may watch, no more
         self._sessions: dict[str, Session] = {}
         self._redeemed = 0
 
@@ -41,6 +42,10 @@ class SignIn:
     def token(self) -> str | None:
         """The one-time token, None once it was used."""
         return self._token
+
+    def may_watch(self, feed: str) -> bool:
+        """Whether this is the word of the live feed's address."""
+        return _same(feed, self.feed)
 
     def redeem(self, token: str) -> Session | None:
         """Exchange the token for a session. Returns None for a wrong or used one."""

@@ -160,6 +160,7 @@ class Watch:
     """
 
     def __init__(self, rings: Rings, client: RobotClient, presence: Presence, cell: CellDescription) -> None:
+        self.rings = rings
         mountings = {"left": cell.left, "right": cell.right}
         self._arms = {side: _ArmWatch(rings, side, mountings[side]) for side in SIDES}
         self._loop = _LoopWatch(rings.reader("/timing"))

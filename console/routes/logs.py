@@ -1,25 +1,144 @@
-"""Logs: the list with results, and the download by opaque id."""
+"""Logs: the list with its search, the download, and what the review asks of one log. All by opaque ids."""
 
 from dataclasses import asdict
-from typing import Any
+from typing import Annotated, Any
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Query
 from fastapi.exceptions import HTTPException
-from fastapi.responses import FileResponse
+from fastapi.responses import FileResponse, Response, StreamingResponse
 
-from console.log_rows import log_path, log_rows
-from console.parts import NeedsParts
+from console.log_rows import log_path, log_row
+from console.parts import NeedsParts, Parts
+from console.review.difference import differences
+from console.review.logs import NotReviewable, ReadLog, entry_of, opened, read_share, wanted_signals
+from console.review.search import Outcome, SortKey, found, ordered
+from console.review.series import Window, csv_lines, curves, moment, packed
+from console.review.signals import signals
+from rtstack.log.reader import read_log
+from rtstack.samples import Level
 
 router = APIRouter(prefix="/api/logs")
 
+Seconds = Annotated[float, Query(ge=-1e9, le=1e9, allow_inf_nan=False)]
+Names = Annotated[str, Query(max_length=8192)]
+Width = Annotated[int, Query(ge=16, le=8192)]
 
-@router.get("")
-def logs(parts: NeedsParts) -> list[dict[str, Any]]:
-    """Return all logs, the newest first."""
+
+def _log(parts: Parts, log_id: str) -> ReadLog:
+    """Return a log of which something has been read, or say why there is none."""
+    log = opened(parts.catalogue, parts.review_cache, log_id)
+    if log is None:
+        raise NotReviewable(409, "nothing of this log has been read yet: ask for /api/logs/ID until `share` grows")
+    return log
+
+
+def _being_written(parts: Parts) -> str | None:
     status = parts.watch.view.status
     job = None if status is None else status.job
-    being_written = job.log if job is not None and job.active else None
-    return [asdict(row) for row in log_rows(parts.catalogue, being_written)]
+    return job.log if job is not None and job.active else None
+
+
+@router.get("")
+def logs(
+    parts: NeedsParts,
+    q: Annotated[str, Query(max_length=400)] = "",
+    kind: Annotated[str, Query(max_length=40)] = "",
+    outcome: Outcome = Outcome.ANY,
+    sort: SortKey = SortKey.WHEN,
+    descending: bool = True,
+) -> list[dict[str, Any]]:
+    """Return the logs that have every word of `q` somewhere in what is known of them, the newest first."""
+    being_written = _being_written(parts)
+    pairs = [(entry, log_row(entry, being_written)) for entry in parts.catalogue.entries()]
+    rows = [row for entry, row in pairs if kind in ("", row.kind) and found(entry, row, q, outcome)]
+    return [asdict(row) for row in ordered(rows, sort, descending)]
+
+
+@router.get("/signals")
+def signal_tree() -> list[dict[str, Any]]:
+    """Return every signal that a log can have: name, topic, group, field, component, unit."""
+    return [asdict(signal) for signal in signals().values()]
+
+
+@router.get("/{log_id}")
+def log(log_id: str, parts: NeedsParts) -> dict[str, Any]:
+    """Return a log's row, metadata, modes and events, and how far it has been read: `share`, 0 to 1.
+
+    The first request has the log read, in a process of its own.
+    """
+    entry = entry_of(parts.catalogue, log_id)
+    read = opened(parts.catalogue, parts.review_cache, log_id)
+    index = None if read is None else read.index
+    return {
+        "row": asdict(log_row(entry, _being_written(parts))),
+        "trial": entry.trial,
+        "result": entry.result,
+        "condition": entry.condition,
+        "share": read_share(read),
+        "done": index is not None and index.done,
+        "start_ns": None if index is None else str(index.start_ns),  # beyond what a browser's numbers can hold
+        "duration_s": None if index is None else index.duration_s,
+        "topics": {} if index is None else index.rows,
+        "modes": {} if index is None else index.modes,
+        "events": [] if index is None else [asdict(mark) for mark in index.events],
+    }
+
+
+@router.get("/{log_id}/events")
+def events(log_id: str, parts: NeedsParts, level: str = "DEBUG") -> list[dict[str, Any]]:
+    """Return a log's events of this severity or a higher one, in order of time."""
+    if level not in Level.__members__:
+        raise HTTPException(422, f"level: one of {', '.join(Level.__members__)}")
+    marks = _log(parts, log_id).index.events
+    return [asdict(mark) for mark in marks if Level[mark.level] >= Level[level]]
+
+
+@router.get("/{log_id}/series")
+def series(
+    log_id: str, parts: NeedsParts, signals: Names, start: Seconds, end: Seconds, width: Width = 1000
+) -> Response:
+    """Return curves in binary form: see console.review.series.packed. Times s after the log's first sample."""
+    wanted = wanted_signals(signals)
+    read = _log(parts, log_id)
+    if not start < end:
+        raise HTTPException(422, "start: has to be before `end`")
+    data = packed(curves(read.folder, read.index, wanted, Window(start, end, width)))
+    return Response(data, media_type="application/octet-stream")
+
+
+@router.get("/{log_id}/values")
+def values(log_id: str, parts: NeedsParts, t: Seconds, signals: Names = "") -> dict[str, Any]:
+    """Return the newest samples at a moment: values of signals, joints of both arms, the object's pose."""
+    read = _log(parts, log_id)
+    found = moment(read.folder, read.index, wanted_signals(signals), t)
+    return {
+        "t_s": found.t_s,
+        "values": found.values,
+        "q": None if found.q is None else found.q.tolist(),
+        "object": None if found.object is None else found.object.tolist(),
+    }
+
+
+@router.get("/{log_id}/csv")
+def csv(log_id: str, parts: NeedsParts, signals: Names, start: Seconds, end: Seconds) -> StreamingResponse:
+    """Send every sample of the signals in a window as a table."""
+    wanted = wanted_signals(signals)
+    read = _log(parts, log_id)
+    name = f"{read.entry.path.stem}.csv".encode("ascii", "replace").decode().replace('"', "'")
+    return StreamingResponse(
+        csv_lines(read.folder, read.index, wanted, start, end),
+        media_type="text/csv",
+        headers={"content-disposition": f'attachment; filename="{name}"'},
+    )
+
+
+@router.get("/{log_id}/difference")
+def difference(log_id: str, other: str, parts: NeedsParts) -> list[dict[str, str | None]]:
+    """Return what was set differently for two logs: metadata, cell, parameters."""
+    ours, others = (
+        read_log(entry_of(parts.catalogue, one).path, truncated=True) for one in (log_id, other)
+    )  # fmt: skip
+    return [{"key": key, "this": left, "other": right} for key, left, right in differences(ours, others)]
 
 
 @router.get("/{log_id}/download")

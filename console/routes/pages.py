@@ -7,6 +7,9 @@ from fastapi.responses import HTMLResponse
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from console.parts import NeedsParts
+from console.review.logs import entry_of
+from console.review.plotting import MAPLIBRE_STYLE, PLOTLY_PATH
+from rtstack.samples import Mode
 from rtstack.trials.specification import Controller
 
 router = APIRouter()
@@ -25,6 +28,31 @@ def operate(request: Request, parts: NeedsParts) -> HTMLResponse:
         page = _TEMPLATES.get_template("sign_in.html").render(csrf=None, refused=refused)
         return HTMLResponse(page, status_code=403 if refused else 401)
     page = _TEMPLATES.get_template("operate.html").render(
-        csrf=session.csrf, cell=parts.cell, controllers=[str(name) for name in Controller]
+        csrf=session.csrf, page="operate", cell=parts.cell, controllers=[str(name) for name in Controller]
     )
     return HTMLResponse(page)
+
+
+@router.get("/logs", response_class=HTMLResponse)
+def log_list(request: Request, parts: NeedsParts) -> HTMLResponse:
+    """Return the page of all logs."""
+    page = _TEMPLATES.get_template("logs.html")
+    return HTMLResponse(page.render(csrf=request.state.session.csrf, page="logs", cell=parts.cell))
+
+
+@router.get("/logs/{log_id}", response_class=HTMLResponse)
+def log_review(log_id: str, request: Request, parts: NeedsParts) -> HTMLResponse:
+    """Return the review of one log."""
+    entry = entry_of(parts.catalogue, log_id)
+    page = _TEMPLATES.get_template("log.html")
+    return HTMLResponse(
+        page.render(
+            csrf=request.state.session.csrf,
+            page="logs",
+            cell=parts.cell,
+            log=entry,
+            plotly=PLOTLY_PATH,
+            maplibre=MAPLIBRE_STYLE,
+            modes=Mode,
+        )
+    )

@@ -16,7 +16,7 @@ from websockets.typing import Subprotocol
 
 from console.parts import NeedsParts, Parts, parts_of
 from console.scene_gate import lets_through
-from console.scene_server import SECRET_HEADER
+from console.scene_server import SECRET_HEADER, VIEW_HEADER, SceneServer
 from console.scenes import Detail
 
 router = APIRouter(prefix="/viser")
@@ -34,7 +34,17 @@ def without_slash(detail: Detail) -> RedirectResponse:
 @router.get("/{detail}/{path:path}")
 async def page(detail: Detail, path: str, request: Request, parts: NeedsParts) -> Response:
     """Pass on a file of the scene's page."""
-    server = await run_in_threadpool(parts.scenes.server, detail)
+    return await pass_on_page(await run_in_threadpool(parts.scenes.server, detail), path, request)
+
+
+@router.websocket("/{detail}")
+async def stream(websocket: WebSocket, detail: Detail) -> None:
+    """Pass messages on in both directions until one side closes."""
+    await pass_on_stream(await run_in_threadpool(parts_of(websocket).scenes.server, detail), websocket)
+
+
+async def pass_on_page(server: SceneServer, path: str, request: Request) -> Response:
+    """Answer with a file of a scene server's page."""
     headers = {
         SECRET_HEADER: server.secret,
         "accept-encoding": request.headers.get("accept-encoding", "identity"),
@@ -48,16 +58,14 @@ async def page(detail: Detail, path: str, request: Request, parts: NeedsParts) -
         return Response(body, status_code=answer.status_code, headers=passed_on)
 
 
-@router.websocket("/{detail}")
-async def stream(websocket: WebSocket, detail: Detail) -> None:
-    """Pass messages on in both directions until one side closes."""
-    server = await run_in_threadpool(parts_of(websocket).scenes.server, detail)
+async def pass_on_stream(server: SceneServer, websocket: WebSocket, view: str = "") -> None:
+    """Connect a page with a scene server until one side closes; `view` is what the page is called there."""
     wanted = [Subprotocol(name) for name in websocket.scope.get("subprotocols", [])]
     try:
         async with connect(
             f"ws://127.0.0.1:{server.port}/",
             subprotocols=wanted or None,
-            additional_headers={SECRET_HEADER: server.secret},
+            additional_headers={SECRET_HEADER: server.secret, VIEW_HEADER: view},
             max_size=None,
             compression=None,
             proxy=None,

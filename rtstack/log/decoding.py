@@ -50,7 +50,7 @@ class TopicDecoder:
         records = np.zeros(len(t_ns), self._record)
         rest = np.ones(len(t_ns), np.bool_)
         if self._wire is not None:
-            rest = self._decode_templates(self._wire, records, data, start, size)
+            records, rest = self._decode_templates(self._wire, records, data, start, size)
         for row in np.flatnonzero(rest).tolist():
             try:
                 message = self._message.FromString(data[start[row] : start[row] + size[row]])
@@ -67,11 +67,11 @@ class TopicDecoder:
         data: bytes,
         start: NDArray[np.int64],
         size: NDArray[np.int64],
-    ) -> NDArray[np.bool_]:
-        """Decode what fits the template into `records`; return which messages are left."""
+    ) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+        """Decode what fits the template into `records`; return the records, and which messages are left."""
         long_enough = np.flatnonzero(size >= wire.size)
         if not len(long_enough):
-            return np.ones(len(start), np.bool_)
+            return records, np.ones(len(start), np.bool_)
         windows = np.lib.stride_tricks.sliding_window_view(np.frombuffer(data, np.uint8), wire.size)
         decoded, mine = wire.decode(windows[start[long_enough]])
         for index in np.flatnonzero(size[long_enough] > wire.size).tolist():
@@ -81,10 +81,12 @@ class TopicDecoder:
                 mine[index] = False
             else:
                 decoded[ERRORS_FIELD][index] = errors
-        records[long_enough[mine]] = decoded[mine]
         rest = np.ones(len(start), np.bool_)
         rest[long_enough[mine]] = False
-        return rest
+        if not rest.any():
+            return decoded, rest  # all of them, in order: no need to copy
+        records[long_enough[mine]] = decoded[mine]
+        return records, rest
 
     def _fill(self, record: NDArray[Any], message: Any) -> None:
         if self._topic == "/object/pose":

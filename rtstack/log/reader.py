@@ -1,7 +1,7 @@
 """Reading a log for analysis: columns of records, metadata, attachments, events."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -59,6 +59,15 @@ class _Contents:
     chunks: list[ChunkIndex | int | bytes]  # indexed, or the offset of a chunk record, or its data
     start_ns: int = 0
     end_ns: int = 0
+    counts: dict[int, int] = field(default_factory=dict)  # messages of a channel
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """Records of some topics from neighbouring chunks; `share` of the file that has been read so far, 0 to 1."""
+
+    records: dict[str, NDArray[Any]]
+    share: float
 
 
 class Log:
@@ -121,6 +130,45 @@ class Log:
                 )
         return np.concatenate(parts)
 
+    def count(self, name: str) -> int:
+        """Return how many messages a topic has."""
+        return sum(self._contents.counts.get(channel, 0) for channel in self._channels(name))
+
+    def batches(self, topics: Sequence[str], chunks: int = 16) -> Iterator[Batch]:
+        """Read the file once, and yield the records of `topics` chunk by chunk: for a log that is too long for memory.
+
+        Each batch has as many chunks; a topic without messages in them is left out. Raises LogError as `topic` does.
+        """
+        decoders: dict[int, TopicDecoder] = {}
+        wanted = {channel: topic for topic in topics for channel in self._channels(topic)}
+        total = max(1, len(self._contents.chunks))
+        parts: list[tuple[bytes, MessageTable]] = []
+        for done, part in enumerate(self._read(list(wanted)), start=1):
+            parts.append(part)
+            if len(parts) == chunks or done == total:
+                yield Batch(self._decode(parts, wanted, decoders), done / total)
+                parts.clear()
+
+    def _decode(
+        self, parts: list[tuple[bytes, MessageTable]], wanted: dict[int, str], decoders: dict[int, TopicDecoder]
+    ) -> dict[str, NDArray[Any]]:
+        """Decode several chunks as if they were one: the fewer calls, the less of the time is numpy's own."""
+        starts = np.cumsum([0, *(len(data) for data, _ in parts)])
+        data = b"".join(data for data, _ in parts)
+        channel = np.concatenate([table.channel_id for _, table in parts])
+        t_ns = np.concatenate([table.log_time_ns for _, table in parts])
+        start = np.concatenate([table.start + offset for (_, table), offset in zip(parts, starts, strict=False)])
+        size = np.concatenate([table.size for _, table in parts])
+        found: dict[str, list[NDArray[Any]]] = {}
+        for channel_id in np.unique(channel).tolist():
+            if channel_id not in decoders:
+                schema = self._contents.schemas[self._contents.channels[channel_id].schema_id]
+                decoders[channel_id] = TopicDecoder(wanted[channel_id], schema)
+            rows = channel == channel_id
+            records = decoders[channel_id].decode(data, t_ns[rows], start[rows], size[rows])
+            found.setdefault(wanted[channel_id], []).append(records)
+        return {topic: np.concatenate(records) for topic, records in found.items()}
+
     def messages(self, name: str) -> list[tuple[int, bytes]]:
         """Return all messages of any topic as (t_ns, encoded message): for /tf, which has no record."""
         return [
@@ -131,19 +179,22 @@ class Log:
             )
         ]
 
+    def _channels(self, topic: str) -> list[int]:
+        return [channel.id for channel in self._contents.channels.values() if channel.topic == topic]
+
     def _tables(self, topic: str) -> Iterator[tuple[bytes, MessageTable]]:
         """Yield each chunk that has messages of a topic, with their places in it."""
-        wanted = [channel.id for channel in self._contents.channels.values() if channel.topic == topic]
-        if not wanted:
-            return
+        return (part for part in self._read(self._channels(topic)) if len(part[1].start))
+
+    def _read(self, wanted: list[int]) -> Iterator[tuple[bytes, MessageTable]]:
+        """Yield every chunk, with the places of the messages of some channels; without any it is not unpacked."""
         with open_mcap(self.path) as file:
             for chunk in self._contents.chunks:
                 if isinstance(chunk, ChunkIndex):
                     indexed = chunk.message_index_offsets
                     offsets = [indexed[channel_id] for channel_id in wanted if channel_id in indexed]
-                    if offsets:
-                        data = _read_chunk(self.path, file, chunk.chunk_start_offset)
-                        yield data, _indexed(file, data, offsets)
+                    data = _read_chunk(self.path, file, chunk.chunk_start_offset) if offsets else b""
+                    yield data, _indexed(file, data, offsets)
                     continue
                 data = chunk if isinstance(chunk, bytes) else _read_chunk(self.path, file, chunk)
                 table = message_table(data)
@@ -188,6 +239,7 @@ def _from_summary(file: BinaryIO) -> _Contents:
     contents = _Contents(summary.schemas, summary.channels, {}, [], [*summary.chunk_indexes])
     contents.chunks.sort(key=lambda chunk: chunk.chunk_start_offset if isinstance(chunk, ChunkIndex) else 0)
     if summary.statistics is not None:
+        contents.counts = dict(summary.statistics.channel_message_counts)
         contents.start_ns = summary.statistics.message_start_time
         contents.end_ns = summary.statistics.message_end_time
     for index in summary.metadata_indexes:
@@ -232,9 +284,11 @@ def _add_chunk(contents: _Contents, data: bytes, times: list[int]) -> None:
     schemas, channels = definitions(data)
     contents.schemas.update(schemas)
     contents.channels.update(channels)
-    log_times = message_table(data).log_time_ns
-    if len(log_times):
-        times += [int(log_times.min()), int(log_times.max())]
+    table = message_table(data)
+    if len(table.start):
+        times += [int(table.log_time_ns.min()), int(table.log_time_ns.max())]
+    for channel_id, count in zip(*np.unique(table.channel_id, return_counts=True), strict=True):
+        contents.counts[int(channel_id)] = contents.counts.get(int(channel_id), 0) + int(count)
 
 
 def _add_metadata(contents: _Contents, stream: ReadDataStream) -> None:
@@ -260,7 +314,7 @@ def _read_chunk(path: Path, file: BinaryIO, offset: int) -> bytes:
 def _indexed(file: BinaryIO, data: bytes, offsets: list[int]) -> MessageTable:
     """The messages that the index records at these file offsets name."""
     bytes_of = np.frombuffer(data, np.uint8)
-    columns: list[NDArray[np.int64]] = []
+    columns = [np.zeros((4, 0), np.int64)]
     for offset in offsets:
         file.seek(offset + RECORD_HEADER)
         channel_id = int.from_bytes(file.read(2), "little")

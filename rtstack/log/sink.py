@@ -77,14 +77,7 @@ class McapSink:
             compression=MCAPCompression.Lz4, disable_seeking=True, chunk_size=None, compression_threads=0
         )
         self._writer = foxglove.open_mcap(self._file, context=context, writer_options=options)
-        descriptors = sample_descriptors()
-        schemas = {
-            topic: foxglove.Schema(name=f"{PACKAGE}.{name}", encoding="protobuf", data=descriptors)
-            for topic, name in TOPIC_MESSAGES.items()
-        }
-        schemas["/object/pose"] = PoseInFrame.get_schema()
-        schemas["/events"] = Log.get_schema()
-        schemas[TRANSFORMS] = FrameTransforms.get_schema()
+        schemas = topic_schemas()
         self._channels = {
             topic: foxglove.Channel(topic, schema=schema, message_encoding="protobuf", context=context).base
             for topic, schema in schemas.items()
@@ -115,7 +108,7 @@ class McapSink:
             # an object that was never seen says nothing
             said = records[records["seen"] != 0] if topic == "/object/pose" else records
             times.append(np.maximum(said["t_ns"], 0))
-            self._take(topic, _encode(topic, said), writes, messages)
+            self._take(topic, encoded(topic, said), writes, messages)
         times.append(np.array([t for t, _ in transforms], np.int64))
         self._take(TRANSFORMS, [message for _, message in transforms], writes, messages)
         all_times = np.concatenate(times)
@@ -131,11 +124,11 @@ class McapSink:
         self._dirty = self._dirty or bool(messages)
 
     def _take(
-        self, topic: str, encoded: list[bytes], writes: list[Callable[[bytes, int], None]], messages: list[bytes]
+        self, topic: str, said: list[bytes], writes: list[Callable[[bytes, int], None]], messages: list[bytes]
     ) -> None:
-        self.messages[topic] += len(encoded)
-        writes += [self._channels[topic].log] * len(encoded)
-        messages += encoded
+        self.messages[topic] += len(said)
+        writes += [self._channels[topic].log] * len(said)
+        messages += said
 
     def flush_if_due(self) -> None:
         """Finish the chunk when the last one is 0.25 s of wall time old."""
@@ -161,8 +154,21 @@ class McapSink:
             raise self._file.error
 
 
-def _encode(topic: str, records: NDArray) -> list[bytes]:
-    """One message a record."""
+def topic_schemas() -> dict[str, foxglove.Schema]:
+    """Return the schema of every topic of a log, /tf included."""
+    descriptors = sample_descriptors()
+    schemas = {
+        topic: foxglove.Schema(name=f"{PACKAGE}.{name}", encoding="protobuf", data=descriptors)
+        for topic, name in TOPIC_MESSAGES.items()
+    }
+    schemas["/object/pose"] = PoseInFrame.get_schema()
+    schemas["/events"] = Log.get_schema()
+    schemas[TRANSFORMS] = FrameTransforms.get_schema()
+    return schemas
+
+
+def encoded(topic: str, records: NDArray) -> list[bytes]:
+    """Return one message a record."""
     if topic in TOPIC_MESSAGES:
         return wire_format(TOPIC_MESSAGES[topic]).encode(records)
     if topic == "/object/pose":

@@ -44,6 +44,15 @@ function showLoop(loop) {
   write(element, `${ms(loop.period_us)} / ${ms(loop.period_p99_us)} ms / ${loop.missed}`);
 }
 
+function showHolder({ status, you }) {
+  const figure = document.getElementById("control-light");
+  const phase = status?.phase ?? "unknown";
+  figure.dataset.phase = phase;
+  write(figure.querySelector(".word"), phase === "unknown" ? "waiting" : phase);
+  const holder = status?.holder ?? null;
+  write(document.getElementById("holder"), holder === null ? "nobody has the robot" : holder === you ? `you, ${holder}` : holder);
+}
+
 export function startBar(live) {
   const mode = document.getElementById("mode");
   live.onView((view) => {
@@ -51,6 +60,7 @@ export function startBar(live) {
     mode.dataset.mode = view.left.mode;
     write(mode.querySelector(".word"), wordOf(view.left.mode));
     showLoop(view.loop);
+    showHolder(view);
   });
 
   const age = document.getElementById("age");
@@ -71,6 +81,7 @@ export function startBar(live) {
     age.dataset.age = colour >= RED_S ? "red" : colour >= AMBER_S ? "amber" : "fresh";
     const stale = oldest >= RED_S;
     document.body.classList.toggle("stale", stale);
+    if (!veil) return; // a page without a live scene: the age says it
     veil.hidden = !stale;
     const source = live.since() >= RED_S ? "No word from the console" : "No new state from the robot";
     write(veil, oldest > NEVER_S ? `${source} yet` : `${source} for ${ageText(oldest)}: what you see is old`);

@@ -61,7 +61,6 @@ export class Control {
   show(view) {
     this.view = view;
     const { status, you } = view;
-    this.showBar(view);
     const line = document.getElementById("control-line");
     if (status === null || view.unreachable) {
       const why = view.unreachable ?? "the robot process has not answered yet";
@@ -103,14 +102,5 @@ export class Control {
     if (holder === null) return "Take control, then arm.";
     if (!mine) return `${holder} has the robot.`;
     return { disarmed: "You have the robot. Arm to start.", armed: "Armed: you can start.", moving: "The arms move." }[phase] ?? "";
-  }
-
-  showBar({ status, you }) {
-    const figure = document.getElementById("control-light");
-    const phase = status?.phase ?? "unknown";
-    figure.dataset.phase = phase;
-    write(figure.querySelector(".word"), phase === "unknown" ? "waiting" : phase);
-    const holder = status?.holder ?? null;
-    write(document.getElementById("holder"), holder === null ? "nobody has the robot" : holder === you ? `you, ${holder}` : holder);
   }
 }

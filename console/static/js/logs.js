@@ -2,24 +2,11 @@
 
 import { get } from "./api.js";
 import { showError } from "./errors.js";
+import { number, plain, size, when } from "./formats.js";
 
 const body = document.querySelector("#logs tbody");
 const headings = [...document.querySelectorAll("#logs th[data-key]")];
 const filter = document.getElementById("filter");
-
-const number = (value, digits) => (value === null ? "" : value.toFixed(digits));
-const plain = (value) => (value === null ? "" : String(value).replaceAll("_", " "));
-
-function size(bytes) {
-  return bytes < 1e6 ? `${(bytes / 1e3).toFixed(0)} kB` : `${(bytes / 1e6).toFixed(1)} MB`;
-}
-
-function when(seconds) {
-  const date = new Date(seconds * 1000);
-  const two = (value) => String(value).padStart(2, "0");
-  const day = `${date.getFullYear()}-${two(date.getMonth() + 1)}-${two(date.getDate())}`;
-  return `${day} ${two(date.getHours())}:${two(date.getMinutes())}:${two(date.getSeconds())}`;
-}
 
 // Of today: the time is enough to tell recordings apart.
 function shortWhen(seconds) {

@@ -5,7 +5,7 @@ import { listenForSpace } from "./stop.js";
 const KEY = "rtstack.detail";
 
 // The scene's page brings a panel of its own with developer's settings: here it would cover the arms.
-const HIDDEN = "[data-floating-window], .mantine-Notifications-root { display: none !important; }";
+const HIDDEN = "[data-floating-window], .mantine-Paper-root, .mantine-Notifications-root { display: none !important; }";
 
 function hidePanels(document) {
   const style = document.createElement("style");
@@ -22,14 +22,15 @@ function softwareRendering() {
   return /swiftshader|llvmpipe|software|basic render/i.test(renderer);
 }
 
-export function startScene() {
+// address: of the scene's page with a detail.
+export function startScene(address = (detail) => `/viser/${detail}/`) {
   const frame = document.getElementById("scene");
   const button = document.getElementById("detail");
   let detail = localStorage.getItem(KEY) ?? (softwareRendering() ? "light" : "full");
 
   const show = () => {
     button.textContent = `detail: ${detail}`;
-    frame.src = `/viser/${detail}/${detail === "light" ? "?fixedDpr=0.75" : ""}`;
+    frame.src = `${address(detail)}${detail === "light" ? "?fixedDpr=0.75" : ""}`;
   };
   frame.addEventListener("load", () => {
     listenForSpace(frame.contentWindow);

@@ -1,0 +1,162 @@
+"""The columns of a log on disk: what the review reads instead of the MCAP file. A cache: the file is the truth.
+
+A folder a log. `index.json` says how far it is; for each topic there are `t_ns` (n,), `values` (signals, n), and the
+smallest and largest values of every BUCKET samples, `low` and `high` (signals, n / BUCKET), as .npy files: every
+column is contiguous, so that a curve is one piece of the file and a whole log at a glance is a 64th of it.
+"""
+
+import json
+import os
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from console.review.signals import column_block, topic_signals
+
+BUCKET = 64
+INDEX = "index.json"
+VERSION = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """An event: s since the start of the log, severity, who speaks, what."""
+
+    t_s: float
+    level: str
+    name: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Index:
+    """What is known of a log so far. rows: samples of each topic that can be read; share: of the file, 0 to 1.
+
+    modes: (from, to, mode) of each side, s since the start; error: why reading ended early.
+    """
+
+    start_ns: int
+    duration_s: float
+    rows: dict[str, int]
+    share: float = 0.0
+    done: bool = False
+    error: str | None = None
+    events: list[Mark] = field(default_factory=list)
+    modes: dict[str, list[tuple[float, float, str]]] = field(default_factory=dict)
+    version: int = VERSION
+
+    def write(self, folder: Path) -> None:
+        """Replace the folder's index in one step: a reader sees the old one or the new one."""
+        new = folder / f"{INDEX}.new"
+        new.write_text(json.dumps(asdict(self)))
+        os.replace(new, folder / INDEX)
+
+
+def read_index(folder: Path) -> Index | None:
+    """Return the index of a folder, None where there is none, or one of another version."""
+    try:
+        values: dict[str, Any] = json.loads((folder / INDEX).read_text())
+        if values.get("version") != VERSION:
+            return None
+        values["events"] = [Mark(**mark) for mark in values["events"]]
+        return Index(**values)
+    except (OSError, ValueError, TypeError, KeyError):
+        return None
+
+
+def _file(folder: Path, topic: str, what: str) -> Path:
+    return folder / f"{topic.strip('/').replace('/', '.')}.{what}.npy"
+
+
+class ColumnWriter:
+    """Writes the columns of one topic, batch by batch, into files made for `capacity` samples."""
+
+    def __init__(self, folder: Path, topic: str, capacity: int) -> None:
+        self._topic = topic
+        self._capacity = capacity
+        self._buckets = -(-capacity // BUCKET)
+        count = len(topic_signals(topic))
+        self._time = _created(_file(folder, topic, "t_ns"), np.dtype(np.int64), (capacity,))
+        self._values = _created(_file(folder, topic, "values"), np.dtype(np.float32), (count, capacity))
+        self._low = _created(_file(folder, topic, "low"), np.dtype(np.float32), (count, self._buckets))
+        self._high = _created(_file(folder, topic, "high"), np.dtype(np.float32), (count, self._buckets))
+        self._newest_ns = np.iinfo(np.int64).min
+        self._open = np.zeros((count, 0), np.float32)  # samples of the bucket that is not full yet
+        self.rows = 0
+
+    def append(self, records: NDArray) -> NDArray[np.float32]:
+        """Write records, (n,), and return their columns, (signals, n). Times that go back are held."""
+        records = records[: self._capacity - self.rows]
+        block = column_block(self._topic, records)
+        t_ns = np.maximum(np.maximum.accumulate(records["t_ns"]), self._newest_ns)
+        if not len(t_ns):
+            return block
+        self._newest_ns = int(t_ns[-1])
+        _put(self._time, t_ns[None], self.rows, self._capacity)
+        _put(self._values, block, self.rows, self._capacity)
+        first = self.rows // BUCKET
+        waiting = np.concatenate([self._open, block], axis=1)
+        starts = np.arange(0, waiting.shape[1], BUCKET)
+        # fmin and fmax pass over NaN: one sample that nobody saw must not hide 63 others
+        _put(self._low, np.fmin.reduceat(waiting, starts, axis=1), first, self._buckets)
+        _put(self._high, np.fmax.reduceat(waiting, starts, axis=1), first, self._buckets)
+        self.rows += len(t_ns)
+        self._open = waiting[:, len(waiting[0]) - self.rows % BUCKET :]
+        return block
+
+    def close(self) -> None:
+        """Close the files."""
+        for file, _ in (self._time, self._values, self._low, self._high):
+            file.close()
+
+
+def _created(path: Path, dtype: np.dtype, shape: tuple[int, ...]) -> tuple[BinaryIO, int]:
+    """Make an .npy file of this shape, empty; return it and where its data begins."""
+    file = open(path, "wb")  # noqa: SIM115 (closed with the writer)
+    np.lib.format.write_array_header_2_0(
+        file, {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
+    )
+    file.flush()
+    data = file.tell()
+    file.truncate(data + dtype.itemsize * int(np.prod(shape)))  # sparse: no block is taken before it is written
+    return file, data
+
+
+def _put(target: tuple[BinaryIO, int], block: NDArray, column: int, width: int) -> None:
+    """Write a block, (rows, n), at `column` of an array that is `width` wide."""
+    file, data = target
+    for row, values in enumerate(np.ascontiguousarray(block)):
+        os.pwrite(file.fileno(), values.data, data + values.itemsize * (row * width + column))
+
+
+class Columns:
+    """The columns of one topic, read-only, mapped into memory: only what is looked at is read.
+
+    rows: how many samples there are already. t_ns (rows,); value, low and high of a signal by its column.
+    """
+
+    def __init__(self, folder: Path, topic: str, rows: int) -> None:
+        self.rows = rows
+        self.t_ns: NDArray[np.int64] = np.load(_file(folder, topic, "t_ns"), mmap_mode="r")[:rows]
+        self._values = np.load(_file(folder, topic, "values"), mmap_mode="r")
+        self._low = np.load(_file(folder, topic, "low"), mmap_mode="r")
+        self._high = np.load(_file(folder, topic, "high"), mmap_mode="r")
+
+    def value(self, column: int) -> NDArray[np.float32]:
+        """Return every sample of a column, (rows,)."""
+        return self._values[column, : self.rows]
+
+    def block(self, row: int) -> NDArray[np.float32]:
+        """Return all columns at one row, (signals,)."""
+        return self._values[:, row]
+
+    def low(self, column: int) -> NDArray[np.float32]:
+        """Return the smallest of every BUCKET samples, the last of what is there so far included."""
+        return self._low[column, : -(-self.rows // BUCKET)]
+
+    def high(self, column: int) -> NDArray[np.float32]:
+        """Return the largest of every BUCKET samples."""
+        return self._high[column, : -(-self.rows // BUCKET)]

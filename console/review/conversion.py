@@ -1,0 +1,119 @@
+"""A process of its own: reads a log once, from its start to its end, and writes its columns.
+
+    python -m console.review.conversion LOG.mcap FOLDER
+
+The index in the folder grows with every batch, so that a page shows the beginning while the rest is being read.
+"""
+
+import argparse
+import os
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from console.review.columns import ColumnWriter, Index, Mark
+from console.review.signals import PLOTTED_TOPICS
+from rtstack.log.errors import LogError
+from rtstack.log.reader import Log, read_log
+from rtstack.samples import SIDES, Level, Mode
+
+_NICE = 5  # the robot's loop may run on this machine
+_NS = 1e-9
+
+
+class _Modes:
+    """Follows one arm's mode and keeps where it changed."""
+
+    def __init__(self, start_ns: int) -> None:
+        self._start_ns = start_ns
+        self.spans: list[tuple[float, float, str]] = []
+
+    def add(self, records: NDArray) -> None:
+        """Continue with the next records of /side/control."""
+        if not len(records):
+            return
+        t_s = (records["t_ns"] - self._start_ns) * _NS
+        changes = np.flatnonzero(np.diff(records["mode"])) + 1
+        starts = [0, *changes.tolist()]
+        for start, end in zip(starts, [*changes.tolist(), len(records) - 1], strict=True):
+            mode = _mode_name(int(records["mode"][start]))
+            if self.spans and self.spans[-1][2] == mode:
+                self.spans[-1] = (self.spans[-1][0], float(t_s[end]), mode)
+            else:
+                if self.spans:
+                    self.spans[-1] = (self.spans[-1][0], float(t_s[start]), self.spans[-1][2])
+                self.spans.append((float(t_s[start]), float(t_s[end]), mode))
+
+
+def _mode_name(mode: int) -> str:
+    return Mode(mode).name if mode in Mode._value2member_map_ else "UNKNOWN"
+
+
+def _marks(records: NDArray, start_ns: int) -> list[Mark]:
+    return [
+        Mark(
+            t_s=(int(record["t_ns"]) - start_ns) * _NS,
+            level=Level(int(record["level"])).name if record["level"] in Level._value2member_map_ else "INFO",
+            name=bytes(record["name"]).decode("utf-8", "replace"),
+            text=bytes(record["text"]).decode("utf-8", "replace"),
+        )
+        for record in records
+    ]
+
+
+def convert(log: Log, folder: Path) -> Index:
+    """Write the columns of a log into an existing folder, and its index after each batch. Raises LogError, OSError."""
+    index = Index(log.start_ns, log.duration_s, dict.fromkeys(PLOTTED_TOPICS, 0))
+    index.write(folder)
+    writers = {topic: ColumnWriter(folder, topic, log.count(topic)) for topic in PLOTTED_TOPICS if log.count(topic)}
+    modes = {side: _Modes(log.start_ns) for side in SIDES}
+    events = list(index.events)
+    try:
+        parent = os.getppid()
+        for batch in log.batches([*PLOTTED_TOPICS, "/events"]):
+            if os.getppid() != parent:
+                raise LogError("whoever asked for it has gone")
+            for topic, records in batch.records.items():
+                if topic == "/events":
+                    events += _marks(records, log.start_ns)
+                elif topic in writers:
+                    writers[topic].append(records)
+            for side in SIDES:
+                modes[side].add(batch.records.get(f"/{side}/control", np.zeros(0)))
+            index = replace(
+                index,
+                rows={topic: writers[topic].rows if topic in writers else 0 for topic in PLOTTED_TOPICS},
+                share=batch.share,
+                events=sorted(events, key=lambda mark: mark.t_s),
+                modes={side: modes[side].spans for side in SIDES},
+            )
+            index.write(folder)
+    finally:
+        for writer in writers.values():
+            writer.close()
+    index = replace(index, share=1.0, done=True)
+    index.write(folder)
+    return index
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Convert one log. Returns 2, with one line on standard error and in the index, where it cannot be read."""
+    parser = argparse.ArgumentParser(prog="conversion")
+    parser.add_argument("log", type=Path)
+    parser.add_argument("folder", type=Path)
+    asked = parser.parse_args(arguments)
+    os.nice(_NICE)
+    try:
+        convert(read_log(asked.log, truncated=True), asked.folder)
+    except (LogError, OSError) as error:
+        Index(0, 0.0, {}, done=True, error=str(error)).write(asked.folder)
+        print(error, file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,182 @@
+"""Curves for a window of time, at most so many points as the window has pixels, and values at a moment.
+
+A bucket of samples becomes its smallest and its largest value, never a mean and never one in n: an impact of one
+sample is seen at every zoom. Buckets are counted from the log's first sample, so that a curve does not flicker when
+the window moves.
+"""
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from console.review.columns import BUCKET, Columns, Index
+from console.review.signals import Signal
+from rtstack.samples import SIDES
+
+_NS = 1e-9
+_ALIGNED = 8  # bytes: what a Float64Array of a browser asks for
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """From start_s to end_s after the log's first sample, `width` pixels wide."""
+
+    start_s: float
+    end_s: float
+    width: int
+
+
+@dataclass(frozen=True, slots=True)
+class Curves:
+    """Signals of one topic: t_s (n,), low and high (signals, n). bucket: samples behind each point, 1 for all."""
+
+    topic: str
+    names: tuple[str, ...]
+    bucket: int
+    t_s: NDArray[np.float64]
+    low: NDArray[np.float32]
+    high: NDArray[np.float32]
+
+
+def curves(folder: Path, index: Index, signals: Sequence[Signal], window: Window) -> list[Curves]:
+    """Return the signals in a window, a sample beyond it on either side, grouped by topic."""
+    found = []
+    for topic in dict.fromkeys(signal.topic for signal in signals):
+        wanted = [signal for signal in signals if signal.topic == topic]
+        found.append(_topic_curves(folder, index, topic, wanted, window))
+    return found
+
+
+def _topic_curves(folder: Path, index: Index, topic: str, signals: list[Signal], window: Window) -> Curves:
+    names = tuple(signal.name for signal in signals)
+    rows = index.rows.get(topic, 0)
+    if not rows:
+        nothing = np.zeros((len(names), 0), np.float32)
+        return Curves(topic, names, 1, np.zeros(0), nothing, nothing)
+    columns = Columns(folder, topic, rows)
+    first, last = _rows(columns.t_ns, index.start_ns, window)
+    bucket = 1 << max(0, (last - first) // max(1, window.width)).bit_length()
+    if last - first <= window.width:
+        bucket = 1
+    first -= first % bucket
+    low = np.stack([_reduced(columns, signal.column, first, last, bucket, np.fmin) for signal in signals])
+    high = low if bucket == 1 else np.stack(
+        [_reduced(columns, signal.column, first, last, bucket, np.fmax) for signal in signals]
+    )  # fmt: skip
+    t_s = np.asarray((columns.t_ns[first:last:bucket] - index.start_ns) * _NS, np.float64)
+    return Curves(topic, names, bucket, t_s, low, high)
+
+
+def _rows(t_ns: NDArray[np.int64], start_ns: int, window: Window) -> tuple[int, int]:
+    """First row and the row behind the last one of a window, one more on either side."""
+    edges = start_ns + np.array([window.start_s, window.end_s]) * 1e9
+    first, last = np.searchsorted(t_ns, edges, side="left")
+    return max(0, int(first) - 1), max(1, min(len(t_ns), int(last) + 1))
+
+
+def _reduced(
+    columns: Columns, column: int, first: int, last: int, bucket: int, reduce: np.ufunc
+) -> NDArray[np.float32]:
+    if bucket == 1:
+        return np.asarray(columns.value(column)[first:last])
+    if bucket < BUCKET:
+        return reduce.reduceat(columns.value(column)[first:last], np.arange(0, last - first, bucket))
+    level = columns.low(column) if reduce is np.fmin else columns.high(column)
+    part = level[first // BUCKET : -(-last // BUCKET)]
+    return reduce.reduceat(part, np.arange(0, len(part), bucket // BUCKET))
+
+
+def packed(found: Sequence[Curves]) -> bytes:
+    """Return curves for a browser: length of the header (uint32), the header as JSON, and the numbers.
+
+    For each topic: t_s as float64; for each of its signals low and, where a bucket has more than one sample, high, as
+    float32. Little-endian; header and arrays start at multiples of eight bytes.
+    """
+    header = [{"topic": c.topic, "signals": c.names, "bucket": c.bucket, "points": len(c.t_s)} for c in found]
+    text = json.dumps(header).encode()
+    text += b" " * (-(len(text) + 4) % _ALIGNED)
+    parts = [np.uint32(len(text)).tobytes(), text]
+    for one in found:
+        parts.append(one.t_s.astype("<f8").tobytes())
+        for row in range(len(one.names)):
+            for values in (one.low[row],) if one.bucket == 1 else (one.low[row], one.high[row]):
+                data = values.astype("<f4").tobytes()
+                parts.append(data + bytes(-len(data) % _ALIGNED))
+    return b"".join(parts)
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """What a log says about a moment: t_s of its sample; values by signal, None before its first one, and no number
+    where the log has none; q (2, 7) rad and object (7,) m, wxyz, None likewise."""
+
+    t_s: float
+    values: dict[str, float | None]
+    q: NDArray[np.float64] | None
+    object: NDArray[np.float64] | None
+
+
+def moment(folder: Path, index: Index, signals: Sequence[Signal], t_s: float) -> Moment:
+    """Return the newest samples at t_s."""
+    t_ns = index.start_ns + round(t_s * 1e9)
+    blocks: dict[str, tuple[int, NDArray[np.float32]]] = {}
+    needed = {signal.topic for signal in signals} | {f"/{side}/arm" for side in SIDES} | {"/object/pose"}
+    for topic in needed:
+        rows = index.rows.get(topic, 0)
+        if not rows:
+            continue
+        columns = Columns(folder, topic, rows)
+        row = int(np.searchsorted(columns.t_ns, t_ns, side="right")) - 1
+        if row >= 0:
+            blocks[topic] = int(columns.t_ns[row]), columns.block(row)
+    values = {
+        signal.name: _finite(blocks[signal.topic][1][signal.column]) if signal.topic in blocks else None
+        for signal in signals
+    }
+    arms = [blocks.get(f"/{side}/arm") for side in SIDES]
+    pose = blocks.get("/object/pose")
+    newest = max((t for t, _ in blocks.values()), default=t_ns)
+    return Moment(
+        t_s=(newest - index.start_ns) * _NS,
+        values=values,
+        q=None if None in arms else np.array([arm[1][:7] for arm in arms if arm is not None], np.float64),
+        object=None if pose is None else pose[1][:7].astype(np.float64),
+    )
+
+
+def _finite(value: np.float32) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def csv_lines(folder: Path, index: Index, signals: Sequence[Signal], start_s: float, end_s: float) -> Iterator[str]:
+    """Yield a table of every sample in a window: t_s and the signals; empty where a topic has none at that time."""
+    yield ",".join(["t_s", *(signal.name for signal in signals)]) + "\n"
+    topics = {}
+    for topic in dict.fromkeys(signal.topic for signal in signals):
+        if index.rows.get(topic, 0):
+            columns = Columns(folder, topic, index.rows[topic])
+            edges = index.start_ns + np.array([start_s, end_s]) * 1e9
+            first, last = np.searchsorted(columns.t_ns, edges, side="left")
+            topics[topic] = columns, int(first), int(last)
+    if not topics:
+        return
+    times = np.unique(np.concatenate([columns.t_ns[first:last] for columns, first, last in topics.values()]))
+    for part in range(0, len(times), 10_000):  # pieces: a whole log is a hundred megabytes of text
+        t_ns = times[part : part + 10_000]
+        table = np.full((len(t_ns), len(signals)), "", object)
+        for number, signal in enumerate(signals):
+            if signal.topic not in topics:
+                continue
+            columns, first, last = topics[signal.topic]
+            own = columns.t_ns[first:last]
+            rows = np.searchsorted(own, t_ns)
+            here = (rows < len(own)) & (own[np.minimum(rows, len(own) - 1)] == t_ns) if len(own) else rows < 0
+            values = columns.value(signal.column)[first:last][rows[here]]
+            table[here, number] = [f"{value:.8g}" for value in values.tolist()]
+        yield "".join(
+            f"{(t - index.start_ns) * _NS:.6f},{','.join(row)}\n" for t, row in zip(t_ns.tolist(), table, strict=True)
+        )

@@ -1,0 +1,117 @@
+"""The review's scene and cursor: a page names itself by a key, `view`, and moves the arms of its own scene."""
+
+import asyncio
+import contextlib
+import re
+from typing import Any
+
+from fastapi import APIRouter, Request, WebSocket, WebSocketDisconnect
+from fastapi.exceptions import HTTPException
+from fastapi.responses import FileResponse, Response
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from starlette.concurrency import run_in_threadpool
+
+from console.parts import NeedsParts, Parts, parts_of
+from console.review.logs import NotReviewable, opened, wanted_signals
+from console.review.plotting import PLOTLY_FILE, PLOTLY_PATH
+from console.review.scene import Pose
+from console.review.series import moment
+from console.routes.scene import pass_on_page, pass_on_stream
+from console.scenes import Detail
+
+router = APIRouter()
+
+_VIEW = re.compile(r"[A-Za-z0-9-]{8,64}")
+
+
+class Cursor(BaseModel):
+    """Where a page's cursor is: s after the log's first sample, and what it wants to read there."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    t: float = Field(ge=-1e9, le=1e9)
+    signals: str = Field(default="", max_length=8192)
+
+
+@router.get(PLOTLY_PATH)
+def plotly() -> FileResponse:
+    """Send plotly.js as the installed package has it; the version is in its address, so that it may be kept."""
+    return FileResponse(
+        PLOTLY_FILE, media_type="text/javascript", headers={"cache-control": "private, max-age=31536000, immutable"}
+    )
+
+
+@router.get("/viser/review/{detail}/{view}/{path:path}")
+async def page(detail: Detail, view: str, path: str, request: Request, parts: NeedsParts) -> Response:
+    """Pass on a file of the review scene's page."""
+    _check(view)
+    return await pass_on_page(await run_in_threadpool(parts.review_scenes.server, detail), path, request)
+
+
+@router.websocket("/viser/review/{detail}/{view}")
+async def stream(websocket: WebSocket, detail: Detail, view: str) -> None:
+    """Connect a page with its scene."""
+    if not _VIEW.fullmatch(view):
+        await websocket.close(1008, "not a view")
+        return
+    await pass_on_stream(await run_in_threadpool(parts_of(websocket).review_scenes.server, detail), websocket, view)
+
+
+@router.websocket("/api/logs/{log_id}/scrub")
+async def scrub(websocket: WebSocket, log_id: str, view: str) -> None:
+    """Take cursors as JSON, {"t": s, "signals": "a,b"}; show the newest one in the scene, then answer what is there.
+
+    Cursors that arrive meanwhile are passed over: a page that drags is never behind.
+    """
+    parts = parts_of(websocket)
+    await websocket.accept()
+    newest: asyncio.Queue[str] = asyncio.Queue()
+    listening = asyncio.create_task(_listen(websocket, newest))
+    try:
+        while True:
+            waiting = asyncio.create_task(newest.get())
+            await asyncio.wait([waiting, listening], return_when=asyncio.FIRST_COMPLETED)
+            if not waiting.done():
+                waiting.cancel()
+                return
+            text = waiting.result()
+            while not newest.empty():
+                text = newest.get_nowait()
+            await websocket.send_json(await run_in_threadpool(_answer, parts, log_id, view, text))
+    except (WebSocketDisconnect, RuntimeError):
+        pass  # the page has gone
+    finally:
+        listening.cancel()
+
+
+async def _listen(websocket: WebSocket, newest: asyncio.Queue[str]) -> None:
+    with contextlib.suppress(WebSocketDisconnect, RuntimeError, KeyError):
+        while True:
+            newest.put_nowait(await websocket.receive_text())
+
+
+def _answer(parts: Parts, log_id: str, view: str, text: str) -> dict[str, Any]:
+    try:
+        cursor = Cursor.model_validate_json(text)
+        read = opened(parts.catalogue, parts.review_cache, log_id)
+        if read is None:
+            raise NotReviewable(409, "nothing of this log has been read yet")
+        found = moment(read.folder, read.index, wanted_signals(cursor.signals), cursor.t)
+    except ValidationError as error:
+        return {"error": str(error.errors()[0]["msg"])}
+    except NotReviewable as error:
+        return {"error": str(error)}
+    shown = 0
+    if _VIEW.fullmatch(view):
+        name = _object_name(read.entry.trial)
+        shown = parts.review_scenes.show(view, Pose(found.q, name, found.object))
+    return {"t": cursor.t, "sample_t": found.t_s, "values": found.values, "scenes": shown}
+
+
+def _object_name(trial: Any) -> str:
+    return str((trial or {}).get("object", ""))
+
+
+def _check(view: str) -> None:
+    if not _VIEW.fullmatch(view):
+        raise HTTPException(404, "not a view: eight to 64 letters, digits and hyphens")

@@ -1,0 +1,27 @@
+// The keyboard: every key of the list that the page shows with "?". Space is STOP's.
+
+const TEXT = "input[type=search], input[type=text], textarea";
+
+export function startKeys(view, timeline, marks) {
+  const help = document.getElementById("help");
+  document.getElementById("keys").addEventListener("click", () => help.showModal());
+  document.getElementById("help-close").addEventListener("click", () => help.close());
+  const actions = {
+    p: () => timeline.play(!timeline.playing),
+    ArrowLeft: (event) => timeline.step(event.shiftKey ? -10 : -1),
+    ArrowRight: (event) => timeline.step(event.shiftKey ? 10 : 1),
+    "[": () => marks.step(-1),
+    "]": () => marks.step(1),
+    "+": () => view.zoom(0.5),
+    "-": () => view.zoom(2),
+    0: () => view.setWindow(0, view.end),
+    "?": () => help.showModal(),
+  };
+  window.addEventListener("keydown", (event) => {
+    const action = actions[event.key] ?? actions[event.key.toLowerCase()];
+    if (!action || event.ctrlKey || event.altKey || event.metaKey || help.open) return;
+    if (event.target.closest?.(TEXT) || (event.target.tagName === "SELECT" && event.key !== "?")) return;
+    event.preventDefault();
+    action(event);
+  });
+}

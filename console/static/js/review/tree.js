@@ -1,0 +1,78 @@
+// The tree of signals: arm, field, component; a search; the same tick boxes for keyboard and mouse.
+
+export class Tree {
+  constructor(view, signals) {
+    this.view = view;
+    this.place = document.getElementById("tree");
+    this.search = document.getElementById("signal-search");
+    this.boxes = new Map();
+    this.build(signals);
+    this.search.addEventListener("input", () => this.filter());
+    view.on("signals", () => this.tick());
+    this.tick(true);
+  }
+
+  build(signals) {
+    const groups = Map.groupBy(signals, (signal) => signal.group);
+    for (const [group, members] of groups) {
+      const details = this.branch("group", group, "");
+      details.open = true;
+      for (const [field, components] of Map.groupBy(members, (signal) => signal.field)) {
+        const unit = components[0].unit;
+        if (components.length === 1 && components[0].component === "") {
+          const leaf = document.createElement("div");
+          leaf.className = "field";
+          leaf.append(this.leaf(components[0], field));
+          details.append(leaf);
+          continue;
+        }
+        const inner = this.branch("field", field, unit);
+        const row = document.createElement("div");
+        row.className = "components";
+        row.append(...components.map((signal) => this.leaf(signal, signal.component)));
+        inner.append(row);
+        details.append(inner);
+      }
+      this.place.append(details);
+    }
+  }
+
+  branch(kind, text, unit) {
+    const details = document.createElement("details");
+    details.className = kind;
+    const summary = document.createElement("summary");
+    const small = document.createElement("small");
+    small.textContent = unit ? ` ${unit}` : "";
+    summary.append(text, small);
+    details.append(summary);
+    return details;
+  }
+
+  leaf(signal, text) {
+    const label = document.createElement("label");
+    const box = document.createElement("input");
+    box.type = "checkbox";
+    box.addEventListener("change", () => this.view.toggle(signal.name, box.checked));
+    label.append(box, text);
+    label.title = signal.unit ? `${signal.name}, ${signal.unit}` : signal.name;
+    this.boxes.set(signal.name, { box, label });
+    return label;
+  }
+
+  tick(open = false) {
+    for (const [name, { box }] of this.boxes) {
+      box.checked = this.view.signals.includes(name);
+      const field = box.closest("details.field");
+      if (open && box.checked && field) field.open = true;
+    }
+  }
+
+  filter() {
+    const words = this.search.value.toLowerCase().split(/\s+/).filter(Boolean);
+    for (const [name, { label }] of this.boxes) label.hidden = !words.every((word) => name.toLowerCase().includes(word));
+    for (const element of this.place.querySelectorAll(".field, .group")) {
+      element.hidden = element.querySelector("label:not([hidden])") === null;
+      if (words.length && element.matches("details.field")) element.open = !element.hidden;
+    }
+  }
+}

@@ -1,0 +1,72 @@
+// What the page shows: signals, window, cursor. Kept in the address, so that a link opens exactly this view.
+
+const DEFAULT = [
+  "left.force_norm", "left.O_F_ext_hat_K.fy", "right.O_F_ext_hat_K.fy", "left.O_T_EE.y", "right.O_T_EE.y",
+  "object.position.z",
+];
+const ADDRESS_MS = 300; // browsers refuse more than some hundred changes of the address in ten seconds
+const SHORTEST_S = 0.005;
+
+export class View {
+  constructor() {
+    const asked = new URLSearchParams(location.search);
+    const number = (key) => (Number.isFinite(parseFloat(asked.get(key))) ? parseFloat(asked.get(key)) : null);
+    this.signals = asked.has("signals") ? asked.get("signals").split(",").filter(Boolean) : [...DEFAULT];
+    this.t = number("t") ?? 0;
+    this.from = number("from");
+    this.to = number("to");
+    this.other = asked.get("other") ?? "";
+    this.align = asked.get("align") === "start" ? "start" : "impact";
+    this.end = 1;
+    this.listeners = { cursor: [], window: [], signals: [], other: [] };
+    this.timer = null;
+  }
+
+  on(what, listener) {
+    this.listeners[what].push(listener);
+  }
+
+  tell(what) {
+    for (const listener of this.listeners[what]) listener(this);
+    if (this.timer === null) this.timer = setTimeout(() => this.writeAddress(), ADDRESS_MS);
+  }
+
+  // The log's length is known, or has grown.
+  setEnd(end) {
+    const whole = this.to === null || this.to >= this.end;
+    this.end = Math.max(end, 0.001);
+    if (this.from === null || this.to === null || whole) this.setWindow(this.from ?? 0, this.end);
+    this.setCursor(this.t);
+  }
+
+  setCursor(t) {
+    this.t = Math.min(Math.max(t, 0), this.end);
+    this.tell("cursor");
+  }
+
+  setWindow(from, to) {
+    const length = Math.min(Math.max(to - from, SHORTEST_S), this.end);
+    const start = Math.min(Math.max(from, 0), this.end - length);
+    if (this.from === start && this.to === start + length) return;
+    [this.from, this.to] = [start, start + length];
+    this.tell("window");
+  }
+
+  zoom(factor) {
+    const t = this.t >= this.from && this.t <= this.to ? this.t : (this.from + this.to) / 2;
+    this.setWindow(t - (t - this.from) * factor, t + (this.to - t) * factor);
+  }
+
+  toggle(name, on) {
+    this.signals = on ? [...this.signals, name] : this.signals.filter((signal) => signal !== name);
+    this.tell("signals");
+  }
+
+  writeAddress() {
+    this.timer = null;
+    const parts = [`t=${this.t.toFixed(3)}`, `signals=${this.signals.join(",")}`];
+    if (this.from > 0 || this.to < this.end) parts.push(`from=${this.from.toFixed(3)}`, `to=${this.to.toFixed(3)}`);
+    if (this.other) parts.push(`other=${this.other}`, `align=${this.align}`);
+    history.replaceState(null, "", `?${parts.join("&")}`);
+  }
+}

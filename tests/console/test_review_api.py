@@ -1,0 +1,238 @@
+"""The review as a program uses it: search, reading, curves, cursor, comparison. With the guard in front."""
+
+import json
+import time
+
+import numpy as np
+import pytest
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+from console.review.cache import FOLDER, ReviewCache
+from rtstack.log.catalogue import Catalogue
+from rtstack.log.sink import McapSink
+from rtstack.samples import TOPICS
+
+MS = 1_000_000
+SPIKE_S = 1.234
+
+
+def write_log(path, trial, result=None, spike=80.0, complete=True):
+    """A log of two seconds with a spike of one sample in a torque and an impact."""
+    with open(path, "wb") as file:
+        sink = McapSink(file)
+        sink.write_metadata("trial", trial)
+        sink.attach("cell.toml", "application/toml", f"[pad]\nsize = {trial.get('seed', 0)}\n".encode())
+        batches = {}
+        for topic in TOPICS:
+            batches[topic] = np.zeros(1 if topic == "/events" else 2000, TOPICS[topic])
+            batches[topic]["t_ns"] = np.arange(len(batches[topic])) * MS
+        batches["/left/arm"]["tau_J"][round(SPIKE_S * 1e3), 3] = spike
+        batches["/events"]["t_ns"], batches["/events"]["name"] = int(SPIKE_S * 1e9), b"impact"
+        batches["/events"]["text"], batches["/events"]["level"] = b"detected", 2
+        sink.write(batches, [])
+        if not complete:
+            sink.flush()
+            return
+        sink.write_metadata("result", result or {})
+        sink.close()
+
+
+@pytest.fixture
+def logs(served):
+    """Three logs and a file that is none."""
+    for number, (controller, success) in enumerate(
+        [("proposed", "true"), ("no_interim", "false"), ("proposed", "false")]
+    ):
+        trial = {"object": "rice_box", "specification": json.dumps({"controller": controller, "gains": {"k": number}})}
+        result = {
+            "success": success,
+            "failure_reason": "it slipped",
+            "seed": str(number + 3),
+            "note": "felt <b>soft</b>",
+        }
+        write_log(served.logs / f"log{number}.mcap", {**trial, "seed": str(number + 3)}, result)
+    (served.logs / "none.mcap").write_bytes(b"no log")
+    return {entry.path.name: entry.id for entry in Catalogue(served.logs).entries()}
+
+
+def read(client, log_id):
+    """Ask for a log until all of it has been read."""
+    deadline_s = time.monotonic() + 120.0
+    while True:
+        document = client.get(f"/api/logs/{log_id}").raise_for_status().json()
+        if document["done"]:
+            return document
+        assert time.monotonic() < deadline_s
+        time.sleep(0.1)
+
+
+def unpacked(data):
+    """Read the binary answer as its description says, with nothing of ours."""
+    length = int(np.frombuffer(data, "<u4", 1)[0])
+    header, place, found = json.loads(data[4 : 4 + length]), 4 + length, {}
+    for part in header:
+        t_s = np.frombuffer(data, "<f8", part["points"], place)
+        place += t_s.nbytes
+        for name in part["signals"]:
+            both = []
+            for _ in range(1 if part["bucket"] == 1 else 2):
+                both.append(np.frombuffer(data, "<f4", part["points"], place))
+                place += -(-both[-1].nbytes // 8) * 8
+            found[name] = (t_s, both[0], both[-1])
+    assert place == len(data)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("query", "expected"),
+    [
+        ({}, {"log0", "log1", "log2", "none"}),
+        ({"q": "no interim"}, {"log1"}),
+        ({"q": "no_interim"}, {"log1"}),
+        ({"q": "seed:4"}, {"log1"}),
+        ({"q": "rice proposed"}, {"log0", "log2"}),
+        ({"q": "slipped soft"}, {"log0", "log1", "log2"}),
+        ({"q": "proposed", "outcome": "failure"}, {"log2"}),
+        ({"outcome": "none"}, {"none"}),
+        ({"q": time.strftime("%Y-")}, {"log0", "log1", "log2", "none"}),
+        ({"q": "seed:nothing"}, set()),
+    ],
+)
+def test_the_search_is_over_everything_in_the_metadata(served, logs, query, expected):
+    with served.signed_in() as (client, _):
+        rows = client.get("/api/logs", params=query).raise_for_status().json()
+        assert {row["name"].removesuffix(".mcap") for row in rows} == expected
+
+
+def test_the_list_is_sorted_and_what_has_no_value_comes_last(served, logs):
+    with served.signed_in() as (client, _):
+        for descending, seeds in ((False, [3, 4, 5, None]), (True, [5, 4, 3, None])):
+            rows = client.get("/api/logs", params={"sort": "seed", "descending": descending}).json()
+            assert [row["seed"] for row in rows] == seeds
+        assert client.get("/api/logs", params={"sort": "path"}).status_code == 422
+
+
+def test_a_log_is_read_and_its_spike_comes_down(served, logs):
+    with served.signed_in() as (client, _):
+        log_id = logs["log0.mcap"]
+        document = read(client, log_id)
+        assert document["duration_s"] == pytest.approx(1.999)
+        assert document["trial"]["object"] == "rice_box"
+        assert [event["name"] for event in document["events"]] == ["impact"]
+        window = {"signals": "left.tau_J.4,timing.period_us", "start": -1, "end": 10, "width": 16}
+        found = unpacked(client.get(f"/api/logs/{log_id}/series", params=window).raise_for_status().content)
+        assert found["left.tau_J.4"][2].max() == 80.0
+        values = client.get(f"/api/logs/{log_id}/values", params={"t": SPIKE_S, "signals": "left.tau_J.4"}).json()
+        assert values["values"] == {"left.tau_J.4": 80.0}
+        assert np.shape(values["q"]) == (2, 7)
+        table = client.get(f"/api/logs/{log_id}/csv", params={"signals": "left.tau_J.4", "start": 1.2, "end": 1.3})
+        assert "1.234000,80" in table.text.splitlines()
+        assert table.headers["content-disposition"] == 'attachment; filename="log0.csv"'
+        assert len(client.get(f"/api/logs/{log_id}/events", params={"level": "INFO"}).json()) == 1
+        assert client.get(f"/api/logs/{log_id}/events", params={"level": "ERROR"}).json() == []
+
+
+@pytest.mark.parametrize(
+    ("path", "status", "words"),
+    [
+        ("series?signals=left.nothing&start=0&end=1", 422, "there is no signal left.nothing"),
+        ("series?signals=left.q.1&start=2&end=1", 422, "before `end`"),
+        ("series?signals=left.q.1&start=nan&end=1", 422, "start"),
+        ("series?signals=left.q.1&start=0&end=1&width=100000", 422, "width"),
+        ("values?t=inf", 422, "t:"),
+        ("events?level=LOUD", 422, "level: one of DEBUG"),
+        ("csv?start=0&end=1", 422, "signals"),
+        ("difference?other=..%2f..%2fetc", 404, "no such log"),
+    ],
+)
+def test_bad_questions_get_one_line(served, logs, path, status, words):
+    with served.signed_in() as (client, _):
+        read(client, logs["log0.mcap"])
+        answer = client.get(f"/api/logs/{logs['log0.mcap']}/{path}")
+        assert answer.status_code == status
+        assert words in answer.json()["error"]
+
+
+def test_what_is_no_log_says_so_and_a_log_without_an_end_is_shown(served, logs):
+    write_log(served.logs / "cut.mcap", {"object": "rice_box"}, complete=False)
+    cut = next(entry.id for entry in Catalogue(served.logs).entries() if entry.path.name == "cut.mcap")
+    with served.signed_in() as (client, _):
+        answer = client.get(f"/api/logs/{logs['none.mcap']}")
+        assert answer.status_code == 422
+        assert "no log of ours" in answer.json()["error"]
+        assert client.get(f"/logs/{'0' * 32}").status_code == 404
+        document = read(client, cut)
+        assert document["condition"] == "truncated"
+        assert document["topics"]["/left/arm"] > 0
+
+
+def test_two_logs_differ_in_what_was_set(served, logs):
+    with served.signed_in() as (client, _):
+        path = f"/api/logs/{logs['log0.mcap']}/difference"
+        rows = client.get(path, params={"other": logs["log1.mcap"]}).raise_for_status().json()
+        assert {(row["key"], row["this"], row["other"]) for row in rows} == {
+            ("trial.specification.controller", "proposed", "no_interim"),
+            ("trial.specification.gains.k", "0", "1"),
+            ("trial.seed", "3", "4"),
+            ("cell.pad.size", "3", "4"),
+        }
+        assert client.get(path, params={"other": logs["log0.mcap"]}).json() == []
+
+
+def test_the_cursor_answers_with_the_newest_question(served, logs):
+    with served.signed_in() as (client, _):
+        log_id = logs["log0.mcap"]
+        read(client, log_id)
+        address = f"ws://127.0.0.1:{served.port}/api/logs/{log_id}/scrub?view=a-page-of-mine"
+        headers = {"cookie": served.cookie(client)}
+        with connect(address, additional_headers=headers, origin=served.base, proxy=None) as cursor:
+            cursor.send(json.dumps({"t": SPIKE_S, "signals": "left.tau_J.4"}))
+            answer = json.loads(cursor.recv(timeout=30))
+            assert answer["values"] == {"left.tau_J.4": 80.0}
+            assert answer["scenes"] == 0
+            for t in np.linspace(0.0, 1.5, 200):
+                cursor.send(json.dumps({"t": float(t)}))
+            while json.loads(cursor.recv(timeout=30))["t"] != 1.5:
+                pass
+            for bad in ("{", '{"t": "x"}', '{"t": 1, "evil": 1}', '{"t": 1, "signals": "no.such"}'):
+                cursor.send(bad)
+                assert "error" in json.loads(cursor.recv(timeout=30))
+        with pytest.raises(InvalidStatus), connect(address, origin=served.base, proxy=None):
+            pass
+
+
+def test_the_cache_makes_room_for_the_newest_and_reads_a_changed_log_anew(served, logs):
+    cache = ReviewCache(served.logs, limit_bytes=1)
+    entries = {entry.path.name: entry for entry in Catalogue(served.logs).entries()}
+
+    def opened(name):
+        deadline_s = time.monotonic() + 60.0
+        while True:
+            found = cache.open(entries[name])
+            if found.index is not None and found.index.done and found.folder.suffix == "":
+                return found
+            assert time.monotonic() < deadline_s
+            time.sleep(0.05)
+
+    try:
+        first = opened("log0.mcap")
+        assert cache.open(entries["log0.mcap"]) == first
+        opened("log1.mcap")
+        assert not first.folder.exists()  # made room
+        write_log(served.logs / "log1.mcap", {"object": "rice_box"}, spike=-5.0)
+        entries = {entry.path.name: entry for entry in Catalogue(served.logs).entries()}
+        assert opened("log1.mcap").folder.name != first.folder.name
+    finally:
+        cache.close()
+    assert all("." not in folder.name for folder in (served.logs / FOLDER).iterdir() if folder.is_dir())
+
+
+def test_plotly_comes_from_the_installed_package_and_may_be_kept(served, logs):
+    with served.signed_in() as (client, _):
+        page = client.get(f"/logs/{logs['log0.mcap']}").raise_for_status().text
+        address = next(part for part in page.split('"') if part.startswith("/assets/plotly-"))
+        answer = client.get(address)
+        assert answer.text.lstrip().startswith("/**\n* plotly.js")
+        assert "immutable" in answer.headers["cache-control"]
+        assert "unsafe" not in answer.headers["content-security-policy"]

@@ -1,0 +1,133 @@
+"""A console that serves for real, on a free port, beside a robot service without arms."""
+
+import json
+import shutil
+import socket
+import tempfile
+import threading
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import httpx
+import uvicorn
+
+from console.app import create_app
+from console.parts import Parts
+from console.presence import Presence
+from console.review.cache import ReviewCache
+from console.review.scene import ReviewScenes
+from console.scenes import Scenes
+from console.sign_in import SignIn
+from console.teleoperation.hand import Hand
+from console.watch import Watch
+from deploy import cells
+from rtstack.cli.cells import live_source
+from rtstack.live.audit import FILE_NAME, AuditTrail
+from rtstack.live.client import RobotClient
+from rtstack.live.desk import Desk
+from rtstack.live.service import Service
+from rtstack.log.catalogue import Catalogue
+from rtstack.log.ring import Rings
+from rtstack.loop.mailbox import Mailbox
+from rtstack.model.cell_description import load_cell_description
+
+CELL = Path(cells.__file__).parent / "grab.toml"
+
+
+@dataclass
+class ServedConsole:
+    """A console and what stands behind it."""
+
+    base: str
+    port: int
+    parts: Parts
+    rings: Rings
+    mailbox: Mailbox
+    desk: Desk
+    service: Service
+    logs: Path
+
+    def trail(self) -> list[tuple[str, str | None]]:
+        """Return what the audit trail has: action and operator."""
+        lines = [json.loads(line) for line in (self.logs / FILE_NAME).read_text().splitlines()]
+        return [(line["action"], line["operator"]) for line in lines]
+
+    @contextmanager
+    def signed_in(self) -> Iterator[tuple[httpx.Client, dict[str, str]]]:
+        """Give a client with a session, and the headers that its changes have to carry."""
+        with httpx.Client(base_url=self.base, trust_env=False) as client:
+            token = self.parts.sign_in.token or ""
+            client.get("/", params={"token": token}, follow_redirects=True).raise_for_status()
+            session = self.parts.sign_in.session(client.cookies[self.parts.sign_in.cookie])
+            assert session is not None
+            yield client, {"x-csrf-token": session.csrf}
+
+    def second_session(self) -> tuple[dict[str, str], dict[str, str]]:
+        """Sign somebody else in, as another token would; return cookies and headers."""
+        sign_in = self.parts.sign_in
+        sign_in._token = "another"
+        session = sign_in.redeem("another")
+        assert session is not None
+        return {sign_in.cookie: session.key}, {"x-csrf-token": session.csrf}
+
+    def cookie(self, client: httpx.Client) -> str:
+        """Return the cookie header of a signed-in client."""
+        name = self.parts.sign_in.cookie
+        return f"{name}={client.cookies[name]}"
+
+
+@contextmanager
+def serve_console(logs: Path) -> Iterator[ServedConsole]:
+    """Serve a console over real sockets; `logs` is an existing folder."""
+    with ExitStack() as stack:
+        folder = Path(tempfile.mkdtemp(prefix="rtstack-test-"))  # short: a socket's path has 107 letters at most
+        stack.callback(shutil.rmtree, folder)
+        mailbox = Mailbox.create(f"rtstack-test-{folder.name[-8:]}")
+        stack.callback(mailbox.close)
+        rings = stack.enter_context(Rings.create(capacity=1024))
+        audit = AuditTrail(logs / FILE_NAME)
+        stack.callback(audit.close)
+        desk = Desk(live_source(CELL), mailbox, audit)
+        service = Service(desk, folder / "robot.sock")
+        stack.callback(service.close)
+        cell = load_cell_description(CELL)
+        client = RobotClient(folder / "robot.sock", timeout_s=2.0)
+        stack.callback(client.close)
+        status_client = RobotClient(folder / "robot.sock", timeout_s=2.0)
+        stack.callback(status_client.close)
+        presence = Presence()
+        watch = Watch(rings, status_client, presence, cell)
+        stack.callback(watch.close)
+        watch.start()
+        hand = Hand(mailbox, watch)
+        scenes = Scenes(cell, watch, hand)
+        stack.callback(scenes.close)
+        review_cache = ReviewCache(logs)
+        stack.callback(review_cache.close)
+        review_scenes = ReviewScenes(cell)
+        stack.callback(review_scenes.close)
+        listener = socket.create_server(("127.0.0.1", 0))
+        stack.callback(listener.close)
+        port = listener.getsockname()[1]
+        parts = Parts(
+            SignIn(port),
+            cell,
+            client,
+            mailbox,
+            presence,
+            watch,
+            Catalogue(logs),
+            scenes,
+            hand,
+            review_cache,
+            review_scenes,
+        )
+        config = uvicorn.Config(create_app(parts, port), log_level="warning", ws="websockets-sansio", lifespan="on")
+        server = uvicorn.Server(config)
+        thread = threading.Thread(target=server.run, args=([listener],))
+        thread.start()
+        stack.callback(thread.join)
+        stack.callback(setattr, server, "should_exit", True)
+        yield ServedConsole(f"http://127.0.0.1:{port}", port, parts, rings, mailbox, desk, service, logs)
