@@ -60,7 +60,7 @@ class PushPlan:
     speed: Speed = 0.5
     height: Length = 0.0
     posture: Angle = 0.0
-    travel: Distance = 0.2
+    travel: Distance = 0.25
     post_impact_scale: Scale = 1.0
     inertia: ReflectedInertia = ReflectedInertia.B_THETA
     rest_s: Time = 0.8
