@@ -100,7 +100,7 @@ def assemble(
     points, joints = [], []
     for arm, mounting in enumerate((description.left, description.right)):
         model = ArmModel(mounting, description.pad)
-        moved = joint_motion(model, np.array(mounting.home), pieces[arm], period_s, SIDES[arm])
+        moved = joint_motion(model, np.array(mounting.home), pieces[arm], period_s, posture_joint, SIDES[arm])
         joints.append(moved)
         whole = np.concatenate(pieces[arm])
         whole["wrench_ff"], whole["beta"] = feedforward(moved, acceleration[arm], force[arm], posture_joint)

@@ -1,20 +1,23 @@
 """Planned grabs at speeds and heights that nobody has tuned on, with the right and with a wrong post-impact velocity.
 
-    .venv/bin/python tests/planning/unseen_grabs.py [--seeds 20] [--folder .unseen-grabs]
+    .venv/bin/python tests/planning/unseen_grabs.py [--seeds 20] [--jobs 2] [--folder .unseen-grabs]
 
 Each seed draws speed, rise and height (RANGES) and is the trial's own seed; each is planned and run three times: as the
 impact map says, and with the velocities after the impact scaled by 0.8 and 1.2. Prints a table and says for the force
 norm (33) in the 200 ms around the impact, and for what feedback adds to the feedforward there, whether the plan as the
-map says has less. Goes on where it was ended. Exit status 1 where a grab as planned fails, or where the norm (33) is not
-lower than both wrong plans' (95 % interval of the paired difference); 130 after Ctrl-C.
+map says has less. Goes on where it was ended. Exit status 1 where a grab as planned fails, or where the norm (33) is
+not lower than both wrong plans' (95 % interval of the paired difference); 130 after Ctrl-C.
 """
 
 import argparse
 import json
+import os
 import sys
 import tempfile
 from dataclasses import asdict, dataclass
+from multiprocessing import get_context
 from pathlib import Path
+from signal import SIG_IGN, SIGINT, signal
 
 import numpy as np
 from rich.progress import track
@@ -22,7 +25,7 @@ from scipy import stats
 
 from rtstack.campaign.trial_log import WholeRunLog
 from rtstack.cli.cells import default_cell_file, open_cell
-from rtstack.model.cell_description import CellDescription, load_cell_description
+from rtstack.model.cell_description import load_cell_description
 from rtstack.planning import GrabPlan, plan_grab
 from rtstack.planning.file import write_plan
 from rtstack.trials.record import frames
@@ -61,8 +64,10 @@ def drawn(seed: int) -> dict[str, float]:
     return {key: round(float(rng.uniform(*bounds)), 3) for key, bounds in RANGES.items()}
 
 
-def run(description: CellDescription, seed: int, scale: float) -> Grab:
-    """Plan, write, read back, grab."""
+def run(wanted: tuple[int, float]) -> Grab:
+    """Plan, write, read back, grab, for a seed and a scale."""
+    seed, scale = wanted
+    description = load_cell_description(default_cell_file())
     asked = drawn(seed)
     planned = plan_grab(description, OBJECT, GrabPlan(**asked, post_impact_scale=scale))
     with tempfile.TemporaryDirectory() as folder:
@@ -98,8 +103,12 @@ def report(grabs: list[Grab]) -> int:
         f"x {scale:<4}: {'norm':>6} {'feedb.':>6} {'z':>6}" for scale in SCALES))  # fmt: skip
     for seed in seeds:
         row = [of[seed, scale] for scale in SCALES]
-        print(f"{seed:>5} {row[0].speed:>6.3f} {row[0].rise:>6.3f} {row[0].height:>6.3f} | " + " | ".join(
-            f"{'ok' if g.success else 'FAIL':>7} {g.norm:>6.2f} {g.feedback:>6.2f} {g.vertical:>6.2f}" for g in row))  # fmt: skip
+        cells = (
+            f"{'ok' if grab.success else 'FAIL':>7} {grab.norm:>6.2f} {grab.feedback:>6.2f} {grab.vertical:>6.2f}"
+            for grab in row
+        )
+        asked = f"{row[0].speed:>6.3f} {row[0].rise:>6.3f} {row[0].height:>6.3f}"
+        print(f"{seed:>5} {asked} | {' | '.join(cells)}")
     for grab in grabs:
         if not grab.success:
             print(f"seed {grab.seed}, x {grab.scale}: {grab.reason}")
@@ -123,6 +132,7 @@ def main() -> int:
     arguments = argparse.ArgumentParser(description="Planned grabs at unseen speeds and heights.")
     arguments.add_argument("--seeds", type=int, default=20)
     arguments.add_argument("--folder", type=Path, default=HERE.parents[1] / ".unseen-grabs")
+    arguments.add_argument("--jobs", type=int, default=os.cpu_count())
     options = arguments.parse_args()
     if options.seeds < 2:
         arguments.error("--seeds: two at least, for an interval")
@@ -132,12 +142,13 @@ def main() -> int:
     known = [Grab(**json.loads(line)) for line in results.read_text().splitlines()] if results.exists() else []
     done = {(grab.seed, grab.scale) for grab in known}
     wanted = [(FIRST_SEED + k, scale) for k in range(options.seeds) for scale in SCALES]
-    description = load_cell_description(default_cell_file())
+    missing = [pair for pair in wanted if pair not in done]
     try:
-        for seed, scale in track([pair for pair in wanted if pair not in done], "grabs"):
-            known.append(run(description, seed, scale))
-            with results.open("a") as file:
-                file.write(json.dumps(asdict(known[-1])) + "\n")
+        with get_context("spawn").Pool(options.jobs, signal, (SIGINT, SIG_IGN)) as processes:
+            for grab in track(processes.imap_unordered(run, missing), "grabs", len(missing)):
+                known.append(grab)
+                with results.open("a") as file:
+                    file.write(json.dumps(asdict(grab)) + "\n")
     except KeyboardInterrupt:
         print("ended; the next run goes on from here")
         return 130
