@@ -17,3 +17,8 @@ def study_run() -> StudyRun:
 @pytest.fixture(scope="session")
 def study(study_run) -> Study:
     return study_run.study
+
+
+@pytest.fixture
+def study_text() -> str:
+    return STUDY_FILE.read_text(encoding="utf-8")

@@ -29,8 +29,8 @@ class Bands:
     def never(self) -> tuple[float | None, float | None]:
         """From which inclination on, outwards, all are unexpected: below 0 and above it; None where none is."""
         known = list(self.shares)
-        below = [deg for deg in known if all(self.shares[d] == 0.0 for d in known if d <= deg)]
-        above = [deg for deg in known if all(self.shares[d] == 0.0 for d in known if d >= deg)]
+        below = [deg for deg in known if deg <= 0.0 and all(self.shares[d] == 0.0 for d in known if d <= deg)]
+        above = [deg for deg in known if deg >= 0.0 and all(self.shares[d] == 0.0 for d in known if d >= deg)]
         return max(below, default=None), min(above, default=None)
 
     def _outwards(self, sign: float) -> float:
