@@ -38,7 +38,7 @@ COLOURS = {
 }
 MARKERS = dict(zip(COLOURS, "sv^oD", strict=True))
 BEFORE_S, AFTER_S = 0.2, 0.3
-_STYLE: Any = {
+STYLE: Any = {
     "font.size": 9,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -72,19 +72,21 @@ def logged_trial(path: Path, controller: Controller, object_name: str, descripti
     return LoggedTrial(controller, columns, passage(columns, description, object_name), detected_s)
 
 
-def _figure(width: float, height: float, **grid: Any) -> tuple[Figure, NDArray]:
+def new_figure(width: float, height: float, **grid: Any) -> tuple[Figure, NDArray]:
+    """Return a figure of so many inches and its axes, always a matrix."""
     figure = Figure(figsize=(width, height), layout="constrained")
     return figure, figure.subplots(squeeze=False, **grid)
 
 
-def _save(figure: Figure, path: Path) -> None:
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure, without saying by what: the same figure is the same file."""
     figure.savefig(path, metadata={"Software": None})
 
 
-@mpl.rc_context(_STYLE)
+@mpl.rc_context(STYLE)
 def figure5(path: Path, recording: Recording, reference: ExtendedReference) -> None:
     """Draw what was recorded and the extended references: position, velocity and desired force towards the object."""
-    figure, axes = _figure(9.0, 2.9, ncols=3)
+    figure, axes = new_figure(9.0, 2.9, ncols=3)
     arm = hit_arm(0.0)
     sign, n = INWARD[arm], recording.points.shape[1]
     t_ms = 1e3 * (np.arange(n) * recording.period_s - recording.impact_s)
@@ -116,15 +118,15 @@ def figure5(path: Path, recording: Recording, reference: ExtendedReference) -> N
             axis.set_ylim(recorded.min() - 0.4 * span, recorded.max() + 1.2 * span)
     handles, labels = axes[0][0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3)
-    _save(figure, path)
+    save(figure, path)
 
 
-@mpl.rc_context(_STYLE)
+@mpl.rc_context(STYLE)
 def figure8(
     path: Path, trials: Mapping[Controller, LoggedTrial], reference: ExtendedReference, displacement_mm: float
 ) -> None:
     """Draw velocity and desired force, towards the object, of the arm that hits first; a column a controller."""
-    figure, axes = _figure(11.0, 5.2, nrows=2, ncols=len(trials), sharex=True, sharey="row")
+    figure, axes = new_figure(11.0, 5.2, nrows=2, ncols=len(trials), sharex=True, sharey="row")
     arm = hit_arm(displacement_mm)
     sign, nominal_s = INWARD[arm], reference.nominal_impact_s
     reference_ms = 1e3 * (np.arange(reference.ticks) * reference.period_s - nominal_s)
@@ -159,7 +161,7 @@ def figure8(
         *(Patch(color=MODE_COLOURS[m], alpha=0.13, label=f"{MODE_NAMES[m]} mode") for m in MODE_COLOURS),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=8)
-    _save(figure, path)
+    save(figure, path)
 
 
 def _bands(axis: Axes, t_ms: NDArray[np.float64], mode: NDArray[np.int64]) -> None:
@@ -171,10 +173,10 @@ def _bands(axis: Axes, t_ms: NDArray[np.float64], mode: NDArray[np.int64]) -> No
             axis.axvspan(float(t_ms[start]), float(t_ms[end]), color=colour, alpha=0.13, linewidth=0, zorder=0)
 
 
-@mpl.rc_context(_STYLE)
+@mpl.rc_context(STYLE)
 def figure10(path: Path, trials: Sequence[LoggedTrial], nominal_s: float) -> None:
     """Draw (33) around the impact: every repetition of every controller."""
-    figure, axes = _figure(7.5, 3.8)
+    figure, axes = new_figure(7.5, 3.8)
     axis = axes[0][0]
     axis.axvspan(-1e3 * FORCE_WINDOW_S, 1e3 * FORCE_WINDOW_S, color="#f2f2f2", zorder=0)
     named: set[Controller] = set()
@@ -190,14 +192,14 @@ def figure10(path: Path, trials: Sequence[LoggedTrial], nominal_s: float) -> Non
     axis.set_xlabel("time from the nominal impact $T_r$, ms (grey: the 200 ms of Figure 11)")
     axis.set_ylabel("desired force norm (33)")
     axis.legend(loc="upper left")
-    _save(figure, path)
+    save(figure, path)
 
 
-@mpl.rc_context(_STYLE)
+@mpl.rc_context(STYLE)
 def figure11(path: Path, evaluation: Evaluation, controllers: Iterable[Controller] = tuple(NAMES)) -> None:
     """Draw the mean of (33) by displacement and controller, with its 95 % intervals."""
     controllers = tuple(controllers)
-    figure, axes = _figure(7.5, 3.8)
+    figure, axes = new_figure(7.5, 3.8)
     axis = axes[0][0]
     displacements = evaluation.displacements()
     for index, controller in enumerate(controllers):
@@ -217,4 +219,4 @@ def figure11(path: Path, evaluation: Evaluation, controllers: Iterable[Controlle
     axis.set_ylabel("mean desired force norm, 200 ms around $T_r$")
     axis.set_ylim(bottom=0.0)
     figure.legend(loc="outside lower center", ncols=4, fontsize=8)
-    _save(figure, path)
+    save(figure, path)

@@ -80,7 +80,7 @@ def write_report(store: Store, plan: Plan, file: PlanFile, description: CellDesc
     environment = Environment(
         loader=PackageLoader("rtstack.campaign", "pages"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
-    environment.globals["figure"] = lambda name, caption: _embedded(folder / name, caption)
+    environment.globals["figure"] = lambda name, caption: embedded(folder / name, caption)
     page = environment.get_template(PAGE).render(
         plan=plan, file=file, rows=rows, planned=plan.size(), parts=parts, figures=figures,
         headings=["success", "lift difference", *(heading for heading, *_ in SIDE_BY_SIDE)],
@@ -203,7 +203,8 @@ def _single_trials(rows: list[Row], out: Path, folder: Path, description: CellDe
     return drawn
 
 
-def _embedded(path: Path, caption: str) -> Markup:
+def embedded(path: Path, caption: str) -> Markup:
+    """Return a figure as HTML that holds its picture."""
     data = base64.b64encode(path.read_bytes()).decode()
     text = html.escape(caption)
     return Markup(

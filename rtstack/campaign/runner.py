@@ -102,8 +102,8 @@ class Runner:
             futures[self._client.submit(record, self._bench, reference, conditions, seed, key=key, pure=False)] = (
                 reference
             )
-        for future in _finished(futures):
-            reason = _reason(future) if future.status != "finished" else future.result()
+        for future in finished(futures):
+            reason = reason_of(future) if future.status != "finished" else future.result()
             if reason is not None:
                 reference = futures[future]
                 (folder / reference.file).unlink(missing_ok=True)
@@ -118,10 +118,10 @@ class Runner:
             key = f"{trial.id}-{self._plan.digest}-{time.time_ns()}"
             submitted = self._client.submit(run, self._bench, trial, conditions, key=key, retries=RETRIES, pure=False)
             futures[submitted] = trial
-        for future in _finished(futures):
+        for future in finished(futures):
             trial = futures.pop(future)
             if future.status != "finished":
-                self.tally.failures[trial.id] = _reason(future)
+                self.tally.failures[trial.id] = reason_of(future)
                 self._progress.advance(0.0)
                 continue
             self._keep(future.result())
@@ -186,7 +186,7 @@ def _loose(text: str) -> Any:
         return text  # a reason in words
 
 
-def _finished(futures: Iterable[Future]) -> Iterator[Future]:
+def finished(futures: Iterable[Future]) -> Iterator[Future]:
     """Yield futures as they end; cancel those that have not where the work is broken off."""
     waiting = list(futures)
     try:
@@ -197,6 +197,7 @@ def _finished(futures: Iterable[Future]) -> Iterator[Future]:
         raise
 
 
-def _reason(future: Future) -> str:
+def reason_of(future: Future) -> str:
+    """Return in one line why a future has no result."""
     error = future.exception() if future.status == "error" else None
     return " ".join(f"{type(error).__name__}: {error}".split()) if error is not None else str(future.status)

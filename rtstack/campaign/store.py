@@ -150,8 +150,8 @@ def _locked(out: Path) -> TextIO:
     return lock
 
 
-def check_folder(out: Path, plan: Campaign, resume: bool) -> None:
-    """Raise TrialError where `out` cannot be this campaign's folder. Nothing is written."""
+def check_folder(out: Path, plan: Campaign, resume: bool, wanted: dict[str, Any] = COLUMNS) -> None:
+    """Raise TrialError where `out` cannot be this campaign's folder, with the columns `wanted`. Nothing is written."""
     if out.exists() and not out.is_dir():
         raise TrialError(f"{out} is not a folder")
     if not out.parent.is_dir() and not out.exists():
@@ -182,7 +182,7 @@ def check_folder(out: Path, plan: Campaign, resume: bool) -> None:
             else (f"{theirs['name']}{quick} with other parameters (digest {theirs['digest']}, now {mine['digest']})")
         )
         raise TrialError(f"{out} has another campaign, {what}: choose another folder")
-    if columns and columns != set(COLUMNS):
+    if columns and columns != set(wanted):
         raise TrialError(f"{out} was begun by a version of rtstack with other columns: choose another folder")
     if not resume:
         raise TrialError(f"{out} has results of this campaign: go on with --resume, or choose another folder")

@@ -8,6 +8,7 @@ import typer
 from rtstack.campaign.plan import PlanFile
 from rtstack.campaign.store import Store, check_folder
 from rtstack.studies.aim_aware.study import StudyRun, load_run
+from rtstack.studies.aim_aware.worker import columns
 
 FAILED = 1
 
@@ -15,7 +16,7 @@ FAILED = 1
 def prepare(file: PlanFile, out: Path, quick: bool, resume: bool) -> StudyRun:
     """Check everything before the folder is made. Raises ConfigurationError or TrialError."""
     run = load_run(file.path, quick)
-    check_folder(out, run, resume)
+    check_folder(out, run, resume, columns(run))
     return run
 
 
@@ -26,7 +27,6 @@ def run_all(run: StudyRun, file: PlanFile, out: Path, workers: int, scheduler: s
     from rtstack.studies.aim_aware.classification import plan_case, simulate_case
     from rtstack.studies.aim_aware.report import write_report
     from rtstack.studies.aim_aware.runner import run_study
-    from rtstack.studies.aim_aware.worker import columns
 
     with campaign_progress() as progress:
         # one here before the workers begin: what is compiled, is compiled once

@@ -35,6 +35,7 @@ def test_bands_say_what_is_expected_always_sometimes_and_never():
     assert found.always == (-2.0, 2.0)
     assert found.sometimes == ([-4.0, -3.0], [3.0, 4.0])
     assert found.never == (-5.0, 5.0)
+    assert found.ambiguity_deg == (3.0, 3.0)
     assert found.shares[3.0] == 0.5
     assert Bands({-1.0: 1.0, 0.0: 0.9, 1.0: 1.0}, 3).always is None
     assert Bands({-1.0: 0.5, 0.0: 1.0, 1.0: 1.0}, 3).always == (0.0, 1.0)
@@ -47,13 +48,15 @@ AS_THE_PAPER = {"a": 0.0, "b": 2.0, "c": 4.0}
 @pytest.mark.parametrize(
     ("expected", "some", "differing"),
     [
-        (AS_THE_PAPER, {"a": 2.0, "b": 4.0, "c": 6.0}, set()),
+        (AS_THE_PAPER, {"a": 1.0, "b": 3.0, "c": 5.0}, set()),
+        (AS_THE_PAPER, None, set()),
         ({"a": 1.0, "b": 2.0, "c": 4.0}, None, set()),  # within a degree
         ({"a": 2.0, "b": 3.0, "c": 4.0}, None, {"0 deg is always"}),
-        ({"a": 0.0, "b": 2.0, "c": 2.0}, None, {"-4 .. +4 deg are", "the sensitivity"}),
-        (AS_THE_PAPER, {"a": 2.0, "b": 6.0, "c": 6.0}, {"about 2 deg", "beyond, from 5"}),
-        (AS_THE_PAPER, {"a": 0.0, "b": 5.0, "c": 6.0}, {"the ambiguous area"}),
-        ({"a": -1.0, "b": 2.0, "c": 4.0}, None, {"0 deg is always"}),
+        ({"a": 0.0, "b": 2.0, "c": 2.0}, None, {"-4 .. +4 deg are", "the sensitivity", "beyond, from 6"}),
+        (AS_THE_PAPER, {"a": 2.0, "b": 5.0, "c": 6.0}, {"an area of", "beyond, from 4"}),
+        (AS_THE_PAPER, {"a": 0.0, "b": 4.0, "c": 6.0}, {"the ambiguous area"}),
+        (AS_THE_PAPER, {"a": 1.0, "b": 3.0, "c": 10.0}, {"an area of", "beyond, from 6", "the ambiguous area"}),
+        ({"a": -1.0, "b": 2.0, "c": 4.0}, None, {"0 deg is always", "beyond, from 2"}),
     ],
 )
 def test_a_claim_holds_or_differs(study_run, expected, some, differing):

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import inf
 
 from rtstack.studies.aim_aware.worker import Row
 
@@ -32,6 +33,16 @@ class Bands:
         below = [deg for deg in known if deg <= 0.0 and all(self.shares[d] == 0.0 for d in known if d <= deg)]
         above = [deg for deg in known if deg >= 0.0 and all(self.shares[d] == 0.0 for d in known if d >= deg)]
         return max(below, default=None), min(above, default=None)
+
+    @property
+    def ambiguity_deg(self) -> tuple[float, float]:
+        """From the last inclination that is always expected to the first that never is, on either side, degrees."""
+        always = self.always or (0.0, 0.0)
+        below, above = self.never
+        return (
+            inf if below is None else always[0] - below,
+            inf if above is None else above - always[1],
+        )
 
     def _outwards(self, sign: float) -> float:
         edge = 0.0

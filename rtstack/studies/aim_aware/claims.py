@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from itertools import pairwise
+from math import inf
 
 from rtstack.campaign.claims import Claim, Verdict
 from rtstack.studies.aim_aware.bands import Bands, bands
@@ -43,25 +44,31 @@ def _verdict(holds: bool) -> Verdict:
 
 def _of_tuning(name: str, column: Column, found: Bands) -> list[Claim]:
     where, wanted = f"Figure 7({name})", column.always_deg
-    always, sometimes, never = found.always, found.sometimes, found.never
+    always, never = found.always, found.never
     meant = "0 deg is" if wanted == 0.0 else f"-{wanted:g} .. +{wanted:g} deg are"
-    beyond = wanted + PAPER_AMBIGUITY_DEG + 1.0
+    beyond = wanted + PAPER_AMBIGUITY_DEG
     near = always is not None and all(abs(abs(edge) - wanted) <= WITHIN_DEG for edge in always)
+    far = all(edge is not None and abs(abs(edge) - beyond) <= WITHIN_DEG for edge in never)
+    widths = found.ambiguity_deg
     return [
         Claim(where, f"{meant} always expected (within 1 deg)", band_words(always), _verdict(near)),
         Claim(
             where,
-            "about 2 deg on each side are neither always expected nor always unexpected (3 at most)",
-            side_words(sometimes),
-            _verdict(max(map(len, sometimes)) <= MOST_AMBIGUITY_DEG),
+            "an area of about 2 deg on each side is neither always expected nor always unexpected (3 at most)",
+            f"{_width(widths[0])} and {_width(widths[1])}; sometimes expected are {side_words(found.sometimes)}",
+            _verdict(all(width <= MOST_AMBIGUITY_DEG for width in widths)),
         ),
         Claim(
             where,
             f"beyond, from {beyond:g} deg on, 100 % are unexpected (within 1 deg)",
             f"from {_signed(never[0])} and {_signed(never[1])} deg on",
-            _verdict(all(edge is not None and abs(edge) <= beyond + WITHIN_DEG for edge in never)),
+            _verdict(far),
         ),
     ]
+
+
+def _width(width_deg: float) -> str:
+    return "no end" if width_deg == inf else f"{width_deg:g} deg"
 
 
 def _signed(edge: float | None) -> str:
@@ -76,10 +83,10 @@ def _tunable(found: dict[str, Bands]) -> Claim:
 
 
 def _consistent(found: dict[str, Bands]) -> Claim:
-    sizes = {name: max(map(len, each.sometimes)) for name, each in found.items()}
-    ours = "; ".join(f"({name}) {size} deg on the worse side" for name, size in sizes.items())
-    alike = max(sizes.values()) - min(sizes.values()) <= PAPER_AMBIGUITY_DEG
-    return Claim("IV-A", "the ambiguous area is of much the same size with every sensitivity", ours, _verdict(alike))
+    widest = {name: max(each.ambiguity_deg) for name, each in found.items()}
+    ours = "; ".join(f"({name}) {_width(width)} on the worse side" for name, width in widest.items())
+    alike = max(widest.values()) - min(widest.values()) <= WITHIN_DEG
+    return Claim("IV-A", "the ambiguous area is of much the same width with every sensitivity", ours, _verdict(alike))
 
 
 def _feasible(rows: Sequence[Row]) -> Claim:

@@ -7,9 +7,7 @@ import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
 
-from rtstack.campaign.figures import _STYLE as STYLE
-from rtstack.campaign.figures import _figure as new_figure
-from rtstack.campaign.figures import _save as save
+from rtstack.campaign.figures import STYLE, new_figure, save
 from rtstack.monitor.parameters import MonitorParameters
 from rtstack.monitor.records import Verdict
 from rtstack.studies.aim_aware.bands import Bands

@@ -5,11 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
 from rtstack.campaign.plan import PlanFile
-from rtstack.campaign.report import FIGURES, PAGE
-from rtstack.campaign.report import _embedded as embedded
+from rtstack.campaign.report import FIGURES, PAGE, embedded
 from rtstack.campaign.store import Store
 from rtstack.studies.aim_aware.bands import Bands, bands
 from rtstack.studies.aim_aware.claims import band_words, judge, side_words
@@ -38,8 +37,8 @@ def write_report(store: Store, run: StudyRun, file: PlanFile) -> Path:
     captions = _figures(run, store.out, folder, found)
     claims = judge(run, rows)
     environment = Environment(
-        loader=PackageLoader("rtstack.studies.aim_aware", "pages"), autoescape=True, undefined=StrictUndefined,
-        trim_blocks=True,
+        loader=ChoiceLoader([PackageLoader(f"rtstack.{name}", "pages") for name in ("studies.aim_aware", "campaign")]),
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True,
     )  # fmt: skip
     page = environment.get_template(PAGE).render(
         run=run, study=run.study, file=file, planned=run.grid.size(), rows=every, unseen=len(rows), claims=claims,

@@ -2,9 +2,9 @@
 
 import time
 
-from distributed import Client, Future, as_completed
+from distributed import Client, Future
 
-from rtstack.campaign.runner import RETRIES, Progress
+from rtstack.campaign.runner import RETRIES, Progress, finished, reason_of
 from rtstack.campaign.store import Store
 from rtstack.studies.aim_aware.study import Case, StudyRun
 from rtstack.studies.aim_aware.worker import run_plan
@@ -27,19 +27,12 @@ def run_study(run: StudyRun, store: Store, client: Client, progress: Progress) -
         future = client.submit(run_plan, run, *plan, left, key=key, retries=RETRIES, pure=False)
         futures[future] = (plan, len(left))
     failures: dict[str, str] = {}
-    waiting = list(futures)
-    try:
-        for future in as_completed(waiting):
-            plan, count = futures.pop(future)
-            if future.status == "finished":
-                store.add(*future.result())
-            else:
-                error = future.exception() if future.status == "error" else None
-                failures[f"{plan[0]:g} deg at {plan[1]:g} m"] = str(error or future.status)
-            for _ in range(count):
-                progress.advance(run.study.task.duration_s)
-    except BaseException:
-        for future in waiting:
-            future.cancel()
-        raise
+    for future in finished(futures):
+        plan, count = futures.pop(future)
+        if future.status == "finished":
+            store.add(*future.result())
+        else:
+            failures[f"{plan[0]:g} deg at {plan[1]:g} m"] = reason_of(future)
+        for _ in range(count):
+            progress.advance(run.study.task.duration_s)
     return failures
