@@ -3,12 +3,14 @@
 import json
 import time
 
+import httpx
 import numpy as np
 import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from console.review.cache import FOLDER, ReviewCache
+from console.scenes import Detail
 from rtstack.log.catalogue import Catalogue
 from rtstack.log.sink import McapSink
 from rtstack.samples import TOPICS
@@ -236,3 +238,15 @@ def test_plotly_comes_from_the_installed_package_and_may_be_kept(served, logs):
         assert answer.text.lstrip().startswith("/**\n* plotly.js")
         assert "immutable" in answer.headers["cache-control"]
         assert "unsafe" not in answer.headers["content-security-policy"]
+
+
+def test_the_scene_of_a_review_is_not_the_live_one(served, logs):
+    with served.signed_in() as (client, _):
+        page = client.get("/viser/review/light/a-page-of-mine/")
+        assert page.status_code == 200
+        assert "<title>Viser</title>" in page.text
+        assert client.get("/viser/review/light/short/").status_code == 404
+        assert client.get("/viser/review/light/with%20a%20space%20in%20it/").status_code == 404
+    assert served.parts.scenes._live == {}
+    server = served.parts.review_scenes.server(Detail.LIGHT)
+    assert httpx.get(f"http://127.0.0.1:{server.port}/", trust_env=False).status_code == 403

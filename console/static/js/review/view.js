@@ -18,6 +18,7 @@ export class View {
     this.other = asked.get("other") ?? "";
     this.align = asked.get("align") === "start" ? "start" : "impact";
     this.end = 1;
+    this.known = false;
     this.listeners = { cursor: [], window: [], signals: [], other: [] };
     this.timer = null;
   }
@@ -33,9 +34,10 @@ export class View {
 
   // The log's length is known, or has grown.
   setEnd(end) {
-    const whole = this.to === null || this.to >= this.end;
+    const whole = this.to === null || (this.known && this.to >= this.end);
+    this.known = true;
     this.end = Math.max(end, 0.001);
-    if (this.from === null || this.to === null || whole) this.setWindow(this.from ?? 0, this.end);
+    this.setWindow(this.from ?? 0, whole ? this.end : this.to);
     this.setCursor(this.t);
   }
 
