@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hal.description import fr3_urdf
 from hal.tracker import OBJECT_POSE
 from rtstack.log.errors import LogError
-from rtstack.log.frames import FrameTree, quaternion_of
+from rtstack.log.frames import FrameTree, quaternions_of
 from rtstack.log.job import Attachment
 from rtstack.log.sink import McapSink
 from rtstack.model.cell_description import CellDescription
@@ -67,7 +67,7 @@ def _records(planned: PlannedMotion) -> dict[str, NDArray]:
         sample["q"], sample["dq"], sample["O_T_EE"] = motion.q, motion.dq, motion.T_base_ee
         control["mode"] = np.where(np.arange(n) < recording.impact, Mode.ANTE_IMPACT, Mode.POST_IMPACT)
         control["pose_ref"][:, :3] = points["position"]
-        control["pose_ref"][:, 3:] = [quaternion_of(rotation) for rotation in points["rotation"]]
+        control["pose_ref"][:, 3:] = quaternions_of(points["rotation"])
         control["twist_ref"], control["beta"] = points["twist"], points["beta"]
         control["wrench_ff"] = control["wrench_desired"] = points["wrench_ff"]
         batches[f"/{side}/arm"], batches[f"/{side}/control"] = sample, control
