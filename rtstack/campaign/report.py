@@ -93,7 +93,7 @@ def write_report(store: Store, plan: Plan, file: PlanFile, description: CellDesc
         references=[reference.name for reference in plan.references()],
         completion=CompletionParameters(), control=ControlParameters(),
         chosen=[reference.name for references in selected.values() for reference in references],
-        pace=_pace(store.invocations()),
+        pace=pace(store.invocations()),
     )  # fmt: skip
     path = store.out / PAGE
     path.write_text(page, encoding="utf-8")
@@ -217,7 +217,8 @@ def _words(values: dict[str, Any]) -> str:
     return ", ".join(f"{name} {value:g}" for name, value in values.items() if value is not None)
 
 
-def _pace(invocations: list[Row]) -> str:
+def pace(invocations: list[Row]) -> str:
+    """Return in words how fast a campaign's invocations went."""
     robot_s, wall_s = (sum(each[name] for each in invocations) for name in ("robot_s", "wall_s"))
     if not wall_s:
         return "-"

@@ -31,15 +31,16 @@ _PROVENANCE: dict[str, Any] = {"git_commit": str, "digest": str, "wall_s": float
 Row = dict[str, Any]
 
 
-def _columns() -> dict[str, Any]:
+def columns_of(*records: type) -> dict[str, Any]:
+    """Return the columns of a table, with their types: of these dataclasses, and of where a result comes from."""
     columns: dict[str, Any] = {"id": str}
-    for record in (Trial, TrialResult, Measures):
+    for record in records:
         hints = typing.get_type_hints(record)
         columns |= {field.name: hints[field.name] for field in fields(record)}
     return columns | _PROVENANCE
 
 
-COLUMNS = _columns()
+COLUMNS = columns_of(Trial, TrialResult, Measures)
 
 
 def _sql_type(kind: Any) -> str:
@@ -58,6 +59,13 @@ class Campaign(Protocol):
     def quick(self) -> bool: ...
     @property
     def digest(self) -> str: ...
+
+
+class Named(Protocol):
+    """A trial, as far as its results are concerned."""
+
+    @property
+    def id(self) -> str: ...
 
 
 class Store:
@@ -121,7 +129,7 @@ class Store:
             values = [{name: row[name] for name in names} for row in rows]
             database.executemany(f"INSERT OR REPLACE INTO results ({', '.join(names)}) VALUES ({marks})", values)
 
-    def rows(self, trials: Iterable[Trial] | None = None) -> list[Row]:
+    def rows(self, trials: Iterable[Named] | None = None) -> list[Row]:
         """Return all results by id, or those of these trials in their order."""
         found = {row["id"]: self._row(row) for row in self._database.execute("SELECT * FROM results ORDER BY id")}
         return list(found.values()) if trials is None else [found[t.id] for t in trials if t.id in found]

@@ -60,12 +60,17 @@ def digests(paths: Sequence[Path]) -> tuple[tuple[Path, str], ...]:
     return tuple((path, hashlib.sha256(path.read_bytes()).hexdigest()) for path in paths)
 
 
+def check_sources(sources: Sequence[tuple[Path, str]]) -> None:
+    """Raise WorkerMismatch where a file is another one here than where the campaign was begun."""
+    for path, digest in sources:
+        if not path.is_file() or hashlib.sha256(path.read_bytes()).hexdigest() != digest:
+            raise WorkerMismatch(f"a worker on {os.uname().nodename} has another {path} than the campaign")
+
+
 @lru_cache(maxsize=4)
 def _description(bench: Bench) -> CellDescription:
     """The cell, once it is clear that this process would compute the same as all others."""
-    for path, digest in bench.sources:
-        if not path.is_file() or hashlib.sha256(path.read_bytes()).hexdigest() != digest:
-            raise WorkerMismatch(f"a worker on {os.uname().nodename} has another {path} than the campaign")
+    check_sources(bench.sources)
     return load_cell_description(bench.cell_file)
 
 
@@ -76,9 +81,10 @@ def _prepared(bench: Bench, reference: Reference) -> PreparedTrial:
 
 
 @lru_cache(maxsize=1)
-def _attachments(bench: Bench) -> list[Attachment]:
+def common_attachments(cell_file: Path) -> list[Attachment]:
+    """Return what every log of a campaign has attached."""
     return [
-        Attachment("cell.toml", "application/toml", bench.cell_file.read_bytes()),
+        Attachment("cell.toml", "application/toml", cell_file.read_bytes()),
         Attachment("fr3.urdf", "application/xml", fr3_urdf().encode()),
     ]
 
@@ -90,7 +96,7 @@ def record(bench: Bench, reference: Reference, conditions: Conditions, seed: int
     metadata = {"trial": trial_metadata(specification, CELL, None)}
     log = WholeRunLog(
         bench.out / RECORDINGS / reference.file, LONGEST_DEMONSTRATION + SPARE_TICKS, metadata,
-        _attachments(bench), frames(description, reference.object),
+        common_attachments(bench.cell_file), frames(description, reference.object),
     )  # fmt: skip
     cell = bench.open_cell(reference.object, 0.0, seed, conditions)
     try:
@@ -114,7 +120,7 @@ def run(bench: Bench, trial: Trial, conditions: Conditions) -> Row:
     campaign |= {"id": trial.id, "digest": bench.digest}
     metadata = {"trial": trial_metadata(specification, CELL, prepared.reference), "campaign": campaign}
     log = WholeRunLog(
-        path, prepared.reference.ticks + SPARE_TICKS, metadata, _attachments(bench),
+        path, prepared.reference.ticks + SPARE_TICKS, metadata, common_attachments(bench.cell_file),
         frames(prepared.description, trial.object),
     )  # fmt: skip
     cell = bench.open_cell(trial.object, trial.displacement_mm * 1e-3, trial.seed, conditions)

@@ -5,7 +5,6 @@ import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib.resources import as_file, files
 from pathlib import Path
 from types import FrameType
 
@@ -14,9 +13,10 @@ import typer
 from rtstack.campaign.plan import Plan, PlanFile, load_plan, plan_file
 from rtstack.campaign.store import Store, check_folder
 from rtstack.campaign.worker import Bench, digests
-from rtstack.cli import study
-from rtstack.cli.campaign_cell import open_conditioned_cell
+from rtstack.cli import study, validation
+from rtstack.cli.campaign_cell import open_conditioned_cell, plant_files
 from rtstack.cli.cells import load_description
+from rtstack.impact_validation.plan import is_validation
 from rtstack.model.cell_description import CellDescription
 from rtstack.studies.aim_aware.study import is_study
 from rtstack.trials.errors import TrialError
@@ -38,11 +38,16 @@ def campaign(name: str, out: Path, quick: bool, workers: int | None, scheduler: 
         with _resumable(_again(name, out, quick)):
             study.run_all(run, file, out, at_once, scheduler)
         return
+    if is_validation(file.path):
+        plan, bench, described = validation.prepare(file, out, quick, resume)
+        with _resumable(_again(name, out, quick)):
+            validation.run_all(plan, bench, described, file, at_once, scheduler)
+        return
     plan = load_plan(file.path, quick)
     description, cell_file = load_description(None)
     for reference in plan.references():
         check_object(reference.object, description)
-    sources = [file.path, cell_file, *_plant_files()]
+    sources = [file.path, cell_file, *plant_files()]
     plan = plan.sealed([path.read_bytes() for path in sources])
     check_folder(out, plan, resume)
     with _resumable(_again(name, out, quick)):
@@ -96,15 +101,6 @@ def _run(
     if tally.failures:
         print("rtstack: run the same with --resume to try them again", file=sys.stderr)
         raise typer.Exit(FAILED)
-
-
-def _plant_files() -> list[Path]:
-    """The files of the simulated cell: contact and scatter of a result come from them too."""
-    paths = []
-    for package, name in (("sim_robot.scenes", "grab.toml"), ("sim_robot.parameters", "plant.toml")):
-        with as_file(files(package) / name) as path:
-            paths.append(path)
-    return paths
 
 
 def _again(name: str, out: Path, quick: bool) -> str:

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 from functools import lru_cache
+from importlib.resources import as_file, files
+from pathlib import Path
 
 import numpy as np
 
@@ -18,7 +20,7 @@ FRICTION_DRAW = 3  # beside 0 arms and placement, 1 sensors, 2 tracker (sim_robo
 
 def open_conditioned_cell(object_name: str, displacement_m: float, seed: int, conditions: Conditions) -> Cell:
     """Open the cell in this process, in lockstep, with the object in its place. Raises HardwareError."""
-    nominal, parameters = _files()
+    nominal, parameters = simulated_files()
     scene = conditioned(nominal, conditions, seed)
     sensors = replace(parameters.sensors, tau_ext_cutoff_hz=conditions.tau_ext_cutoff_hz)
     parameters = replace(parameters, sensors=sensors)
@@ -26,8 +28,17 @@ def open_conditioned_cell(object_name: str, displacement_m: float, seed: int, co
     return SimulatedCell(plant, scene, parameters, seed).as_cell("direct")
 
 
+def plant_files() -> list[Path]:
+    """Return the files of the simulated cell: contact and scatter of a result come from them too."""
+    paths = []
+    for package, name in (("sim_robot.scenes", "grab.toml"), ("sim_robot.parameters", "plant.toml")):
+        with as_file(files(package) / name) as path:
+            paths.append(path)
+    return paths
+
+
 @lru_cache(maxsize=1)
-def _files() -> tuple[Scene, PlantParameters]:
+def simulated_files() -> tuple[Scene, PlantParameters]:
     """The simulated cell's files: read once, whatever the number of trials."""
     return load_scene(), load_plant_parameters()
 

@@ -63,7 +63,7 @@ def plan_grab(
 
     def forces(t_s: Array, acceleration: Array) -> tuple[Array, Array]:
         grip = np.clip(1.0 - (t_s - timing.release_s) / FADE_S, 0.0, 1.0)[:, None]
-        share = thing.mass / 2 * (acceleration.mean(axis=0) + (0.0, 0.0, GRAVITY))
+        share = plan.compensate * thing.mass / 2 * (acceleration.mean(axis=0) + (0.0, 0.0, GRAVITY))
         squeeze = plan.squeeze * inward[:, None, None] * np.array([0.0, 1.0, 0.0])
         return np.stack([grip * share] * 2), grip * squeeze
 

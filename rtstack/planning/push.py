@@ -58,7 +58,7 @@ def plan_push(
 
     def forces(t_s: Array, acceleration: Array) -> tuple[Array, Array]:
         force = np.zeros((2, len(t_s), 3))
-        pushing = (t_s < timing.release_s) * 1.0
+        pushing = (t_s < timing.release_s) * float(plan.compensate)
         force[0, :, :2] = thing.mass * acceleration[0, :, :2] * pushing[:, None]
         force[0, :, 1] += inward * table * thing.mass * GRAVITY * pushing
         return force, np.zeros_like(force)

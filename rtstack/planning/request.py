@@ -30,6 +30,7 @@ class GrabPlan:
     object's there; posture: joint 1 of the left arm there, rad from home (the right arm's is the mirror image);
     squeeze: the force of each pad that is wanted, N. post_impact_scale: what the velocities after the impact are
     multiplied with (the validation campaign plans 0.8 to 1.2); inertia: of the motors, as the map counts it.
+    compensate: whether weight, friction and inertia of the object are in the feedforward after the impact, (26)-(27).
     """
 
     speed: Speed = 0.35
@@ -41,6 +42,7 @@ class GrabPlan:
     carry: Length = 0.05
     post_impact_scale: Scale = 1.0
     inertia: ReflectedInertia = ReflectedInertia.B_THETA
+    compensate: bool = True
     rest_s: Time = 0.3
     steady_s: Time = 0.05  # at constant velocity before the impact and after it
     lift_s: Time = 1.2
@@ -63,6 +65,7 @@ class PushPlan:
     travel: Distance = 0.25
     post_impact_scale: Scale = 1.0
     inertia: ReflectedInertia = ReflectedInertia.B_THETA
+    compensate: bool = True
     rest_s: Time = 0.8
     steady_s: Time = 0.05
     release_s: Time = 0.6

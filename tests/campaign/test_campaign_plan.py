@@ -9,6 +9,7 @@ from rtstack.campaign.plan import load_plan, plan_file, plan_names
 from rtstack.campaign.runner import select
 from rtstack.campaign.trial import Reference, seed_of
 from rtstack.configuration import ConfigurationError
+from rtstack.impact_validation.plan import is_validation, load_validation_plan
 from rtstack.studies.aim_aware.study import is_study, load_study
 from rtstack.trials.errors import TrialError
 
@@ -64,6 +65,10 @@ def test_every_plan_is_read_and_has_a_sample():
         path = plan_file(name).path
         if is_study(path):
             assert load_study(path).name == name
+            continue
+        if is_validation(path):
+            assert load_validation_plan(path).name == name
+            assert load_validation_plan(path, quick=True).size() > 0
             continue
         assert load_plan(path).name == name
         assert load_plan(path, quick=True).size() > 0

@@ -1,0 +1,63 @@
+"""What the rigid impact map predicts for a planned motion, with each inertia of the motors."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from rtstack.impact_map import ReflectedInertia, Status, converged
+from rtstack.impact_map.problem import JOINTS, Problem
+from rtstack.impact_map.reflected import joint_inertia
+from rtstack.impact_validation.feedback import Direction
+from rtstack.planning import PlannedMotion
+from rtstack.samples import SIDES
+
+
+@dataclass(frozen=True, slots=True)
+class Prediction:
+    """Velocities of the pads after the impact, m/s, along what counts: planned (scaled), and as the map predicts it by
+    inertia of the motors."""
+
+    planned: float
+    by_inertia: Mapping[ReflectedInertia, float]
+
+    def write(self, path: Path) -> None:
+        """Write it beside the plan's log."""
+        path.write_text(json.dumps({"planned": self.planned, **self.by_inertia}), encoding="utf-8")
+
+
+def read_prediction(path: Path) -> Prediction:
+    """Read what `Prediction.write` wrote."""
+    values = json.loads(path.read_text(encoding="utf-8"))
+    return Prediction(values["planned"], {kind: values[kind] for kind in ReflectedInertia})
+
+
+def predict(planned: PlannedMotion, direction: Direction) -> Prediction:
+    """Return the predictions of a plan: of the same impact, with another inertia of the motors each."""
+    problem = planned.map.problem
+    predicted = {}
+    for kind in ReflectedInertia:
+        impact = converged(with_inertia(problem, planned.request.inertia, kind), second_opinion=False)
+        if impact.status in (Status.INFEASIBLE, Status.UNSOLVED):
+            raise ValueError(f"the impact map with {kind}: {impact.status}, {impact.detail}")
+        speeds = []
+        for arm in direction.arms:
+            k = problem.names.index(SIDES[arm])
+            twist = problem.bodies[k].twist(impact.velocity[problem.slices[k]])
+            speeds.append(direction.sign * float(twist[direction.axis]))
+        predicted[kind] = float(np.mean(speeds))
+    velocities = planned.velocities[list(direction.arms), direction.axis]
+    return Prediction(direction.sign * float(velocities.mean()), predicted)
+
+
+def with_inertia(problem: Problem, was: ReflectedInertia, kind: ReflectedInertia) -> Problem:
+    """Return the problem with another inertia of the arms' motors: velocities before the impact stay."""
+    M = problem.M.copy()
+    for body, where in zip(problem.bodies, problem.slices, strict=True):
+        if len(body.velocity) == JOINTS:
+            M[where, where] += np.diag(joint_inertia(kind) - joint_inertia(was))
+    L = np.linalg.cholesky(M)
+    whitening = np.linalg.inv(L)
+    return replace(problem, M=M, whitening=whitening, A=whitening @ problem.J.T, w=problem.velocity @ L)

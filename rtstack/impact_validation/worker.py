@@ -1,0 +1,184 @@
+"""What a worker does: identify a joint's friction, plan a reference, or run a trial and write its log."""
+
+import os
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from hal.cell import Cell
+from rtstack.campaign.trial_log import WholeRunLog
+from rtstack.campaign.worker import CELL, LOGS, RECORDINGS, Row, check_sources, common_attachments
+from rtstack.control.parameters import ControlParameters, FrictionParameters
+from rtstack.control.tick import ArmController
+from rtstack.identification.procedure import Identification, Run
+from rtstack.impact_map import ReflectedInertia
+from rtstack.impact_validation.feedback import feedback_signal
+from rtstack.impact_validation.plan import (
+    DIRECTIONS,
+    Conditions,
+    Gains,
+    JointFriction,
+    PlannedReference,
+    Scenario,
+    ValidationTrial,
+)
+from rtstack.impact_validation.prediction import Prediction, predict, read_prediction
+from rtstack.model.cell_description import CellDescription, load_cell_description
+from rtstack.planning import GrabPlan, plan_grab, plan_push
+from rtstack.planning.file import write_plan
+from rtstack.trials.assembly import Parameters, arm_controllers, cell_parameters
+from rtstack.trials.provenance import git_commit
+from rtstack.trials.record import frames, trial_metadata
+from rtstack.trials.run import SPARE_TICKS, PreparedTrial, prepare_trial, run_trial
+from rtstack.trials.specification import TrialSpecification
+
+SWEEPS = "identification"
+FRICTION = "friction.toml"
+
+# object, seed of noise and placement, seed of the arms, conditions -> cell
+OpenCell = Callable[[str, int, int, Conditions], Cell]
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """What a trial gives to the fit, m/s: velocities after the impact as planned and as predicted, net feedback (29).
+    complete: whether the trial lasted for all of (29)'s window."""
+
+    planned_m_s: float
+    predicted_B_theta_m_s: float
+    predicted_B_m_s: float
+    predicted_none_m_s: float
+    net_feedback_m_s: float
+    complete: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ValidationBench:
+    """What all trials of a campaign have in common, as it is sent to the workers: see rtstack.campaign.worker.Bench."""
+
+    out: Path
+    cell_file: Path
+    open_cell: OpenCell
+    robot: int
+    nominal: Conditions
+    digest: str
+    sources: tuple[tuple[Path, str], ...]
+
+
+@lru_cache(maxsize=4)
+def _description(bench: ValidationBench) -> CellDescription:
+    check_sources(bench.sources)
+    return load_cell_description(bench.cell_file)
+
+
+@lru_cache(maxsize=1)
+def _identification(bench: ValidationBench) -> Identification:
+    return Identification(_description(bench))
+
+
+def identify(bench: ValidationBench, run: Run) -> str | None:
+    """Make one run of the identification, and its log. Returns None, or in one line why it failed."""
+    specification = run.specification
+    identification = _identification(bench)
+    log = WholeRunLog(
+        bench.out / SWEEPS / run.file, identification.sweep(specification.joint).plan.ticks + SPARE_TICKS,
+        {"trial": trial_metadata(specification, CELL, None)}, common_attachments(bench.cell_file),
+        frames(_description(bench), specification.object),
+    )  # fmt: skip
+    noise = 1000 * specification.run + specification.joint
+    cell = bench.open_cell(specification.object, noise, bench.robot, bench.nominal)
+    try:
+        return identification.run(run, cell, log=log)
+    finally:
+        cell.close()
+
+
+def plan_reference(bench: ValidationBench, reference: PlannedReference, scenario: Scenario) -> None:
+    """Plan a reference, and write it beside its predictions. Raises PlanError."""
+    description = _description(bench)
+    request = scenario.request(reference.case_name, reference.scale, reference.compensate)
+    if isinstance(request, GrabPlan):
+        planned = plan_grab(description, reference.object, request)
+    else:
+        planned = plan_push(description, reference.object, request)
+    path = bench.out / RECORDINGS / reference.file
+    predict(planned, DIRECTIONS[reference.motion]).write(path.with_suffix(".json"))
+    write_plan(path, planned, description, bench.cell_file)
+
+
+def parameters_of(
+    bench: ValidationBench, conditions: Conditions, gains: Gains, description: CellDescription
+) -> Parameters:
+    """Return the controller's numbers: the paper's tasks and interim mode, friction as the conditions have it."""
+    if conditions.joint_friction is JointFriction.IDENTIFIED:
+        description = replace(description, joint_friction=bench.out / FRICTION)
+    parameters = cell_parameters(description)
+    if conditions.joint_friction is JointFriction.NONE:
+        none = FrictionParameters(scale=0.0)
+        parameters = replace(parameters, friction=(none, none))
+    control = ControlParameters(
+        stiffness=np.repeat([gains.k_p, gains.k_theta], 3), posture_gain=gains.k_q, acceleration_tasks=True,
+        blend_interim=False,
+    )  # fmt: skip
+    return replace(parameters, control=control)
+
+
+@lru_cache(maxsize=16)
+def _prepared(
+    bench: ValidationBench, reference: PlannedReference, gains: Gains, conditions: Conditions
+) -> tuple[PreparedTrial, Prediction]:
+    description = _description(bench)
+    path = bench.out / RECORDINGS / reference.file
+    parameters = parameters_of(bench, conditions, gains, description)
+    prepared = prepare_trial(TrialSpecification(str(path), object=reference.object), description, parameters)
+    return prepared, read_prediction(path.with_suffix(".json"))
+
+
+@lru_cache(maxsize=1)
+def _models(bench: ValidationBench) -> tuple[ArmController, ArmController]:
+    description = _description(bench)
+    return arm_controllers(description, cell_parameters(description))
+
+
+def run(
+    bench: ValidationBench, trial: ValidationTrial, reference: PlannedReference, gains: Gains, conditions: Conditions
+) -> Row:
+    """Run a trial and write its log. Returns the row of the results' table."""
+    began_s = time.perf_counter()
+    prepared, prediction = _prepared(bench, reference, gains, conditions)
+    specification = TrialSpecification(f"{RECORDINGS}/{reference.file}", object=trial.object, seed=trial.seed)
+    prepared = replace(prepared, specification=specification)
+    path = bench.out / LOGS / f"{trial.id}.mcap"
+    campaign = {key: str(value) for key, value in asdict(trial).items()} | {"id": trial.id, "digest": bench.digest}
+    metadata = {"trial": trial_metadata(specification, CELL, prepared.reference), "campaign": campaign}
+    log = WholeRunLog(
+        path, prepared.reference.ticks + SPARE_TICKS, metadata, common_attachments(bench.cell_file),
+        frames(prepared.description, trial.object),
+    )  # fmt: skip
+    cell = bench.open_cell(trial.object, trial.seed, bench.robot, conditions)
+    try:
+        result = run_trial(prepared, cell, log=log)
+    finally:
+        cell.close()
+    if log.columns is None or not path.exists():
+        raise OSError(result.failure_reason)
+    signal = feedback_signal(log.columns, result.nominal_impact_time_s, _models(bench), DIRECTIONS[trial.motion])
+    by = prediction.by_inertia
+    measured = Measured(
+        prediction.planned, by[ReflectedInertia.B_THETA], by[ReflectedInertia.B], by[ReflectedInertia.NONE],
+        signal.net, signal.complete,
+    )  # fmt: skip
+    values = {**asdict(trial), **result.as_dict(), **asdict(measured)}
+    return values | {
+        "id": trial.id,
+        "motion": str(trial.motion),
+        "log": f"{LOGS}/{trial.id}.mcap",
+        "git_commit": git_commit(),
+        "digest": bench.digest,
+        "wall_s": time.perf_counter() - began_s,
+        "worker": f"{os.uname().nodename}:{os.getpid()}",
+    }
