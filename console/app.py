@@ -14,10 +14,11 @@ from console.guard import Guard
 from console.parts import Parts
 from console.presence import heartbeat
 from console.review.logs import NotReviewable
-from console.routes import control, foxglove, jobs, live, logs, pages, review, robot, scene, teleoperation
+from console.routes import control, foxglove, jobs, live, logs, pages, recordings, review, robot, scene, teleoperation
 from console.sign_in import NameTaken
 from rtstack.live.client import RobotRefused, RobotUnreachable
 from rtstack.log.errors import LogError
+from rtstack.references.acceptance import AcceptanceError
 
 
 def create_app(parts: Parts, port: int) -> FastAPI:
@@ -30,7 +31,7 @@ def create_app(parts: Parts, port: int) -> FastAPI:
 
     app = FastAPI(title="rtstack console", docs_url=None, redoc_url=None, openapi_url=None, lifespan=alive)
     app.state.parts = parts
-    for module in (pages, robot, control, jobs, logs, live, review, scene, teleoperation, foxglove):
+    for module in (pages, robot, control, jobs, logs, live, review, scene, teleoperation, recordings, foxglove):
         app.include_router(module.router)
     app.mount("/static", StaticFiles(directory=Path(__file__).parent / "static"))
     app.add_exception_handler(HTTPException, _http_error)
@@ -40,6 +41,7 @@ def create_app(parts: Parts, port: int) -> FastAPI:
     app.add_exception_handler(RobotUnreachable, _unreachable)
     app.add_exception_handler(LogError, _log_error)
     app.add_exception_handler(NotReviewable, _not_reviewable)
+    app.add_exception_handler(AcceptanceError, _log_error)
     app.add_middleware(Guard, sign_in=parts.sign_in, port=port)
     return app
 

@@ -1,5 +1,6 @@
 """The list of logs as the page shows it: what was asked, what came out, one row a file."""
 
+import contextlib
 import json
 import math
 from collections.abc import Mapping
@@ -9,13 +10,18 @@ from typing import Any
 
 from rtstack.log.catalogue import Catalogue, LogCondition, LogEntry
 from rtstack.log.errors import LogError
+from rtstack.references.acceptance import Acceptance, AcceptanceError, Verdict, load_acceptance
 
-RECORDING = "demonstration"
+BY_HAND = "recording"
+RECORDINGS = ("demonstration", BY_HAND)
 
 
 @dataclass(frozen=True, slots=True)
 class LogRow:
-    """One log. `outcome` is one line; `recording`: a trial can follow it; `when` is Unix time of the last change, s."""
+    """One log. `outcome` is one line; `when` is Unix time of the last change, s.
+
+    recording: a trial may follow it; title and verdict: what a person said about a recording.
+    """
 
     id: str
     name: str
@@ -33,6 +39,8 @@ class LogRow:
     when: float
     size_bytes: int
     recording: bool
+    title: str
+    verdict: str | None
 
 
 def log_rows(catalogue: Catalogue, being_written: str | None) -> list[LogRow]:
@@ -55,6 +63,7 @@ def log_row(entry: LogEntry, being_written: str | None) -> LogRow:
     values = {**asked, **result}
     seed = _number(values.get("seed"))
     success = values.get("success") if isinstance(values.get("success"), bool) else None
+    acceptance = _acceptance(entry)
     return LogRow(
         id=entry.id,
         name=entry.path.name,
@@ -71,8 +80,26 @@ def log_row(entry: LogEntry, being_written: str | None) -> LogRow:
         max_lift_mm=_number(values.get("max_lift_mm")),
         when=entry.modified_s,
         size_bytes=entry.size_bytes,
-        recording=entry.kind == RECORDING and success is True,
+        recording=success is True and _may_be_followed(entry.kind, acceptance),
+        title=acceptance.name if acceptance is not None else "",
+        verdict=str(acceptance.verdict) if acceptance is not None else None,
     )
+
+
+def _acceptance(entry: LogEntry) -> Acceptance | None:
+    """What was said about a recording, None about any other log, or where the file about it is broken."""
+    with contextlib.suppress(AcceptanceError):
+        return load_acceptance(entry.path) if entry.kind in RECORDINGS else None
+    return None
+
+
+def _may_be_followed(kind: str, acceptance: Acceptance | None) -> bool:
+    """A hand's recording once it was accepted, a scripted one until it is rejected."""
+    if acceptance is None:
+        return False
+    if kind == BY_HAND:
+        return acceptance.verdict is Verdict.ACCEPTED
+    return acceptance.verdict is not Verdict.REJECTED
 
 
 def _outcome(condition: LogCondition, being_written: bool, success: bool | None, reason: Any) -> str:

@@ -10,9 +10,26 @@ from console.parts import NeedsParts
 from console.review.logs import entry_of
 from console.review.plotting import MAPLIBRE_STYLE, PLOTLY_PATH
 from rtstack.samples import Mode
+from rtstack.teleoperation.reach import (
+    FASTEST_M_S,
+    HARDEST_N_M,
+    SLOWEST_M_S,
+    SOFTEST_N_M,
+    SPEED_M_S,
+    STIFFNESS_N_M,
+)
 from rtstack.trials.specification import Controller
 
 router = APIRouter()
+
+_REACH = {
+    "slowest": SLOWEST_M_S,
+    "fastest": FASTEST_M_S,
+    "speed": SPEED_M_S,
+    "softest": SOFTEST_N_M,
+    "hardest": HARDEST_N_M,
+    "stiffness": STIFFNESS_N_M,
+}
 
 _TEMPLATES = Environment(
     loader=FileSystemLoader(Path(__file__).parents[1] / "pages"), autoescape=True, undefined=StrictUndefined
@@ -28,7 +45,7 @@ def operate(request: Request, parts: NeedsParts) -> HTMLResponse:
         page = _TEMPLATES.get_template("sign_in.html").render(csrf=None, refused=refused)
         return HTMLResponse(page, status_code=403 if refused else 401)
     page = _TEMPLATES.get_template("operate.html").render(
-        csrf=session.csrf, page="operate", cell=parts.cell, controllers=[str(name) for name in Controller]
+        csrf=session.csrf, page="operate", cell=parts.cell, controllers=[str(name) for name in Controller], reach=_REACH
     )
     return HTMLResponse(page)
 

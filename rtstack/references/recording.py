@@ -12,12 +12,15 @@ from rtstack.control.records import POINT
 from rtstack.control.tick import ArmController
 from rtstack.log.errors import LogError
 from rtstack.log.reader import Log, read_log
+from rtstack.references.acceptance import Acceptance, AcceptanceError, Verdict, load_acceptance
 from rtstack.references.motion import Motion
 from rtstack.samples import SIDES, Mode
 
 Array = NDArray[np.floating]
 # a robot ends torque control after 20 lost packets: a longer gap is no recording of one motion
 LARGEST_GAP_NS = 21_000_000
+MOVING = 1e-6  # m/s and rad/s: a hand that holds still asks for exactly none
+WAITING_NS = 300_000_000  # of rest that is kept before the first motion: a scripted demonstration has as much
 
 
 class ReferenceError(Exception):
@@ -31,7 +34,8 @@ class Recording:
     points (2, n) of POINT: measured pose, twist and posture, and the wrench and posture acceleration that the
     operator's
     controller wanted; impact: index of the nominal impact T_r; release: index at which the operator let go. load (2, 6)
-    N, Nm: what the object asks of each arm from the nominal impact on, where that is known (a plan).
+    N, Nm: what the object asks of each arm from the nominal impact on, where that is known (a plan). detected: index of
+    the impact that was found, None without one; problem: why no reference can be made of it.
     """
 
     points: NDArray
@@ -41,6 +45,8 @@ class Recording:
     object: str
     motion: Motion = Motion.GRAB
     load: NDArray | None = None
+    detected: int | None = None
+    problem: str | None = None
 
     @property
     def impact_s(self) -> float:
@@ -60,16 +66,30 @@ def load_recording(
 
 
 def recording_of(
-    log: Log, arms: tuple[ArmController, ArmController], detector: DetectorParameters, period_s: float
+    log: Log,
+    arms: tuple[ArmController, ArmController],
+    detector: DetectorParameters,
+    period_s: float,
+    acceptance: Acceptance | None = None,
+    patient: bool = False,
 ) -> Recording:
-    """Return the recording in an open log, as load_recording does."""
+    """Return the recording in an open log, as load_recording does.
+
+    acceptance: what a person said about it, by default what is kept beside it. patient: what cannot be followed is
+    returned with its problem all the same, as long as there is something to show.
+    """
     path = log.path
+    try:
+        accepted = load_acceptance(path) if acceptance is None else acceptance
+    except AcceptanceError as error:
+        raise ReferenceError(str(error)) from None
     controls = [log.topic(f"/{side}/control") for side in SIDES]
     samples = [log.topic(f"/{side}/arm") for side in SIDES]
     taught = controls[0]["t_ns"][controls[0]["mode"] == Mode.TELEOPERATION]
     if len(taught) == 0:
         raise ReferenceError(f"{path}: nothing in it was teleoperated: record a demonstration with `rtstack teach`")
     period_ns = round(period_s * 1e9)
+    taught = taught[taught >= _begun_ns(log, controls, taught[0])]
     grid_ns = np.arange(taught[0], taught[-1] + 1, period_ns)
     for topic in (*controls, *samples):
         within = topic["t_ns"][(topic["t_ns"] >= taught[0]) & (topic["t_ns"] <= taught[-1])]
@@ -101,9 +121,18 @@ def recording_of(
         points[arm]["dxi"] = dq[:, joint]
         points[arm]["wrench_ff"] = _on_grid(controls[arm], "wrench_desired", grid_ns)
         points[arm]["beta"] = _on_grid(controls[arm], "beta", grid_ns)
-    impact = min(hits)
-    if impact == n:
-        raise ReferenceError(f"{path}: no impact was found in the demonstration: record one that hits the object")
+    detected = min(hits) if min(hits) < n else None
+    impact = _nominal(detected, accepted.nominal_impact_s, period_s)
+    problem = None
+    if impact is None:
+        problem = "no impact was found in the demonstration: record one that hits the object"
+    elif impact >= n:
+        problem = f"its impact was set to {impact * period_s:g} s by hand, past its end at {n * period_s:g} s"
+    elif accepted.verdict is Verdict.REJECTED and not patient:
+        problem = "this recording was rejected: follow another one"
+    if problem is not None and not patient:
+        raise ReferenceError(f"{path}: {problem}")
+    impact = n if impact is None or problem is not None else impact
     held = np.flatnonzero(np.min(force, axis=0)[impact:] > detector.force_high_n)
     release = impact + int(held[-1]) if len(held) else impact
     return Recording(
@@ -112,7 +141,23 @@ def recording_of(
         impact=impact,
         release=release,
         object=_object_name(log.metadata),
+        detected=detected,
+        problem=problem,
     )
+
+
+def _nominal(detected: int | None, by_hand_s: float | None, period_s: float) -> int | None:
+    """Return the index of the nominal impact: the one that a person has set, else the one that was found."""
+    return detected if by_hand_s is None else round(by_hand_s / period_s)
+
+
+def _begun_ns(log: Log, controls: list[NDArray], first_ns: int) -> int:
+    """Return when a recording begins, ns: by hand it begins a moment before the first motion, not with the waiting."""
+    if log.metadata.get("trial", {}).get("kind") != "recording":
+        return first_ns
+    moving = [np.flatnonzero(np.abs(topic["twist_ref"]).max(axis=1, initial=0.0) > MOVING) for topic in controls]
+    starts = [int(topic["t_ns"][rows[0]]) for topic, rows in zip(controls, moving, strict=True) if len(rows)]
+    return max(first_ns, min(starts, default=first_ns) - WAITING_NS)
 
 
 def _on_grid(records: NDArray, name: str, grid_ns: NDArray[np.int64]) -> Array:

@@ -32,7 +32,7 @@ function showArm(side, arm) {
   const fault = arm.errors.length > 0 || arm.robot_mode === "REFLEX";
   const moving = arm.robot_mode === "MOVE";
   figure.dataset.mode = fault ? "FAULT" : moving ? arm.mode : arm.robot_mode === "IDLE" ? "IDLE" : "UNKNOWN";
-  write(figure.querySelector(".word"), fault ? "fault" : ROBOT_WORDS[arm.robot_mode] ?? arm.robot_mode);
+  write(figure.querySelector(".word"), fault ? "fault" : moving ? wordOf(arm.mode) : ROBOT_WORDS[arm.robot_mode] ?? arm.robot_mode);
   const errors = arm.errors.length ? `: ${arm.errors.join(", ")}` : "";
   figure.title = `The robot says ${arm.robot_mode}${errors}; commands received ${Math.round(arm.success_rate * 100)} %`;
 }

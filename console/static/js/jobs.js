@@ -6,7 +6,7 @@ import { showError } from "./errors.js";
 import { stop } from "./stop.js";
 
 const ACTIVE = new Set(["starting", "running", "stopping"]);
-const WHAT = { demonstration: "Demonstration", trial: "Trial" };
+const WHAT = { demonstration: "Demonstration", trial: "Trial", teleoperation: "Teleoperation" };
 
 const write = (element, text) => {
   if (element.textContent !== text) element.textContent = text;
@@ -85,6 +85,8 @@ export class Jobs {
     line.dataset.tone = tone;
     const active = ACTIVE.has(job.state);
     document.getElementById("progress-row").hidden = !active;
+    const endless = job.kind === "teleoperation"; // it lasts as long as somebody wants it to
+    document.getElementById("progress").hidden = document.getElementById("progress-text").hidden = endless;
     document.getElementById("progress").value = job.progress;
     write(document.getElementById("progress-text"), `${Math.round(job.progress * 100)} %`);
     const state = `${job.number} ${job.state}`;

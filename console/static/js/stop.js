@@ -5,7 +5,7 @@ import { showError } from "./errors.js";
 
 const TEXT_TYPES = new Set(["text", "search", "number", "email", "url", "password", "tel"]);
 
-function isTextField(element) {
+export function isTextField(element) {
   if (!element) return false;
   if (element.tagName === "TEXTAREA" || element.isContentEditable) return true;
   return element.tagName === "INPUT" && TEXT_TYPES.has(element.type);

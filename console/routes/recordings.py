@@ -1,0 +1,76 @@
+"""Recordings: what can be extracted from one, what a person thinks of it, and throwing it away."""
+
+from dataclasses import asdict, replace
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query
+from fastapi.exceptions import HTTPException
+
+from console.log_rows import RECORDINGS
+from console.parts import NeedsParts, NeedsSession, Parts
+from rtstack.log.catalogue import LogEntry
+from rtstack.log.errors import LogError
+from rtstack.references.acceptance import Acceptance, acceptance_file, load_acceptance, save_acceptance
+from rtstack.references.recording import ReferenceError
+from rtstack.trials.extraction import extract
+
+router = APIRouter(prefix="/api/recordings")
+
+
+@router.get("/{log_id}")
+def recording(
+    log_id: str,
+    parts: NeedsParts,
+    nominal_impact_s: Annotated[float | None, Query(ge=0.0, le=3600.0, allow_inf_nan=False)] = None,
+) -> dict[str, Any]:
+    """Return what was said about a recording and what is extracted from it; nominal_impact_s: as if it were there."""
+    entry = entry_of(parts, log_id)
+    acceptance = load_acceptance(entry.path)
+    tried = acceptance if nominal_impact_s is None else replace(acceptance, nominal_impact_s=nominal_impact_s)
+    try:
+        extraction = extract(entry.path, parts.cell, tried)
+    except ReferenceError as error:
+        raise HTTPException(409, str(error).replace(f"{entry.path}: ", "")) from None
+    problem = extraction.problem and extraction.problem.replace(f"{entry.path}: ", "")
+    return {"acceptance": asdict(acceptance), "extraction": asdict(replace(extraction, problem=problem))}
+
+
+@router.post("/{log_id}")
+def accept(log_id: str, acceptance: Acceptance, parts: NeedsParts) -> dict[str, Any]:
+    """Say what a recording is called, and whether it may be followed. An accepted one has to give a reference."""
+    entry = entry_of(parts, log_id)
+    if acceptance.verdict == "accepted":
+        try:
+            problem = extract(entry.path, parts.cell, acceptance).problem
+        except ReferenceError as error:
+            problem = str(error)
+        if problem is not None:
+            raise HTTPException(409, problem.replace(f"{entry.path}: ", ""))
+    save_acceptance(entry.path, acceptance)
+    return asdict(acceptance)
+
+
+@router.post("/{log_id}/discard")
+def discard(log_id: str, session: NeedsSession, parts: NeedsParts) -> dict[str, bool]:
+    """Throw a recording away: its file is removed. Only a recording, and not the one that is being written."""
+    entry = entry_of(parts, log_id)
+    status = parts.watch.view.status
+    if status is not None and status.job is not None and status.job.active and status.job.log == entry.path.name:
+        raise HTTPException(409, "it is being recorded; finish it first")
+    try:
+        entry.path.unlink()
+        acceptance_file(entry.path).unlink(missing_ok=True)
+    except OSError as error:
+        raise HTTPException(409, f"it cannot be removed: {error.strerror}") from None
+    return {"discarded": True}
+
+
+def entry_of(parts: Parts, log_id: str) -> LogEntry:
+    """Return the recording of an id. Raises HTTPException."""
+    try:
+        entry = parts.catalogue.entry(log_id)
+    except LogError:
+        raise HTTPException(404, "there is no such recording; choose one from the list") from None
+    if entry.kind not in RECORDINGS:
+        raise HTTPException(404, "this log is no recording")
+    return entry

@@ -1,0 +1,125 @@
+// The operator's hand: a clutch that is held is said again and again, and whatever ends the holding is said at once. A
+// page that is frozen, closed or gone says nothing any more: the robot process notices by itself.
+
+import { GamepadDevice, KeyboardDevice } from "./devices.js";
+import { isTextField } from "./stop.js";
+
+const BEAT_MS = 50;
+const RETRY_MS = 1000;
+const LATENCIES = 40;
+
+export class Hand {
+  constructor() {
+    this.keyboard = new KeyboardDevice();
+    this.gamepad = new GamepadDevice();
+    this.usable = false; // whether a teleoperation of ours runs
+    this.held = false; // as we hold it
+    this.by = null; // what holds it: key, button, gamepad
+    this.problem = null;
+    this.latencies = [];
+    this.listeners = [];
+    this.connect();
+    this.listen(window);
+    const scene = document.getElementById("scene");
+    scene.addEventListener("load", () => this.listen(scene.contentWindow));
+    document.addEventListener("visibilitychange", () => document.hidden && this.letGo(true));
+    window.addEventListener("pagehide", () => this.letGo(true));
+    setInterval(() => this.beat(), BEAT_MS);
+  }
+
+  onChange(listener) {
+    this.listeners.push(listener);
+  }
+
+  connect() {
+    const scheme = location.protocol === "https:" ? "wss" : "ws";
+    this.socket = new WebSocket(`${scheme}://${location.host}/api/teleoperation/hand`);
+    this.socket.addEventListener("message", (message) => this.learn(JSON.parse(message.data)));
+    this.socket.addEventListener("close", () => {
+      this.drop("the console does not answer");
+      setTimeout(() => this.connect(), RETRY_MS);
+    });
+  }
+
+  say(message) {
+    if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
+  }
+
+  // Keys are heard in this page and in the scene's frame.
+  listen(target) {
+    target.addEventListener("keydown", (event) => this.keyDown(event));
+    target.addEventListener("keyup", (event) => this.keyUp(event));
+    target.addEventListener("blur", () => setTimeout(() => !document.hasFocus() && this.letGo(true)));
+  }
+
+  keyDown(event) {
+    if (isTextField(event.target) || event.ctrlKey || event.altKey || event.metaKey) return;
+    if (event.code === "KeyC" && !event.repeat) this.press("key");
+    else if (this.usable && this.keyboard.key(event, true)) event.preventDefault();
+  }
+
+  keyUp(event) {
+    if (event.code === "KeyC" && this.by === "key") this.letGo(false);
+    else this.keyboard.key(event, false);
+  }
+
+  press(by) {
+    if (!this.usable || this.held) return;
+    this.held = true;
+    this.by = by;
+    this.problem = null;
+    this.beat();
+    this.tell();
+  }
+
+  letGo(lost) {
+    this.keyboard.forget();
+    if (!this.held) return;
+    this.held = false;
+    this.by = null;
+    this.say({ clutch: false, lost });
+    this.tell();
+  }
+
+  // It is not held any more, whatever the hand does.
+  drop(problem) {
+    if (!this.held) return;
+    this.held = false;
+    this.by = null;
+    this.problem = problem;
+    this.tell();
+  }
+
+  beat() {
+    if (this.gamepad.clutch && this.usable && !this.held && this.by === null) {
+      this.held = true;
+      this.by = "gamepad";
+      this.tell();
+    } else if (this.by === "gamepad" && !this.gamepad.clutch) {
+      this.letGo(false);
+    }
+    if (!this.held) return;
+    const message = { clutch: true, sent: performance.now() };
+    const deflection = this.keyboard.read() ?? this.gamepad.read();
+    if (deflection) message.deflection = deflection;
+    this.say(message);
+  }
+
+  learn(answer) {
+    if (answer.sent) {
+      this.latencies.push(performance.now() - answer.sent);
+      if (this.latencies.length > LATENCIES) this.latencies.shift();
+    }
+    if (answer.error && this.held) this.drop(answer.error);
+  }
+
+  // The middle one of the last beats' ways to the console and back, ms.
+  get latency() {
+    if (this.latencies.length === 0) return null;
+    return [...this.latencies].sort((a, b) => a - b)[Math.floor(this.latencies.length / 2)];
+  }
+
+  tell() {
+    for (const listener of this.listeners) listener();
+  }
+}

@@ -1,0 +1,166 @@
+// The panel of the hand: start and finish, the clutch, how the arms follow, and what the pads feel.
+
+import { post } from "./api.js";
+import { whyNot } from "./control.js";
+import { showError } from "./errors.js";
+import { Hand } from "./hand.js";
+import { isTextField } from "./stop.js";
+import { Strip } from "./strips.js";
+
+const $ = (id) => document.getElementById(id);
+const COUPLINGS = { Digit1: "separate", Digit2: "mirrored", Digit3: "linked" };
+
+const write = (element, text) => {
+  if (element.textContent !== text) element.textContent = text;
+};
+
+function allow(button, why, what = "") {
+  button.disabled = why !== null;
+  button.title = why ?? what;
+}
+
+function clock(seconds) {
+  const whole = Math.max(0, Math.floor(seconds));
+  return `${Math.floor(whole / 60)}:${String(whole % 60).padStart(2, "0")}`;
+}
+
+export class Teleoperate {
+  constructor(live) {
+    this.hand = new Hand();
+    this.view = null;
+    this.force = new Strip($("force-strip"), 10);
+    this.speed = new Strip($("speed-strip"), 0.1);
+    $("practise").addEventListener("click", () => this.start(false));
+    $("record").addEventListener("click", () => this.start(true));
+    $("finish").addEventListener("click", () => this.finish());
+    for (const input of document.querySelectorAll("input[name=coupling]")) {
+      input.addEventListener("change", () => this.hand.say({ coupling: input.value }));
+    }
+    for (const [id, key] of [["speed", "speed_m_s"], ["stiffness", "stiffness_n_m"]]) {
+      $(id).addEventListener("input", () => {
+        this.showSettings();
+        this.hand.say({ [key]: $(id).valueAsNumber });
+      });
+    }
+    $("keys-side").addEventListener("change", (event) => {
+      this.hand.keyboard.side = event.target.value;
+    });
+    const clutch = $("clutch");
+    clutch.addEventListener("pointerdown", (event) => {
+      clutch.setPointerCapture(event.pointerId);
+      this.hand.press("button");
+    });
+    for (const name of ["pointerup", "pointercancel", "lostpointercapture"]) {
+      clutch.addEventListener(name, () => this.hand.by === "button" && this.hand.letGo(false));
+    }
+    for (const target of [window, $("scene")]) {
+      const listen = (window_) => window_.addEventListener("keydown", (event) => this.key(event));
+      if (target === window) listen(window);
+      else target.addEventListener("load", () => listen(target.contentWindow));
+    }
+    this.hand.onChange(() => this.view && this.show(this.view));
+    live.onView((view) => this.show(view));
+    this.showSettings();
+  }
+
+  key(event) {
+    if (event.repeat || isTextField(event.target) || event.ctrlKey || event.altKey || event.metaKey) return;
+    if (event.code in COUPLINGS) {
+      document.querySelector(`input[name=coupling][value=${COUPLINGS[event.code]}]`).click();
+    } else if (event.code === "KeyR") {
+      const button = $("finish").hidden ? $("record") : $("finish");
+      if (!button.disabled && !$("hand").hidden) button.click();
+    }
+  }
+
+  async start(recorded) {
+    for (const id of ["practise", "record"]) $(id).disabled = true;
+    const release = document.querySelector("input[name=release]:checked").value;
+    const order = { object: $("hand-object").value, recorded, stop_on_release: release === "stop" };
+    try {
+      await post("/api/jobs/teleoperation", order);
+      this.hand.say({
+        coupling: document.querySelector("input[name=coupling]:checked").value,
+        speed_m_s: $("speed").valueAsNumber,
+        stiffness_n_m: $("stiffness").valueAsNumber,
+      });
+    } catch (error) {
+      showError(`Not started: ${error.message}. Both arms stay as they are.`);
+    }
+  }
+
+  async finish() {
+    try {
+      await post("/api/teleoperation/finish");
+    } catch (error) {
+      showError(`Not finished: ${error.message}. STOP ends it too.`);
+    }
+  }
+
+  showSettings() {
+    write($("speed-value"), `${$("speed").valueAsNumber.toFixed(2)} m/s`);
+    write($("stiffness-value"), `${$("stiffness").valueAsNumber} N/m`);
+  }
+
+  show(view) {
+    this.view = view;
+    const { status, you } = view;
+    const job = status?.job;
+    const active = job?.kind === "teleoperation" && ["starting", "running", "stopping"].includes(job.state);
+    const mine = status?.holder === you;
+    const led = view.left.mode === "TELEOPERATION" && view.right.mode === "TELEOPERATION";
+    this.hand.usable = active && job.state === "running" && led && mine && !view.unreachable;
+    if (!this.hand.usable && this.hand.held) this.hand.letGo(false);
+    const why = whyNot(view);
+    $("practise").hidden = $("record").hidden = active;
+    $("finish").hidden = !active;
+    allow($("practise"), why, "Move the arms by hand; it is logged, and no reference");
+    allow($("record"), why, "Record a reference by hand, from the arms' home (R)");
+    allow($("finish"), !mine ? "Only who has the robot" : job?.state === "running" ? null : "Wait a moment", "Stop the arms and finish the log (R)");
+    for (const input of document.querySelectorAll("input[name=release], #hand-object")) input.disabled = active;
+    for (const input of document.querySelectorAll("input[name=coupling], #speed, #stiffness")) input.disabled = active && !mine;
+    this.showClutch(view, active, mine, why);
+    this.showRecording(active, job);
+    this.showNumbers(view, active);
+  }
+
+  showClutch(view, active, mine, why) {
+    const clutch = $("clutch");
+    const held = this.hand.held || (active && view.hand.held);
+    clutch.dataset.state = held ? "held" : this.hand.usable ? "ready" : "off";
+    allow(clutch, this.hand.usable ? null : why ?? (active ? "The arms are being made ready" : "Start or record first"));
+    write(clutch, held ? "Clutch held" : "Hold to move");
+    const line = $("hand-line");
+    const refused = active && view.hand.held ? view.hand.refusal : null;
+    const text = refused ?? this.hand.problem ?? this.hint(active, held, mine, why);
+    write(line, text);
+    line.dataset.tone = refused || this.hand.problem ? "bad" : "";
+    $("scene").parentElement.dataset.clutch = held ? "held" : "";
+  }
+
+  hint(active, held, mine, why) {
+    if (!active) return why ?? "";
+    if (!mine) return "Somebody else moves the arms.";
+    if (held) return "The arms follow. Let go of C to stop them.";
+    return this.hand.usable ? "Hold C and drag an arrow in the scene, or jog with W A S D Q E." : "The arms are being made ready.";
+  }
+
+  showRecording(active, job) {
+    const light = $("recording");
+    light.hidden = !active || !job.recorded || job.state === "starting";
+    if (!light.hidden) write(light, `REC ${clock(Date.now() / 1000 - job.started_s)}`);
+  }
+
+  showNumbers(view, active) {
+    const now = performance.now();
+    const of = (key) => [view.left[key], view.right[key]];
+    this.force.add(now, ...of("force_n"));
+    this.speed.add(now, ...(active ? of("speed_m_s") : [null, null]));
+    const text = (value, digits) => (value === null ? "-" : value.toFixed(digits));
+    write($("force-value"), `${of("force_n").map((value) => text(value, 0)).join(" / ")} N`);
+    write($("speed-now"), `${of("speed_m_s").map((value) => text(active ? value : null, 2)).join(" / ")} m/s`);
+    const latency = this.hand.latency;
+    const pad = this.hand.gamepad.pad;
+    write($("devices-line"), `Gizmos, keys${pad ? `, ${pad.id.slice(0, 24)}` : "; no gamepad"}${latency === null ? "" : `. A beat takes ${latency.toFixed(0)} ms`}`);
+  }
+}

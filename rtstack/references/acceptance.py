@@ -1,0 +1,71 @@
+"""What a person thinks of a recording: its name, a note, whether it may be followed, and when its impact was.
+
+It stands beside the recording, in a small file of its own: a log that is finished is never written again.
+"""
+
+import json
+import os
+from dataclasses import asdict
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass as checked
+
+from rtstack.configuration import STRICT
+
+SUFFIX = ".accepted.json"
+
+
+class AcceptanceError(Exception):
+    """The file beside a recording cannot be read or written. The message is one line."""
+
+
+class Verdict(StrEnum):
+    """Whether a recording may be followed."""
+
+    OPEN = "open"
+    ACCEPTED = "accepted"
+    REJECTED = "rejected"
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class Acceptance:
+    """nominal_impact_s: since the recording's start, in the place of the detected one; None where that one is right."""
+
+    name: Annotated[str, Field(max_length=80, pattern=r"^\P{C}*$")] = ""
+    note: Annotated[str, Field(max_length=2000)] = ""
+    verdict: Verdict = Verdict.OPEN
+    nominal_impact_s: Annotated[float, Field(ge=0.0, le=3600.0, allow_inf_nan=False)] | None = None
+
+
+_ACCEPTANCE = TypeAdapter(Acceptance)
+
+
+def acceptance_file(recording: Path) -> Path:
+    """Return where a recording's acceptance is kept."""
+    return recording.with_name(recording.name + SUFFIX)
+
+
+def load_acceptance(recording: Path) -> Acceptance:
+    """Return what was said about a recording, an open one where nothing was. Raises AcceptanceError."""
+    path = acceptance_file(recording)
+    try:
+        return _ACCEPTANCE.validate_json(path.read_bytes())
+    except FileNotFoundError:
+        return Acceptance()
+    except (OSError, ValidationError) as error:
+        line = str(error).splitlines()[0]
+        raise AcceptanceError(f"{path}: {line}; remove the file to begin anew") from None
+
+
+def save_acceptance(recording: Path, acceptance: Acceptance) -> None:
+    """Keep what is said about a recording: whole, or not at all. Raises AcceptanceError."""
+    path = acceptance_file(recording)
+    new = path.with_name(path.name + ".new")
+    try:
+        new.write_text(json.dumps(asdict(acceptance), indent=1) + "\n")
+        os.replace(new, path)
+    except OSError as error:
+        raise AcceptanceError(f"{path}: cannot be written: {error.strerror}") from None

@@ -1,0 +1,99 @@
+"""What a recording gives: the impact that was found in it, and the references that are made of it, as in Figure 5."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtstack.log.errors import LogError
+from rtstack.log.reader import read_log
+from rtstack.model.cell_description import CellDescription
+from rtstack.references.acceptance import Acceptance
+from rtstack.references.recording import ReferenceError, recording_of
+from rtstack.references.spreading import ExtendedReference, extend
+from rtstack.samples import SIDES
+from rtstack.trials.assembly import arm_controllers, default_parameters
+
+Array = NDArray[np.float64]
+AROUND_S = 0.4  # of the impact: what is drawn closely
+_POINTS = 800  # of the whole recording, thinned out
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """One quantity of one arm, along the world's y: recorded, and extended before and after the impact."""
+
+    recorded: list[float]
+    ante: list[float]
+    post: list[float]
+
+
+@dataclass(frozen=True, slots=True)
+class Extraction:
+    """t_s: times of the curves around the impact; velocity m/s and force N of (left, right); whole_*: of all of it.
+
+    problem: why no reference can be made; the curves are empty then. detected_impact_s: None where none was found.
+    """
+
+    duration_s: float
+    object: str
+    detected_impact_s: float | None
+    nominal_impact_s: float | None
+    exclusion_s: float
+    release_s: float | None
+    problem: str | None
+    t_s: list[float]
+    velocity: dict[str, Curve]
+    force: dict[str, Curve]
+    whole_t_s: list[float]
+    whole_velocity: dict[str, list[float]]
+    whole_force: dict[str, list[float]]
+
+
+def extract(path: Path, description: CellDescription, acceptance: Acceptance) -> Extraction:
+    """Make the references of a recording, with what was said about it. ReferenceError: it is none at all."""
+    parameters = default_parameters()
+    control = parameters.control
+    arms = arm_controllers(description, parameters)
+    # shown whatever was decided about it
+    try:
+        log = read_log(path)
+    except LogError as error:
+        raise ReferenceError(str(error)) from None
+    recording = recording_of(log, arms, parameters.detector, control.period_s, acceptance, patient=True)
+    problem = recording.problem
+    reference: ExtendedReference | None = None
+    if problem is None:
+        try:
+            reference = extend(recording, control.exclusion_s)
+        except ReferenceError as error:
+            problem = str(error)
+    n, period_s = recording.points.shape[1], recording.period_s
+    t_s = np.arange(n) * period_s
+    step = max(1, n // _POINTS)
+    near = slice(0, 0)
+    if reference is not None:
+        around = round(AROUND_S / period_s)
+        near = slice(max(0, recording.impact - around), recording.impact + around)
+    curves: dict[str, dict[str, Curve]] = {"twist": {}, "wrench_ff": {}}
+    for name, of in curves.items():
+        for arm, side in enumerate(SIDES):
+            parts = (recording.points, *((reference.ante, reference.post) if reference is not None else ()))
+            drawn = [part[arm][name][near, 1].tolist() for part in parts]
+            of[side] = Curve(*drawn) if len(drawn) == 3 else Curve([], [], [])
+    return Extraction(
+        duration_s=n * period_s,
+        object=recording.object,
+        detected_impact_s=None if recording.detected is None else recording.detected * period_s,
+        nominal_impact_s=recording.impact_s if recording.impact < n else None,
+        exclusion_s=control.exclusion_s,
+        release_s=recording.release * period_s if recording.impact < n else None,
+        problem=problem,
+        t_s=t_s[near].tolist(),
+        velocity=curves["twist"],
+        force=curves["wrench_ff"],
+        whole_t_s=t_s[::step].tolist(),
+        whole_velocity={side: recording.points[arm]["twist"][::step, 1].tolist() for arm, side in enumerate(SIDES)},
+        whole_force={side: recording.points[arm]["wrench_ff"][::step, 1].tolist() for arm, side in enumerate(SIDES)},
+    )
