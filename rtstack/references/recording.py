@@ -19,7 +19,7 @@ from rtstack.samples import SIDES, Mode
 Array = NDArray[np.floating]
 # a robot ends torque control after 20 lost packets: a longer gap is no recording of one motion
 LARGEST_GAP_NS = 21_000_000
-MOVING = 1e-6  # m/s and rad/s: a hand that holds still asks for exactly none
+MOVING = 1e-3  # m/s and rad/s: less is no motion of a hand
 WAITING_NS = 300_000_000  # of rest that is kept before the first motion: a scripted demonstration has as much
 
 

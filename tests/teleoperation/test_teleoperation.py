@@ -16,7 +16,8 @@ from rtstack.samples import Mode
 from rtstack.teleoperation.reach import FASTEST_M_S, HARDEST_N_M
 from rtstack.trials.assembly import arm_controllers, default_parameters
 from rtstack.trials.record import open_log
-from rtstack.trials.specification import TeleoperationSpecification
+from rtstack.trials.run import prepare_trial, run_trial
+from rtstack.trials.specification import TeleoperationSpecification, TrialSpecification
 from rtstack.trials.teleoperation import run_teleoperation
 
 JOB = 5
@@ -237,3 +238,29 @@ def test_stiffness_stays_within_its_bounds_and_never_jumps(teleoperate):
     error = controls[0]["pose_ref"][2900, 1] - log.topic("/left/arm")["O_T_EE"][2900, 1, 3] - base_y
     assert -controls[0]["wrench_desired"][2900, 1] == pytest.approx(HARDEST_N_M * abs(error), rel=0.15)
     assert np.abs(np.diff(log.topic("/left/arm")["tau_desired"][600:3000], axis=0)).max() < 1.0
+
+
+def test_a_grab_by_hand_is_a_reference_that_a_trial_follows(teleoperate, cell):
+    def script(ms, hand):
+        close, lift = np.clip((ms - 1500) / 1000, 0.0, 1.0), np.clip((ms - 2700) / 800, 0.0, 1.0)
+        away = np.clip((ms - 4700) / 800, 0.0, 1.0)
+        inward = 0.31 * close - 0.2 * away
+        rise = 0.1 * np.clip((ms - 1300) / 900, 0.0, 1.0) + 0.1 * (lift - np.clip((ms - 3900) / 800, 0.0, 1.0))
+        hand.hold(((0, -inward, rise), (0, inward, rise)), speed=0.4)
+        if ms == 6000:
+            hand.let_go()
+
+    result, _, log = teleoperate(script, recorded=True)
+    assert result.success, result.failure_reason
+    assert result.detected_impact_time_s is not None
+    prepared = prepare_trial(TrialSpecification(str(log.path), object="rice_box"), cell)
+    reference = prepared.reference
+    # it begins a moment before the first motion, not with the waiting
+    assert reference.nominal_impact_s < result.detected_impact_time_s - 0.8
+    assert np.abs(reference.ante[0]["twist"][:200]).max() < 0.01
+    opened = open_cell("direct", "rice_box", 0.0, 0)
+    trial = run_trial(prepared, opened, log=None)
+    opened.close()
+    assert trial.detected_impact_time_s == pytest.approx(reference.nominal_impact_s, abs=0.03)
+    assert trial.max_lift_mm == pytest.approx(100.0, abs=60.0)
+    assert "safety" not in (trial.failure_reason or "")

@@ -84,9 +84,7 @@ export class Jobs {
     write(line, text);
     line.dataset.tone = tone;
     const active = ACTIVE.has(job.state);
-    document.getElementById("progress-row").hidden = !active;
-    const endless = job.kind === "teleoperation"; // it lasts as long as somebody wants it to
-    document.getElementById("progress").hidden = document.getElementById("progress-text").hidden = endless;
+    document.getElementById("progress-row").hidden = !active || job.kind === "teleoperation"; // it has no length
     document.getElementById("progress").value = job.progress;
     write(document.getElementById("progress-text"), `${Math.round(job.progress * 100)} %`);
     const state = `${job.number} ${job.state}`;

@@ -111,6 +111,7 @@ export class Teleoperate {
     const led = view.left.mode === "TELEOPERATION" && view.right.mode === "TELEOPERATION";
     this.hand.usable = active && job.state === "running" && led && mine && !view.unreachable;
     if (!this.hand.usable && this.hand.held) this.hand.letGo(false);
+    if (!active) this.hand.problem = null;
     const why = whyNot(view);
     $("practise").hidden = $("record").hidden = active;
     $("finish").hidden = !active;

@@ -1,0 +1,67 @@
+"""Recordings over HTTP: extracted, accepted, offered to trials, thrown away."""
+
+import shutil
+
+import pytest
+
+from tests.console.test_console_jobs import arm
+
+
+@pytest.fixture
+def recorded(served, demonstration):
+    """A console with one recording; give it, a signed-in client, its headers and the recording's id."""
+    shutil.copy(demonstration.path, served.logs / "a.mcap")
+    with served.signed_in() as (client, headers):
+        (row,) = client.get("/api/logs").json()
+        yield served, client, headers, row["id"]
+
+
+def test_a_recording_is_extracted_again_with_another_time_and_keeps_what_is_said(recorded):
+    _, client, headers, log_id = recorded
+    first = client.get(f"/api/recordings/{log_id}").json()
+    assert first["acceptance"] == {"name": "", "note": "", "verdict": "open", "nominal_impact_s": None}
+    detected_s = first["extraction"]["detected_impact_s"]
+    later = client.get(f"/api/recordings/{log_id}", params={"nominal_impact_s": detected_s + 0.03}).json()
+    assert later["extraction"]["nominal_impact_s"] == pytest.approx(detected_s + 0.03)
+    assert later["extraction"]["velocity"] != first["extraction"]["velocity"]
+    said = {"name": "<b>grab</b>", "note": "n", "verdict": "accepted", "nominal_impact_s": detected_s + 0.03}
+    assert client.post(f"/api/recordings/{log_id}", json=said, headers=headers).json() == said
+    assert client.get(f"/api/recordings/{log_id}").json()["acceptance"] == said
+    assert client.get("/api/logs").json()[0]["title"] == "<b>grab</b>"
+
+
+def test_a_rejected_recording_is_not_offered_and_what_gives_no_reference_is_not_accepted(recorded):
+    _, client, headers, log_id = recorded
+    assert client.get("/api/logs").json()[0]["recording"]
+    client.post(f"/api/recordings/{log_id}", json={"verdict": "rejected"}, headers=headers).raise_for_status()
+    assert not client.get("/api/logs").json()[0]["recording"]
+    answer = client.post(
+        f"/api/recordings/{log_id}", json={"verdict": "accepted", "nominal_impact_s": 0.01}, headers=headers
+    )
+    assert answer.status_code == 409
+    assert "from an end of the recording" in answer.json()["error"]
+    assert client.get("/api/logs").json()[0]["verdict"] == "rejected"
+
+
+@pytest.mark.parametrize("said", [{"verdict": "good"}, {"nominal_impact_s": -1}, {"name": "x" * 81}, {"more": 1}])
+def test_what_is_no_acceptance_is_one_line(recorded, said):
+    _, client, headers, log_id = recorded
+    answer = client.post(f"/api/recordings/{log_id}", json=said, headers=headers)
+    assert answer.status_code == 422
+    assert "\n" not in answer.json()["error"]
+
+
+def test_a_discarded_recording_is_gone_with_what_was_said_and_nothing_else_can_be(recorded):
+    served, client, headers, log_id = recorded
+    assert client.post(f"/api/recordings/{log_id}/discard").status_code == 403
+    client.post(f"/api/recordings/{log_id}", json={"name": "x"}, headers=headers)
+    assert client.post("/api/recordings/0000/discard", headers=headers).status_code == 404
+    arm(client, headers)
+    client.post("/api/jobs/teleoperation", json={"object": "rice_box", "recorded": True}, headers=headers)
+    served.desk.started("a.mcap")
+    served.parts.watch.learn(served.desk.status())
+    assert client.post(f"/api/recordings/{log_id}/discard", headers=headers).status_code == 409
+    served.desk._change(log="b.mcap")
+    served.parts.watch.learn(served.desk.status())
+    assert client.post(f"/api/recordings/{log_id}/discard", headers=headers).json() == {"discarded": True}
+    assert not list(served.logs.glob("a.mcap*"))
