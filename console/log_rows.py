@@ -20,7 +20,7 @@ RECORDINGS = ("demonstration", BY_HAND)
 class LogRow:
     """One log. `outcome` is one line; `when` is Unix time of the last change, s.
 
-    recording: a trial may follow it; title and verdict: what a person said about a recording.
+    recording: a trial may follow it; title and decision: what a person said about a recording.
     """
 
     id: str
@@ -40,7 +40,7 @@ class LogRow:
     size_bytes: int
     recording: bool
     title: str
-    verdict: str | None
+    decision: str | None
 
 
 def log_rows(catalogue: Catalogue, being_written: str | None) -> list[LogRow]:
@@ -82,7 +82,7 @@ def log_row(entry: LogEntry, being_written: str | None) -> LogRow:
         size_bytes=entry.size_bytes,
         recording=success is True and _may_be_followed(entry.kind, acceptance),
         title=acceptance.name if acceptance is not None else "",
-        verdict=str(acceptance.verdict) if acceptance is not None else None,
+        decision=str(acceptance.verdict) if acceptance is not None else None,
     )
 
 

@@ -9,6 +9,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from console.parts import NeedsParts
 from console.review.logs import entry_of
 from console.review.plotting import MAPLIBRE_STYLE, PLOTLY_PATH
+from console.routes.recordings import recording_entry
 from rtstack.samples import Mode
 from rtstack.teleoperation.reach import (
     FASTEST_M_S,
@@ -48,6 +49,23 @@ def operate(request: Request, parts: NeedsParts) -> HTMLResponse:
         csrf=session.csrf, page="operate", cell=parts.cell, controllers=[str(name) for name in Controller], reach=_REACH
     )
     return HTMLResponse(page)
+
+
+@router.get("/recordings/{log_id}", response_class=HTMLResponse)
+def recording(log_id: str, request: Request, parts: NeedsParts) -> HTMLResponse:
+    """Return the page on which a recording is looked at and decided about."""
+    entry = recording_entry(parts, log_id)
+    page = _TEMPLATES.get_template("recording.html")
+    return HTMLResponse(
+        page.render(
+            csrf=request.state.session.csrf,
+            page="operate",
+            cell=parts.cell,
+            log=entry,
+            plotly=PLOTLY_PATH,
+            maplibre=MAPLIBRE_STYLE,
+        )
+    )
 
 
 @router.get("/logs", response_class=HTMLResponse)

@@ -24,7 +24,7 @@ def recording(
     nominal_impact_s: Annotated[float | None, Query(ge=0.0, le=3600.0, allow_inf_nan=False)] = None,
 ) -> dict[str, Any]:
     """Return what was said about a recording and what is extracted from it; nominal_impact_s: as if it were there."""
-    entry = entry_of(parts, log_id)
+    entry = recording_entry(parts, log_id)
     acceptance = load_acceptance(entry.path)
     tried = acceptance if nominal_impact_s is None else replace(acceptance, nominal_impact_s=nominal_impact_s)
     try:
@@ -38,7 +38,7 @@ def recording(
 @router.post("/{log_id}")
 def accept(log_id: str, acceptance: Acceptance, parts: NeedsParts) -> dict[str, Any]:
     """Say what a recording is called, and whether it may be followed. An accepted one has to give a reference."""
-    entry = entry_of(parts, log_id)
+    entry = recording_entry(parts, log_id)
     if acceptance.verdict == "accepted":
         try:
             problem = extract(entry.path, parts.cell, acceptance).problem
@@ -53,7 +53,7 @@ def accept(log_id: str, acceptance: Acceptance, parts: NeedsParts) -> dict[str, 
 @router.post("/{log_id}/discard")
 def discard(log_id: str, session: NeedsSession, parts: NeedsParts) -> dict[str, bool]:
     """Throw a recording away: its file is removed. Only a recording, and not the one that is being written."""
-    entry = entry_of(parts, log_id)
+    entry = recording_entry(parts, log_id)
     status = parts.watch.view.status
     if status is not None and status.job is not None and status.job.active and status.job.log == entry.path.name:
         raise HTTPException(409, "it is being recorded; finish it first")
@@ -65,7 +65,7 @@ def discard(log_id: str, session: NeedsSession, parts: NeedsParts) -> dict[str, 
     return {"discarded": True}
 
 
-def entry_of(parts: Parts, log_id: str) -> LogEntry:
+def recording_entry(parts: Parts, log_id: str) -> LogEntry:
     """Return the recording of an id. Raises HTTPException."""
     try:
         entry = parts.catalogue.entry(log_id)

@@ -88,6 +88,7 @@ class Console:
 
     def record(self) -> None:
         """Record the scripted demonstration."""
+        self.page.click("#tab-demonstration")
         self.arm()
         rows = self.page.locator("#logs tbody tr").count()
         self.page.click("#demonstration button[type=submit]")
@@ -96,6 +97,7 @@ class Console:
 
     def start_trial(self, controller: str, displacement_mm: str) -> None:
         """Start a trial and wait until it runs."""
+        self.page.click("#tab-trial")
         self.arm()
         self.page.select_option("#trial select[name=controller]", controller)
         self.page.fill("#trial input[name=displacement_mm]", displacement_mm)

@@ -40,7 +40,7 @@ def test_a_rejected_recording_is_not_offered_and_what_gives_no_reference_is_not_
     )
     assert answer.status_code == 409
     assert "from an end of the recording" in answer.json()["error"]
-    assert client.get("/api/logs").json()[0]["verdict"] == "rejected"
+    assert client.get("/api/logs").json()[0]["decision"] == "rejected"
 
 
 @pytest.mark.parametrize("said", [{"verdict": "good"}, {"nominal_impact_s": -1}, {"name": "x" * 81}, {"more": 1}])
@@ -65,3 +65,12 @@ def test_a_discarded_recording_is_gone_with_what_was_said_and_nothing_else_can_b
     served.parts.watch.learn(served.desk.status())
     assert client.post(f"/api/recordings/{log_id}/discard", headers=headers).json() == {"discarded": True}
     assert not list(served.logs.glob("a.mcap*"))
+
+
+def test_the_page_of_a_recording_is_for_recordings_only(recorded):
+    served, client, _, log_id = recorded
+    assert f'data-id="{log_id}"' in client.get(f"/recordings/{log_id}").text
+    (served.logs / "b.mcap").write_bytes(b"not a log")
+    other = next(row["id"] for row in client.get("/api/logs").json() if row["name"] == "b.mcap")
+    for wrong in (other, "0000"):
+        assert client.get(f"/recordings/{wrong}").status_code == 404

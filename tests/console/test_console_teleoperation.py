@@ -33,6 +33,7 @@ def target(served):
 @pytest.fixture
 def running(served):
     """A console whose robot process carries out a teleoperation; arms that say where they were told to be."""
+    served.desk.helm._permit._lease_s = 600.0  # nobody beats here, and a busy machine takes its time
     with served.signed_in() as (client, headers):
         arm(client, headers)
         assert client.post("/api/jobs/teleoperation", json=ORDER, headers=headers).status_code == 202

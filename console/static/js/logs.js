@@ -27,7 +27,7 @@ function addRow(log) {
   cell(row, when(log.when));
   cell(row, log.kind);
   cell(row, plain(log.controller));
-  cell(row, plain(log.object));
+  cell(row, log.title || plain(log.object));
   cell(row, log.displacement_mm === null ? "" : log.displacement_mm.toFixed(0), "number");
   cell(row, plain(log.seed), "number");
   const outcome = cell(row, log.outcome, "outcome");
@@ -41,7 +41,15 @@ function addRow(log) {
   link.download = log.name;
   link.textContent = "download";
   link.title = log.name;
-  row.insertCell().append(link);
+  const last = row.insertCell();
+  if (log.decision !== null && log.success !== null) {
+    const look = document.createElement("a");
+    look.href = `/recordings/${encodeURIComponent(log.id)}`;
+    look.textContent = log.decision === "open" ? "decide" : log.decision;
+    look.title = "What is extracted from this recording, and whether trials may follow it";
+    last.append(look, " ");
+  }
+  last.append(link);
 }
 
 export class Logs {
@@ -98,7 +106,7 @@ export class Logs {
     const recordings = this.logs.filter((log) => log.recording).sort((a, b) => b.when - a.when);
     const select = document.querySelector("#trial select[name=reference]");
     const chosen = select.value;
-    select.replaceChildren(...recordings.map((log) => new Option(`${plain(log.object)}, ${shortWhen(log.when)}`, log.id)));
+    select.replaceChildren(...recordings.map((log) => new Option(`${log.title || plain(log.object)}, ${shortWhen(log.when)}`, log.id)));
     if (recordings.length === 0) select.add(new Option("no recording yet", ""));
     else if (recordings.some((log) => log.id === chosen)) select.value = chosen;
     this.onRecordings(recordings.length);
