@@ -18,7 +18,7 @@ from rtstack.trials.specification import Controller, TrialSpecification
 
 
 @pytest.mark.parametrize(
-    ("controller", "displacement_mm"), list(zip(Controller, (-30.0, 30.0, 0.0, -30.0), strict=True))
+    ("controller", "displacement_mm"), list(zip(Controller, (-30.0, 30.0, 0.0, -30.0, 30.0), strict=True))
 )
 def test_the_judge_changes_nothing_in_a_good_trial(runner, controller, displacement_mm):
     result = runner.run(controller, displacement_mm)
