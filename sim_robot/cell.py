@@ -18,7 +18,7 @@ from hal.state import ArmState, RobotMode
 from sim_robot import reflexes
 from sim_robot.clock import Clock
 from sim_robot.control_box import ControlBox
-from sim_robot.faults.file import refuse_link_faults
+from sim_robot.faults.file import refuse_link_faults, tilt_of
 from sim_robot.faults.injection import Injection
 from sim_robot.faults.kinds import Fault
 from sim_robot.model import SIDES
@@ -210,7 +210,7 @@ def simulated_cell(
         refuse_link_faults(faults)
     layout = load_scene(scene)
     parameters = load_plant_parameters() if parameters is None else parameters
-    plant = Plant(layout, parameters, object_name, displacement_m, seed, arms_seed)
+    plant = Plant(layout, parameters, object_name, displacement_m, seed, arms_seed, tilt_of(faults))
     return SimulatedCell(plant, layout, parameters, seed, clock, box_kind, faults)
 
 

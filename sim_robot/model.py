@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from sim_robot.arm_description import JOINTS, ArmDescription
 from sim_robot.contact import set_contacts
-from sim_robot.scene import ArmPlacement, ObjectPlacement, Scene
+from sim_robot.scene import ArmPlacement, GraspObject, ObjectPlacement, Scene
 
 Array = NDArray[np.float64]
 SIDES = ("left", "right")
@@ -108,6 +108,8 @@ def cell_xml(scene: Scene, object_name: str, placement: ObjectPlacement, arms: t
     geom.set("size", _text((table.size_xy[0] / 2.0, table.size_xy[1] / 2.0, table.top_z / 2.0)))
     geom.set("friction", f"{table.friction!r} 0 0")
     _collides(geom, "table")
+    if placement.on_wedge:
+        _add_wedge(world, scene, thing, placement)
     body = SubElement(world, "body", name="object", pos=_text(placement.position), quat=_text(placement.wxyz))
     SubElement(body, "freejoint", name="object")
     geom = SubElement(body, "geom", name="object", type="box", size=_text(np.array(thing.size) / 2.0))
@@ -115,6 +117,21 @@ def cell_xml(scene: Scene, object_name: str, placement: ObjectPlacement, arms: t
     geom.set("friction", f"{table.friction!r} 0 0")
     _collides(geom, "object")
     return ElementTree.tostring(root, encoding="unicode")
+
+
+def _add_wedge(world: Element, scene: Scene, thing: GraspObject, placement: ObjectPlacement) -> None:
+    """Put a wedge under a tilted object: two thirds of its underside, from the edge on the table upwards."""
+    R = np.zeros(9)
+    mujoco.mju_quat2Mat(R, np.array(placement.wxyz))
+    R = R.reshape(3, 3)
+    half = np.array(thing.size) / 2.0
+    low = -1.0 if R[2, 1] > 0.0 else 1.0  # which of the object's sides, along its y, is the lower one
+    size = half * (1.0, 2.0 / 3.0, 0.3)
+    centre = np.array(placement.position) + R @ (0.0, low * half[1] / 3.0, -half[2] - size[2])
+    geom = SubElement(world, "geom", name="wedge", type="box", pos=_text(centre), size=_text(size))
+    geom.set("quat", _text(placement.wxyz))
+    geom.set("friction", f"{scene.table.friction!r} 0 0")
+    _collides(geom, "table")
 
 
 def build_cell(

@@ -46,18 +46,18 @@ class Plant:
 
     def __init__(
         self, scene: Scene, parameters: PlantParameters, object_name: str, displacement_m: float, seed: int,
-        arms_seed: int | None = None,
+        arms_seed: int | None = None, tilt_deg: float = 0.0,
     ) -> None:  # fmt: skip
         """Build the cell at rest, both arms held. arms_seed: whose arms these are, by default the seed's own.
 
-        Raises UnknownObject, ObjectOutOfReach.
+        tilt_deg: see Scene.place. Raises UnknownObject, ObjectOutOfReach.
         """
         _, placement_seed = np.random.SeedSequence([seed, 0]).spawn(2)
         arms, _ = np.random.SeedSequence([seed if arms_seed is None else arms_seed, 0]).spawn(2)
         places = (scene.left, scene.right)
         faces_y = [float(pad_face(place, scene.pad.face_offset_z)[1]) for place in places]
         generator = np.random.default_rng(placement_seed)
-        placement = scene.place(object_name, displacement_m, (faces_y[0], faces_y[1]), generator)
+        placement = scene.place(object_name, displacement_m, (faces_y[0], faces_y[1]), generator, tilt_deg)
         self._start(scene, parameters, object_name, placement, np.random.default_rng(arms))
 
     @classmethod

@@ -106,10 +106,11 @@ class GraspObject:
 
 @dataclass(frozen=True, slots=True)
 class ObjectPlacement:
-    """Where the object starts: centre in the world (3,) m, quaternion wxyz (4,)."""
+    """Where the object starts: centre in the world (3,) m, quaternion wxyz (4,); on_wedge: tilted, on a wedge."""
 
     position: Vector3
     wxyz: Quaternion
+    on_wedge: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,8 +154,11 @@ class Scene:
         displacement_m: float,
         pad_faces_y: Vector2,
         generator: np.random.Generator | None,
+        tilt_deg: float = 0.0,
     ) -> ObjectPlacement:
         """Put the object on the table, `displacement_m` along y from its place; scattered with a generator.
+
+        tilt_deg: about the world's x, one lower edge on the table and a wedge under the rest.
 
         Raises UnknownObject, and ObjectOutOfReach naming the allowed range.
         """
@@ -172,7 +176,14 @@ class Scene:
             x, y = x + float(scatter[0]), y + float(scatter[1])
             yaw = self.placement_scatter.yaw_deg * pi / 180.0 * float(generator.standard_normal())
         z = self.table.top_z + thing.size[2] / 2.0
-        return ObjectPlacement((x, y + displacement_m, z), (cos(yaw / 2.0), 0.0, 0.0, sin(yaw / 2.0)))
+        w, s = cos(yaw / 2.0), sin(yaw / 2.0)
+        if tilt_deg == 0.0:
+            return ObjectPlacement((x, y + displacement_m, z), (w, 0.0, 0.0, s))
+        tilt = tilt_deg * pi / 180.0
+        z = self.table.top_z + (thing.size[2] * cos(tilt) + thing.size[1] * abs(sin(tilt))) / 2.0
+        c, t = cos(tilt / 2.0), sin(tilt / 2.0)
+        # first the yaw, then the tilt about the world's x
+        return ObjectPlacement((x, y + displacement_m, z), (c * w, t * w, -t * s, c * s), on_wedge=True)
 
 
 def load_scene(path: Path | None = None) -> Scene:

@@ -1,15 +1,18 @@
 """The simulated cell of a campaign: its scene as the campaign has fixed it, scattered by the seed."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from importlib.resources import as_file, files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from hal.cell import Cell
 from rtstack.campaign.plan import Conditions
 from sim_robot.cell import SimulatedCell
+from sim_robot.faults.file import faults_in, tilt_of
 from sim_robot.plant import Plant
 from sim_robot.plant_parameters import PlantParameters, load_plant_parameters
 from sim_robot.scene import PlacementScatter, Scene, load_scene
@@ -18,14 +21,20 @@ SMALLEST_FACTOR = 0.2  # of friction, however large the scatter
 FRICTION_DRAW = 3  # beside 0 arms and placement, 1 sensors, 2 tracker (sim_robot)
 
 
-def open_conditioned_cell(object_name: str, displacement_m: float, seed: int, conditions: Conditions) -> Cell:
-    """Open the cell in this process, in lockstep, with the object in its place. Raises HardwareError."""
+def open_conditioned_cell(
+    object_name: str, displacement_m: float, seed: int, conditions: Conditions, script: Sequence[dict[str, Any]] = ()
+) -> Cell:
+    """Open the cell in this process, in lockstep, with the object in its place. Raises HardwareError.
+
+    script: what goes wrong, tables as in a faults file (sim_robot/faults/kinds.py).
+    """
+    faults = faults_in({"fault": list(script)}, "the campaign's script")
     nominal, parameters = simulated_files()
     scene = conditioned(nominal, conditions, seed)
     sensors = replace(parameters.sensors, tau_ext_cutoff_hz=conditions.tau_ext_cutoff_hz)
     parameters = replace(parameters, sensors=sensors)
-    plant = Plant(scene, parameters, object_name, displacement_m, seed)
-    return SimulatedCell(plant, scene, parameters, seed).as_cell("direct")
+    plant = Plant(scene, parameters, object_name, displacement_m, seed, tilt_deg=tilt_of(faults))
+    return SimulatedCell(plant, scene, parameters, seed, faults=faults).as_cell("direct")
 
 
 def plant_files() -> list[Path]:

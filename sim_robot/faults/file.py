@@ -6,7 +6,17 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from sim_robot.faults.kinds import KINDS, OF_NO_ARM, OF_THE_LINK, WITHOUT_DURATION, Fault, Origin, Reflex
+from sim_robot.faults.kinds import (
+    FROM_THE_START,
+    KINDS,
+    OF_NO_ARM,
+    OF_THE_LINK,
+    WITHOUT_DURATION,
+    Fault,
+    ObjectTilted,
+    Origin,
+    Reflex,
+)
 from sim_robot.model import SIDES
 from sim_robot.strict_toml import BadParameterFile, record_from_table
 
@@ -62,6 +72,11 @@ def refuse_link_faults(faults: tuple[Fault, ...]) -> None:
         )
 
 
+def tilt_of(faults: tuple[Fault, ...]) -> float:
+    """Return by how much the object is tilted from the start, degrees about the world's x."""
+    return sum(fault.effect.tilt_deg for fault in faults if isinstance(fault.effect, ObjectTilted))
+
+
 class _Wrong(Exception):
     def __init__(self, key: str, message: str) -> None:
         super().__init__(message)
@@ -77,14 +92,14 @@ def _fault(table: Any) -> Fault:
         raise _Wrong("kind", f"{said}; choose one of {', '.join(KINDS)}")
     effect = KINDS[kind]
     own = [field.name for field in fields(effect)]
-    common = ["kind", "at_s", "when", "delay_s"]
+    common = ["kind"] if effect in FROM_THE_START else ["kind", "at_s", "when", "delay_s"]
     common += [] if effect in OF_NO_ARM else ["arm"]
     common += [] if effect in WITHOUT_DURATION else ["duration_s"]
     for key in table:
         if key not in common + own:
             raise _Wrong(key, f"unknown key {key!r}; its keys are {', '.join(common + own)}")
     sides = (0, 1) if effect in OF_NO_ARM else _sides(table)
-    origin, delay_ms = _moment(table)
+    origin, delay_ms = (Origin.MOTION, 0) if effect in FROM_THE_START else _moment(table)
     duration_ms = _milliseconds(table, "duration_s", smallest_s=1e-3) if "duration_s" in table else None
     if effect is Reflex and duration_ms is None:
         duration_ms = 1

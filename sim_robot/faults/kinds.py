@@ -6,6 +6,8 @@
 | joint_push       | torque_Nm       | an outer torque, (7,) Nm, on the link side of the joints                        |
 | slip             | friction_factor | the friction between the arm's pad and the object, times this                   |
 | object_lost *    | -               | the object is taken away for good; the tracker sees it no more                  |
+| object_mass *    | mass_factor     | the object's mass and inertia, times this                                       |
+| object_tilted *  | tilt_deg        | the object stands on a wedge, turned about the world's x, from the start        |
 | friction_change  | friction_factor | the friction of the arm's joints, times this                                    |
 | tau_sensor_bias  | bias_Nm         | added to the joint torque sensors, (7,) Nm; the torque loop believes it         |
 | reflex           | error           | the vendor's error of that name; recovery is refused for `duration_s`           |
@@ -22,8 +24,9 @@
 
 Keys of every kind: `arm` = left, right or both (none for kinds with *); the moment, which is either `at_s`, the
 robot's time since the first motion of any arm, or `when = "first_contact"` (of a pad with the object) and `delay_s`
-after it; `duration_s`, to the end when left out. object_lost, disconnect and stall have no duration, and a reflex
-without one is over at once, though latched. Kinds with + need the Franka Control Interface between robot and client.
+after it; `duration_s`, to the end when left out. object_lost, disconnect and stall have no duration, object_tilted
+neither that nor a moment, and a reflex without one is over at once, though latched. Kinds with + need the Franka
+Control Interface between robot and client.
 
 Time is the plant's, in ms: a fault at 0.1 s acts on the ms that follows the state at 0.1 s, and the state after it is
 the first that shows, freezes or loses anything, and whose answer is the first that is lost. In lockstep the plant
@@ -42,6 +45,8 @@ from sim_robot.scene import Vector3
 LARGEST_FORCE_N = 1000.0
 LARGEST_TORQUE_NM = 200.0
 LARGEST_FACTOR = 100.0
+SMALLEST_MASS_FACTOR = 0.01
+LARGEST_TILT_DEG = 20.0  # steeper, it would slide off its wedge
 LARGEST_STALL_MS = 60_000.0
 
 
@@ -128,6 +133,26 @@ class ObjectLost:
 
 
 @dataclass(frozen=True, slots=True)
+class ObjectMass:
+    """The object is heavier or lighter than it looks."""
+
+    mass_factor: float
+
+    def __post_init__(self) -> None:
+        _within("mass_factor", (self.mass_factor,), SMALLEST_MASS_FACTOR, LARGEST_FACTOR)
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectTilted:
+    """Something lies under the object: its sides are not upright. Positive: the left arm's edge is the higher one."""
+
+    tilt_deg: float
+
+    def __post_init__(self) -> None:
+        _within("tilt_deg", (self.tilt_deg,), -LARGEST_TILT_DEG, LARGEST_TILT_DEG)
+
+
+@dataclass(frozen=True, slots=True)
 class UserStop:
     """Somebody presses the external activation device."""
 
@@ -184,8 +209,8 @@ class TrackerFrozen:
 
 
 Effect = (
-    Push | JointPush | Slip | FrictionChange | TauSensorBias | Reflex | Stall | ObjectLost | UserStop | StateFrozen
-    | StateNan | TimeBack | StatesLost | AnswersLost | Disconnect | TrackerLost | TrackerFrozen
+    Push | JointPush | Slip | FrictionChange | TauSensorBias | Reflex | Stall | ObjectLost | ObjectMass | ObjectTilted
+    | UserStop | StateFrozen | StateNan | TimeBack | StatesLost | AnswersLost | Disconnect | TrackerLost | TrackerFrozen
 )  # fmt: skip
 
 KINDS: dict[str, type[Effect]] = {
@@ -193,6 +218,8 @@ KINDS: dict[str, type[Effect]] = {
     "joint_push": JointPush,
     "slip": Slip,
     "object_lost": ObjectLost,
+    "object_mass": ObjectMass,
+    "object_tilted": ObjectTilted,
     "friction_change": FrictionChange,
     "tau_sensor_bias": TauSensorBias,
     "reflex": Reflex,
@@ -207,8 +234,9 @@ KINDS: dict[str, type[Effect]] = {
     "tracker_lost": TrackerLost,
     "tracker_frozen": TrackerFrozen,
 }
-OF_NO_ARM = (ObjectLost, Stall, TrackerLost, TrackerFrozen)
-WITHOUT_DURATION = (ObjectLost, Disconnect, Stall)
+OF_NO_ARM = (ObjectLost, ObjectMass, ObjectTilted, Stall, TrackerLost, TrackerFrozen)
+WITHOUT_DURATION = (ObjectLost, ObjectTilted, Disconnect, Stall)
+FROM_THE_START = (ObjectTilted,)  # part of the scene: no moment
 OF_THE_LINK = (StatesLost, AnswersLost, Disconnect, Stall)
 
 

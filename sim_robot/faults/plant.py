@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_robot.arm_description import JOINTS
-from sim_robot.faults.kinds import FrictionChange, JointPush, ObjectLost, Push, Slip, TauSensorBias
+from sim_robot.faults.kinds import FrictionChange, JointPush, ObjectLost, ObjectMass, Push, Slip, TauSensorBias
 from sim_robot.faults.schedule import Schedule
 from sim_robot.model import SIDES
 from sim_robot.plant import Plant
@@ -25,6 +25,8 @@ class PlantFaults:
         self._pads = [model.geom(f"{side}_pad").id for side in SIDES]
         self._pad_bodies = [model.body(f"{side}_pad").id for side in SIDES]
         self._object = model.geom("object").id
+        self._body = model.body("object").id
+        self._mass, self._inertia = float(model.body_mass[self._body]), model.body_inertia[self._body].copy()
         self._face_in_pad = np.array([0.0, 0.0, pad_thickness / 2.0])
         self._jacobian = np.zeros((3, model.nv))
         self._pad_friction = model.geom_friction[self._pads].copy()
@@ -60,6 +62,12 @@ class PlantFaults:
             # is as good as a constant friction torque
             heeded = (nominal["B_theta"] / nominal["B"] - 1.0) * self._biases[side]
             joint["friction_offset"] = friction * nominal["friction_offset"] + heeded
+        # the contacts stay as they were compiled: stiffness and damping in N/m and Ns/m are of the surfaces
+        mass = np.prod([effect.mass_factor for effect in effects(ObjectMass, 0)])
+        plant.model.body_mass[self._body], plant.model.body_inertia[self._body] = (
+            mass * self._mass,
+            mass * self._inertia,
+        )
         self._biased = bool(self._biases.any())
         self.object_lost = bool(effects(ObjectLost, 0))
 

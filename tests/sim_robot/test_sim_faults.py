@@ -125,6 +125,27 @@ def test_an_object_that_is_lost_presses_no_more_and_is_seen_no_more() -> None:
     assert abs(seen.position[0]) < 0.05
 
 
+def test_an_object_weighs_what_the_script_says() -> None:
+    cell = faulty_cell({"kind": "object_mass", "mass_factor": 3.0, "at_s": 0.05, "duration_s": 0.3})
+    carried = []
+    for _ in range(3):
+        hold(cell, 200)
+        carried.append(cell.plant.data.qfrc_constraint[16])
+    weight = 1.25 * 9.81
+    assert carried == pytest.approx([3.0 * weight, weight, weight], rel=0.02)
+
+
+@pytest.mark.parametrize("tilt_deg", [15.0, -15.0])
+def test_a_tilted_object_stands_on_its_wedge(tilt_deg: float) -> None:
+    cell = faulty_cell({"kind": "object_tilted", "tilt_deg": tilt_deg})
+    begin = cell.object_truth()
+    hold(cell, 1000)
+    position, (w, x, y, z) = cell.object_truth()
+    assert np.degrees(2.0 * np.arctan2(x, w)) == pytest.approx(tilt_deg, abs=0.3)
+    assert np.hypot(y, z) < 5e-3
+    assert position == pytest.approx(begin[0], abs=2e-3)
+
+
 def test_the_first_contact_sets_the_time() -> None:
     """The same script at another distance of the box acts later, by as much as the contact comes later."""
     times = []
@@ -232,6 +253,7 @@ def test_nothing_changes_before_a_fault_and_without_one() -> None:
     every = [
         at("push", force_N=[9.0, 0.0, 0.0]), at("slip", friction_factor=0.1), at("object_lost"), at("tracker_lost"),
         at("friction_change", friction_factor=2.0), at("tau_sensor_bias", bias_Nm=[1.0] * 7), at("state_frozen"),
+        at("object_mass", mass_factor=3.0),
     ]  # fmt: skip
     faulty = hold(faulty_cell(*every), 150)
     assert plain[:101].tobytes() == faulty[:101].tobytes()
@@ -252,6 +274,7 @@ OWN = {
     "joint_push": {"torque_Nm": torques},
     "slip": {"friction_factor": factors},
     "object_lost": {},
+    "object_mass": {"mass_factor": st.floats(0.1, 10.0)},
     "friction_change": {"friction_factor": factors},
     "tau_sensor_bias": {"bias_Nm": torques},
 }
