@@ -25,6 +25,8 @@ class Mode(IntEnum):
     POST_IMPACT = 4
     STOPPING = 5
     STOPPED = 6
+    HOLDING = 7  # reactions to an impact that was not meant
+    RETREATING = 8
 
 
 class QpStatus(IntEnum):
@@ -45,6 +47,15 @@ class QpSolver(StrEnum):
     DAQP = "daqp"
 
 
+class Reaction(StrEnum):
+    """What an unexpected verdict leads to."""
+
+    CONTINUE = "continue"  # nothing but a mark in log and result
+    STOP = "stop"  # the judge's controlled stop
+    HOLD = "hold"  # the setpoint stays where it is
+    RETREAT = "retreat"  # back the way it came, unless the object may have been lifted: then it holds
+
+
 # hal's state and the torques: what the controller wanted, and what the safety judge let through
 ARM_SAMPLE = np.dtype([*ARM_STATE.descr, ("tau_desired", "f8", 7), ("tau_applied", "f8", 7)])
 
@@ -63,6 +74,13 @@ CONTROL_SAMPLE = np.dtype(
         ("momentum_residual", "f8", 7),  # Nm, sign of tau_ext_hat_filtered
         ("residual_rate", "f8", 7),  # Nm/s
         ("force_norm", "f8"),  # (33), over both arms
+        # of the aim-aware monitor (rtstack.monitor)
+        ("impact_verdict", "i8"),  # Verdict of this arm
+        ("impact_reason", "i8"),  # Reason
+        ("impact_margin", "f8"),  # 1 as meant, 0 at the nearest bound
+        ("pair_verdict", "i8"),  # Verdict of both arms and what is in between
+        ("pair_reason", "i8"),
+        ("pair_margin", "f8"),
     ]
 )
 

@@ -15,10 +15,13 @@ from rtstack.control.modes import ModeMachine, Strategy
 from rtstack.control.plain import PlainArm, PlainSetpoint, PlainState
 from rtstack.control.records import POINT
 from rtstack.control.tick import ArmController, DualArmController
+from rtstack.control.watch import TrialMonitor
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
+from rtstack.references.impact import ExpectedImpact
 from rtstack.samples import Mode, QpSolver, QpStatus
 from rtstack.trials.assembly import Parameters, arm_controllers, safety_judges
+from rtstack.trials.monitoring import load_tuning
 
 Array = NDArray[np.floating]
 WARM_UP = 200  # ticks that are not counted
@@ -28,8 +31,8 @@ WARM_UP = 200  # ticks that are not counted
 class TickBenchmark:
     """Times of the whole dual-arm tick in us, and what they are compared with.
 
-    tick_*: no limit active. constrained_*: a limit active in half of the ticks. model, observe, command, judge: parts
-    of the tick without a limit, p50. speedup: plain numpy over compiled, p50 over p50, no limit active.
+    tick_*: no limit active. constrained_*: a limit active in half of the ticks. model, observe, monitor, command,
+    judge: parts of the tick without a limit, p50. speedup: plain numpy over compiled, p50 over p50, no limit active.
     largest_difference: between both torques, Nm, over all ticks without a limit.
     """
 
@@ -47,6 +50,7 @@ class TickBenchmark:
     unsolved: int
     model_us_p50: float
     observe_us_p50: float
+    monitor_us_p50: float
     command_us_p50: float
     judge_us_p50: float
     largest_difference: float
@@ -63,7 +67,7 @@ class _Pair:
         self.arms = arm_controllers(description, parameters)
         machine = ModeMachine(Strategy.PROPOSED, parameters.control, 1e9)
         machine.begin(Mode.ANTE_IMPACT)
-        self.controller = DualArmController(*self.arms, machine)
+        self.controller = DualArmController(*self.arms, machine, _monitor(parameters.control.period_s))
         self.judges = safety_judges(replace(description, safety={}))  # the walk leaves the cell's box
         mountings = (description.left, description.right)
         self.plain = tuple(
@@ -122,6 +126,7 @@ class _Pair:
         began = time.perf_counter_ns()
         for arm in self.arms:
             arm.observe()
+        self.watch()
         self.controller.decide(0.0)
         worst = 0
         self.choose()
@@ -133,6 +138,11 @@ class _Pair:
             arm.applied()
         elapsed = time.perf_counter_ns() - began
         return elapsed, [arm.sample["tau_desired"][0].copy() for arm in self.arms], worst
+
+    def watch(self) -> None:
+        """Let the monitor see both arms."""
+        for side in range(2):
+            self.controller.watch(side, self._now_ns)
 
     def choose(self) -> None:
         """Make the references of this tick the setpoints of both arms."""
@@ -193,6 +203,15 @@ def bench_tick(description: CellDescription, parameters: Parameters, ticks: int,
     )
 
 
+def _monitor(period_s: float) -> TrialMonitor:
+    """A monitor that has seen an impact and follows its envelopes for ever: its most expensive tick."""
+    still = np.zeros((2, 1, 7))
+    impact = ExpectedImpact(0.0, np.zeros((2, 7)), np.zeros((2, 7)), still, np.zeros((1, 3)), 1e6, 2e6)
+    monitor = TrialMonitor(load_tuning().monitor, impact, period_s)
+    monitor.arms["impacts"], monitor.arms["t_impact_ns"] = 1, 1 << 61
+    return monitor
+
+
 def _percentile(values: Array, share: float) -> float:
     return round(float(np.percentile(values, share)), 3)
 
@@ -200,7 +219,7 @@ def _percentile(values: Array, share: float) -> float:
 def _parts(pair: _Pair, ticks: int) -> dict[str, float]:
     """Time the parts of both arms' tick, each by itself."""
     arms: tuple[ArmController, ArmController] = pair.arms
-    parts: dict[str, list[int]] = {"model": [], "observe": [], "command": [], "judge": []}
+    parts: dict[str, list[int]] = {"model": [], "observe": [], "monitor": [], "command": [], "judge": []}
     for k in range(ticks):
         pair.pose(k, False)
         pair.choose()
@@ -210,6 +229,8 @@ def _parts(pair: _Pair, ticks: int) -> dict[str, float]:
         marks.append(time.perf_counter_ns())
         for arm in arms:
             arm.observe()
+        marks.append(time.perf_counter_ns())
+        pair.watch()
         marks.append(time.perf_counter_ns())
         for arm in arms:
             arm.command(Mode.ANTE_IMPACT)

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from rtstack.references.motion import Motion
-from rtstack.samples import QpSolver
+from rtstack.samples import QpSolver, Reaction
 from rtstack.trials.specification import Controller
 
 app = typer.Typer(
@@ -67,12 +67,24 @@ def trial(
     friction: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Friction, made by `rtstack identify-friction`.")
     ] = None,
+    reaction: Annotated[
+        Reaction, typer.Option(help="What an impact leads to that was not meant; continue: a mark in log and result.")
+    ] = Reaction.CONTINUE,
+    monitor: Annotated[
+        Path | None, typer.Option(metavar="TOML", help="The monitor's parameters, made by `rtstack tune-monitor`.")
+    ] = None,
+    faults: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="TOML script of what goes wrong in a simulated cell.")
+    ] = None,
     json: Json = False,
 ) -> None:
     """Run one trial: follow a recording through the impact."""
     from rtstack.cli.trials import trial as run
 
-    run(reference, controller, object_name, displacement_mm, seed, log, cell, cell_file, json, safety, friction)
+    run(
+        reference, controller, object_name, displacement_mm, seed, log, cell, cell_file, json, safety, friction,
+        reaction, monitor, faults,
+    )  # fmt: skip
 
 
 @app.command("identify-friction")
@@ -201,6 +213,22 @@ def campaign(
     from rtstack.cli.campaign import campaign as run
 
     run(name, out, quick, workers, scheduler, resume)
+
+
+@app.command("tune-monitor")
+def tune_monitor(
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG.mcap...", help="Good runs: trials that succeeded.")],
+    out: Annotated[Path, typer.Option(metavar="TOML", help="The parameters to write.")],
+    sensitivity: Annotated[
+        float,
+        typer.Option(help="How many times the worst good run's deviation is unexpected.", min=1.0, max=10.0),
+    ] = 1.3,
+    json: Json = False,
+) -> None:
+    """Find the aim-aware monitor's parameters from good runs; every third one is held out, and checked."""
+    from rtstack.cli.monitor import tune_monitor as run
+
+    run(logs, out, sensitivity, json)
 
 
 @app.command("impact-map")

@@ -10,6 +10,8 @@ from rtstack.cli.interrupt import interruptible
 from rtstack.cli.progress import progress_bar
 from rtstack.log.writer import Attachment, check_log_path
 from rtstack.loop.watchdogs import Parent
+from rtstack.samples import Reaction
+from rtstack.trials.monitoring import load_tuning
 from rtstack.trials.record import open_log
 from rtstack.trials.result import DemonstrationResult, TrialResult
 from rtstack.trials.run import check_object, prepare_trial, run_demonstration, run_trial
@@ -45,21 +47,26 @@ def teach(
 def trial(
     reference: Path, controller: Controller, object_name: str, displacement_mm: float, seed: int, log_path: Path | None,
     cell_kind: str, cell_file: Path | None, json: bool, safety: Path | None = None, friction: Path | None = None,
+    reaction: Reaction = Reaction.CONTINUE, monitor: Path | None = None, faults: Path | None = None,
 ) -> None:  # fmt: skip
     """Run a trial on the recording `reference`; without `log_path` nothing is written. safety: limits to tighten.
 
-    friction: the arms', instead of what the cell's file names.
+    friction: the arms', instead of what the cell's file names. monitor: its parameters, by default the committed ones.
+    faults: what goes wrong in a simulated cell.
     """
     description, source = load_description(cell_file)
     if friction is not None:
         description = replace(description, joint_friction=friction)
     tightening = load_tightening(safety) if safety is not None else ()
-    specification = TrialSpecification(str(reference), controller, object_name, displacement_mm, seed, tightening)
+    specification = TrialSpecification(
+        str(reference), controller, object_name, displacement_mm, seed, tightening, reaction
+    )
     if log_path is not None:
         check_log_path(log_path)
     check_object(object_name, description)
-    prepared = prepare_trial(specification, description)
-    cell = open_cell(cell_kind, object_name, displacement_mm * 1e-3, seed, description)
+    tuning = load_tuning(monitor)
+    prepared = prepare_trial(specification, description, monitor=tuning.monitor)
+    cell = open_cell(cell_kind, object_name, displacement_mm * 1e-3, seed, description, faults)
     try:
         way = start_motion(cell, description, object_name, displacement_mm * 1e-3, prepared.reference.ante[:, 0])
         with (
@@ -98,10 +105,13 @@ def _trial_line(result: TrialResult) -> str:
     outcome = "success" if result.success else f"failed: {result.failure_reason}"
     detected = result.detected_impact_time_s
     impact = "none" if detected is None else f"{detected:.3f} s"
+    verdict = result.impact_verdict or "not judged"
+    if result.impact_kind is not None:
+        verdict += f" ({result.impact_kind})"
     lift = "-" if result.max_lift_mm is None else f"{result.max_lift_mm:.0f} mm"
     norm = "-" if result.average_force_norm is None else f"{result.average_force_norm:.1f}"
     return (
         f"{outcome} | {result.controller}, {result.object}, {result.displacement_mm:+g} mm, seed {result.seed} | "
-        f"impact {impact} (nominal {result.nominal_impact_time_s:.3f} s) | mean force norm {norm} | lift {lift} | "
-        f"compute p50 {result.compute_us_p50:.0f} us | {result.real_time_factor:.1f} x real time"
+        f"impact {impact} (nominal {result.nominal_impact_time_s:.3f} s), {verdict} | mean force norm {norm} | "
+        f"lift {lift} | compute p50 {result.compute_us_p50:.0f} us | {result.real_time_factor:.1f} x real time"
     )

@@ -56,6 +56,16 @@ class ModeMachine:
         if self.mode is not Mode.STOPPED:
             self.mode = Mode.STOPPING
 
+    def react(self, mode: Mode) -> None:
+        """Hold, or retreat, from any of the paper's modes; what follows is a stop."""
+        if mode in _REACTIONS and self.mode in (Mode.ANTE_IMPACT, Mode.INTERIM, Mode.POST_IMPACT):
+            self.mode = mode
+
+    @property
+    def reacting(self) -> bool:
+        """Whether the arms do what an unexpected impact has led to."""
+        return self.mode in _REACTIONS
+
     def rest(self) -> None:
         """The arms have come to rest after a stop."""
         if self.mode is Mode.STOPPING:
@@ -113,4 +123,5 @@ class ModeMachine:
         self.velocity_weight = 1.0
 
 
+_REACTIONS = (Mode.HOLDING, Mode.RETREATING)
 _BY_TIME = (Strategy.NO_REFERENCE_SPREADING, Strategy.NO_VELOCITY_FEEDBACK)

@@ -21,15 +21,24 @@ from rtstack.control.parameters import (
     InertiaParameters,
 )
 from rtstack.control.program import program
+from rtstack.control.reaction import ReactionMotion
 from rtstack.control.records import SETPOINT, WORKSPACE
 from rtstack.control.setpoint import choose
+from rtstack.control.watch import TrialMonitor
 from rtstack.model.arm_model import ArmModel
-from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, Mode, QpSolver, QpStatus
+from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, Mode, QpSolver, QpStatus, Reaction
 
 ANTE, INTERIM, POST = 0, 1, 2
 # by mode: which references count, -1 where none do
 _BLEND = tuple(
-    {Mode.TELEOPERATION: ANTE, Mode.ANTE_IMPACT: ANTE, Mode.INTERIM: INTERIM, Mode.POST_IMPACT: POST}.get(mode, -1)
+    {
+        Mode.TELEOPERATION: ANTE,
+        Mode.ANTE_IMPACT: ANTE,
+        Mode.INTERIM: INTERIM,
+        Mode.POST_IMPACT: POST,
+        Mode.HOLDING: ANTE,
+        Mode.RETREATING: ANTE,
+    }.get(mode, -1)
     for mode in Mode
 )
 
@@ -148,6 +157,13 @@ class ArmController:
         self._gamma[0] = machine.gamma
         self._control_t_ns[0] = self._t_ns[0]
 
+    def pursue_reaction(self, reaction: ReactionMotion, side: int, t_s: float) -> None:
+        """Write the setpoint from a reaction to an unexpected impact."""
+        reaction.ask(side, self.setpoint, t_s)
+        self._mode[0] = reaction.mode
+        self._gamma[0] = 0.0
+        self._control_t_ns[0] = self._t_ns[0]
+
     def applied(self) -> None:
         """Remember what the safety judge let through: the next torque starts from there."""
         self._tau_previous[:] = self._tau_applied
@@ -156,13 +172,29 @@ class ArmController:
 class DualArmController:
     """Two arms and the mode that they share."""
 
-    def __init__(self, left: ArmController, right: ArmController, machine: ModeMachine) -> None:
+    def __init__(
+        self,
+        left: ArmController,
+        right: ArmController,
+        machine: ModeMachine,
+        monitor: TrialMonitor | None = None,
+        reaction: ReactionMotion | None = None,
+    ) -> None:
         self.left = left
         self.right = right
         self.arms = (left, right)
         self.machine = machine
+        self.monitor = monitor
         self.first_impact_s = -1.0
         self.impact_arm = ""
+        self.reaction_over = False
+        self._reaction = reaction
+
+    def watch(self, side: int, elapsed_ns: int) -> None:
+        """Let the monitor see what an arm has observed, so long after its start, unless the arms stop."""
+        if self.monitor is not None and self.machine.mode is not Mode.STOPPING:
+            arm = self.arms[side]
+            self.monitor.step(side, arm.sample, arm.workspace, arm.control, elapsed_ns)
 
     def decide(self, t_s: float) -> None:
         """Advance the shared mode after the observations of this tick. t_s: time since the start of the reference."""
@@ -174,6 +206,28 @@ class DualArmController:
             )  # fmt: skip
         machine = self.machine
         machine.update(t_s, impact, machine.waiting and self.contact_complete(t_s))
+        if self.monitor is not None and self._reaction is not None and self.monitor.unexpected:
+            self._react(t_s, self._reaction, self.monitor)
+
+    def _react(self, t_s: float, reaction: ReactionMotion, monitor: TrialMonitor) -> None:
+        """React in the tick of the verdict, once."""
+        if self.machine.reacting:
+            self.reaction_over = reaction.over(t_s)
+        elif self.machine.mode in (Mode.ANTE_IMPACT, Mode.INTERIM, Mode.POST_IMPACT):
+            if reaction.reaction is Reaction.STOP:
+                self.reaction_over = True  # the session brakes, in this tick
+            elif reaction.reaction is not Reaction.CONTINUE:
+                self.machine.react(reaction.begin(t_s, monitor.since_contact_s(t_s)))
+                for side, arm in enumerate(self.arms):
+                    reaction.take_over(side, arm.setpoint)
+
+    def choose(self, side: int, ante: NDArray, post: NDArray, elapsed_ns: int, index: int) -> None:
+        """Write the setpoint of an arm: of the references ante and post at the tick `index`, or of a reaction."""
+        arm = self.arms[side]
+        if self._reaction is not None and self.machine.reacting:
+            arm.pursue_reaction(self._reaction, side, elapsed_ns * 1e-9)
+        else:
+            arm.choose(ante, post, index, self.machine)
 
     def contact_complete(self, t_s: float) -> bool:
         """Whether both pads are in lasting contact; each with the other one's newest state."""

@@ -9,6 +9,8 @@ import numpy as np
 from google.protobuf import descriptor_pb2
 
 from hal.state import RobotMode
+from rtstack.monitor.records import Reason as VerdictReason
+from rtstack.monitor.records import Verdict
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, TIMING_SAMPLE, Mode, QpStatus
 
 PACKAGE = "rtstack"
@@ -27,7 +29,15 @@ TOPIC_MESSAGES: dict[str, str] = {
     "/right/control": "ControlSample",
     "/timing": "TimingSample",
 }
-ENUM_FIELDS: dict[str, type[IntEnum]] = {"robot_mode": RobotMode, "mode": Mode, "qp_status": QpStatus}
+ENUM_FIELDS: dict[str, type[IntEnum]] = {
+    "robot_mode": RobotMode,
+    "mode": Mode,
+    "qp_status": QpStatus,
+    "impact_verdict": Verdict,
+    "impact_reason": VerdictReason,
+    "pair_verdict": Verdict,
+    "pair_reason": VerdictReason,
+}
 ERRORS_FIELD = "current_errors"  # a bit mask in the record, the vendor's names on the wire
 COLUMN_MAJOR_FIELD = "O_T_EE"  # row-major in the record, column-major on the wire, as libfranka has it
 
@@ -62,6 +72,12 @@ _COMMENTS: dict[str, str] = {
     "momentum_residual": "Momentum observer's residual, Nm, with the sign of tau_ext_hat_filtered.",
     "residual_rate": "Rate of the residual, Nm/s.",
     "force_norm": "Norm of the interaction wrenches of both arms.",
+    "impact_verdict": "Whether this arm's impact was the one that was meant.",
+    "impact_reason": "The first condition of this arm that was not met.",
+    "impact_margin": "1 where all is as meant, 0 at the bound of this arm's nearest condition, negative beyond it.",
+    "pair_verdict": "Whether the impact of both arms was the one that was meant.",
+    "pair_reason": "The first condition of either arm, or of both, that was not met.",
+    "pair_margin": "As impact_margin, of both arms and their net force.",
     "period_us": "Time since the last tick, us.",
     "compute_us": "Time from the state's arrival to the command, us.",
     "lateness_us": "How late the state was, us.",
@@ -98,7 +114,7 @@ def _add_field(message: descriptor_pb2.DescriptorProto, name: str, dtype: np.dty
 def sample_file() -> descriptor_pb2.FileDescriptorProto:
     """Return the descriptor of rtstack/samples.proto, with every field's unit as its comment."""
     file = descriptor_pb2.FileDescriptorProto(name="rtstack/samples.proto", package=PACKAGE, syntax="proto3")
-    for enum in ENUM_FIELDS.values():
+    for enum in dict.fromkeys(ENUM_FIELDS.values()):
         _add_enum(file, enum)
     for message_index, (name, record) in enumerate(MESSAGES.items()):
         message = file.message_type.add(name=name)

@@ -9,6 +9,8 @@ class End(StrEnum):
     COMPLETED = "completed"
     STOP_REQUESTED = "stop requested by the operator"
     NO_IMPACT = "no impact was detected"
+    UNEXPECTED_IMPACT = "another impact than was meant"
+    CRASH = "something was hit that was not meant"  # it may have been a person: somebody has to look before going on
     SAFETY = "safety stop"
     QP = "the QP was not solved"
     HARDWARE = "the robot left torque control"
@@ -24,5 +26,5 @@ class End(StrEnum):
 
     @property
     def is_fault(self) -> bool:
-        """Whether something went wrong with the machine: a trial that finds no impact is none."""
-        return self not in (End.COMPLETED, End.STOP_REQUESTED, End.NO_IMPACT, End.LET_GO)
+        """Whether somebody has to recover: a trial that finds no impact, or a lighter object, needs nobody."""
+        return self not in (End.COMPLETED, End.STOP_REQUESTED, End.NO_IMPACT, End.UNEXPECTED_IMPACT, End.LET_GO)

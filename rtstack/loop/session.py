@@ -191,6 +191,7 @@ class Session:
         self._look_at_judges(status)
         try:
             self._say_mode()
+            self._say_verdict()
             self._publish(sides, (time.perf_counter_ns() - began_ns) * 1e-3)
             self._tell_end()
         except Exception as error:
@@ -249,6 +250,7 @@ class Session:
         controller, machine = self._controller, self._controller.machine
         for k in sides:
             controller.arms[k].observe()
+            controller.watch(k, self._time.elapsed_ns[k])
         now_ns = self._time.now_ns
         controller.decide(now_ns * 1e-9)
         if self._look_for_an_end(now_ns // TICK_NS):
@@ -259,7 +261,8 @@ class Session:
             if self._plan.guide is not None:
                 self._plan.guide.step(k, arm)
             ante, post = self._references[k]
-            arm.choose(ante, post, self._time.elapsed_ns[k] // TICK_NS, machine)
+            elapsed_ns = self._time.elapsed_ns[k]
+            controller.choose(k, ante, post, elapsed_ns, elapsed_ns // TICK_NS)
             found = arm.command(machine.mode)
             if found > QpStatus.SOLVED:
                 self._notes.take_qp(k, arm)
@@ -304,6 +307,9 @@ class Session:
         elif machine.patience_over:
             patience_s = machine.parameters.impact_patience_s
             self._end(Trip(End.NO_IMPACT, f"within {patience_s} s of the nominal impact"))
+        elif self._controller.reaction_over and self._controller.monitor is not None:
+            monitor = self._controller.monitor
+            self._end(Trip(End.CRASH if monitor.crash else End.UNEXPECTED_IMPACT, monitor.text))
         elif index >= self._last_index and self._plan.guide is None:
             self._end(Trip(End.COMPLETED, ""))
         return False
@@ -391,6 +397,12 @@ class Session:
             patience_s = machine.parameters.completion_patience_s
             level, text = Level.WARNING, f"not complete within {patience_s} s of the impact: going on without"
         self._publisher.event(self._time.t_ns, level, "contact", text)
+
+    def _say_verdict(self) -> None:
+        monitor = self._controller.monitor
+        if monitor is not None and monitor.news():
+            level = Level.WARNING if monitor.unexpected else Level.INFO
+            self._publisher.event(self._time.t_ns, level, "verdict", monitor.text)
 
     def _say_link(self) -> None:
         """Where two clocks were served: what the link lost, and how far the clocks drifted apart."""

@@ -24,6 +24,11 @@ class Reason(IntEnum):
     SPACING = 3  # (12): too long after the impact before
     ENVELOPE = 4  # (17): the motion after it is another one
     NO_IMPACT = 5  # (10) cannot be met any more
+    # of a pair of arms (pair.py)
+    ONE_SIDE = 6  # one arm has hit, the other one has not
+    LOAD = 7  # both pads together do not feel what they should
+    PAIR_TIME = 8  # the later arm has hit too early or too late: what is in between is wider or narrower
+    STOPPED = 9  # a fault has ended the trial at the impact, before all was decided
 
 
 def parameters_dtype(joints: int) -> np.dtype:

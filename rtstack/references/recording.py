@@ -13,6 +13,7 @@ from rtstack.control.tick import ArmController
 from rtstack.log.errors import LogError
 from rtstack.log.reader import Log, read_log
 from rtstack.references.acceptance import Acceptance, AcceptanceError, Verdict, load_acceptance
+from rtstack.references.impact import ExpectedImpact, demonstrated_impact
 from rtstack.references.motion import Motion
 from rtstack.samples import SIDES, Mode
 
@@ -21,6 +22,10 @@ Array = NDArray[np.floating]
 LARGEST_GAP_NS = 21_000_000
 MOVING = 1e-3  # m/s and rad/s: less is no motion of a hand
 WAITING_NS = 300_000_000  # of rest that is kept before the first motion: a scripted demonstration has as much
+
+
+# what was measured beside a point: joints rad, rad/s; force ON the pad, N along the world's axes
+MEASURED = np.dtype([("q", "f8", 7), ("dq", "f8", 7), ("force", "f8", 3)])
 
 
 class ReferenceError(Exception):
@@ -35,7 +40,8 @@ class Recording:
     operator's
     controller wanted; impact: index of the nominal impact T_r; release: index at which the operator let go. load (2, 6)
     N, Nm: what the object asks of each arm from the nominal impact on, where that is known (a plan). detected: index of
-    the impact that was found, None without one; problem: why no reference can be made of it.
+    the impact that was found, None without one; problem: why no reference can be made of it; measured (2, n) of
+    MEASURED, None for a recording that is no robot's.
     """
 
     points: NDArray
@@ -47,11 +53,19 @@ class Recording:
     load: NDArray | None = None
     detected: int | None = None
     problem: str | None = None
+    measured: NDArray | None = None
 
     @property
     def impact_s(self) -> float:
         """Nominal impact time T_r, s since the start of the recording."""
         return self.impact * self.period_s
+
+    def expected_impact(self, excluded: int) -> ExpectedImpact | None:
+        """Return what the monitor is to expect; excluded: ticks after T_r in which velocities are no reference."""
+        if self.measured is None:
+            return None
+        m = self.measured
+        return demonstrated_impact(m["q"], m["dq"], m["force"], self.impact, self.release, excluded, self.period_s)
 
 
 def load_recording(
@@ -98,6 +112,7 @@ def recording_of(
             raise ReferenceError(f"{path}: {gap_ns * 1e-6:.0f} ms of the demonstration are missing: record it again")
     n = len(grid_ns)
     points = np.zeros((2, n), POINT)
+    measured = np.zeros((2, n), MEASURED)
     force = np.zeros((2, n))
     hits = [n, n]
     for arm, controller in enumerate(arms):
@@ -114,8 +129,10 @@ def recording_of(
             point["rotation"] = work["rotation"]
             point["twist"] = work["twist"]
             force[arm, k] = np.linalg.norm(work["force_world"])
+            measured["force"][arm, k] = work["force_world"]
             if finder.update(work["force_world"], work["twist"]) and hits[arm] == n:
                 hits[arm] = k
+        measured["q"][arm], measured["dq"][arm] = q, dq
         joint = controller.parameters.posture_joint
         points[arm]["xi"] = q[:, joint]
         points[arm]["dxi"] = dq[:, joint]
@@ -143,6 +160,7 @@ def recording_of(
         object=_object_name(log.metadata),
         detected=detected,
         problem=problem,
+        measured=measured,
     )
 
 

@@ -10,13 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtstack.model.rotation import exp_so3
+from rtstack.references.impact import ExpectedImpact
 from rtstack.references.motion import Motion
 from rtstack.references.recording import Recording, ReferenceError
 
 
 @dataclass(frozen=True, slots=True)
 class ExtendedReference:
-    """ante and post: (2, n) of POINT, both arms, one point a tick from the start; nominal impact and release in s."""
+    """ante and post: (2, n) of POINT, both arms, one point a tick from the start; nominal impact and release in s.
+
+    impact: what the monitor expects, None where nobody knows the joints.
+    """
 
     ante: NDArray
     post: NDArray
@@ -25,6 +29,7 @@ class ExtendedReference:
     release_s: float
     object: str
     motion: Motion = Motion.GRAB
+    impact: ExpectedImpact | None = None
 
     @property
     def ticks(self) -> int:
@@ -68,6 +73,7 @@ def spread(recording: Recording, a: int, p: int) -> ExtendedReference:
         release_s=recording.release * recording.period_s,
         object=recording.object,
         motion=recording.motion,
+        impact=recording.expected_impact(p - recording.impact),
     )
 
 

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rtstack.control.modes import ModeMachine, Strategy
 from rtstack.control.parameters import (
@@ -12,13 +13,17 @@ from rtstack.control.parameters import (
     FrictionParameters,
     InertiaParameters,
 )
+from rtstack.control.reaction import ReactionMotion
 from rtstack.control.records import POINT
 from rtstack.control.tick import ArmController, DualArmController
+from rtstack.control.watch import TrialMonitor
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
+from rtstack.monitor.pair import PairParameters
+from rtstack.references.impact import ExpectedImpact
 from rtstack.safety.judge import Base, SafetyJudge, Tool, pair_of_judges
 from rtstack.safety.limits import SafetyLimits
-from rtstack.samples import Mode, QpSolver
+from rtstack.samples import Mode, QpSolver, Reaction
 from rtstack.trials.friction import load_friction
 from rtstack.trials.specification import Controller
 from rtstack.trials.tightening import safety_limits
@@ -30,6 +35,19 @@ STRATEGIES = {
     Controller.NO_INTERIM: Strategy.NO_INTERIM,
     Controller.CONTACT_COMPLETION: Strategy.CONTACT_COMPLETION,
 }
+
+
+@dataclass(frozen=True, slots=True)
+class Watched:
+    """What a trial's monitor needs: its tuning, what to expect, and what an unexpected impact leads to.
+
+    approach (2, 3): m/s, of the pads where they meet the object.
+    """
+
+    tuning: PairParameters
+    impact: ExpectedImpact
+    reaction: Reaction
+    approach: NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,13 +104,22 @@ def safety_judges(cell: CellDescription, limits: SafetyLimits | None = None) -> 
 
 
 def dual_arm_controller(
-    cell: CellDescription, parameters: Parameters, strategy: Strategy, nominal_impact_s: float
-) -> DualArmController:
+    cell: CellDescription, parameters: Parameters, strategy: Strategy, nominal_impact_s: float,
+    watched: Watched | None = None,
+) -> DualArmController:  # fmt: skip
     """Return a fresh controller, warm: its compiled code has run once, on a state that is then forgotten."""
-    warm = DualArmController(*arm_controllers(cell, parameters), ModeMachine(strategy, parameters.control, 0.0))
-    _warm_up(warm, cell)
-    machine = ModeMachine(strategy, parameters.control, nominal_impact_s)
-    return DualArmController(*arm_controllers(cell, parameters), machine)
+    period_s = parameters.control.period_s
+
+    def controller(impact_s: float) -> DualArmController:
+        machine = ModeMachine(strategy, parameters.control, impact_s)
+        arms = arm_controllers(cell, parameters)
+        if watched is None:
+            return DualArmController(*arms, machine)
+        monitor = TrialMonitor(watched.tuning, watched.impact, period_s)
+        return DualArmController(*arms, machine, monitor, ReactionMotion(watched.reaction, watched.approach))
+
+    _warm_up(controller(0.0), cell)
+    return controller(nominal_impact_s)
 
 
 def _warm_up(controller: DualArmController, cell: CellDescription) -> None:
@@ -101,6 +128,7 @@ def _warm_up(controller: DualArmController, cell: CellDescription) -> None:
     for arm, mounting, judge in zip(controller.arms, (cell.left, cell.right), judges, strict=True):
         arm.sample["q"][0] = mounting.home
         arm.observe()
+        controller.watch(0, 0)
         point["position"][0] = arm.workspace["position"][0]
         point["rotation"][0] = arm.workspace["rotation"][0]
         controller.machine.mode = Mode.ANTE_IMPACT
@@ -110,6 +138,7 @@ def _warm_up(controller: DualArmController, cell: CellDescription) -> None:
         # the solver's first call allocates: have it done, with limits that cannot hold
         arm.tau_max[:] = 1e-3
         arm.command(Mode.ANTE_IMPACT)
+        arm.pursue_reaction(ReactionMotion(Reaction.HOLD, np.zeros((2, 3))), 0, 0.0)
         judge.judge(arm.sample, residual=arm.control["momentum_residual"][0])
     controller.contact_complete(0.0)
     controller.finish()

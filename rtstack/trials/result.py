@@ -11,7 +11,9 @@ class TrialResult:
 
     average_force_norm is the mean of (33) over the 200 ms around the nominal impact time; _linear_n its force part
     alone. peak_torque_ratio and peak_velocity_ratio are the largest |tau_J| and |dq| over their limits. success: the
-    object was held until release and no safety limit was hit. impact_verdict is None where no monitor judged.
+    object was held until release and no safety limit was hit. impact_verdict is expected, unexpected or none (not known
+    before the trial ended), None where no monitor judged; impact_reason is the first condition that was not met and
+    impact_kind what it probably was; impact_margin is 1 where all was as meant and negative beyond a bound.
     real_time_factor: robot's seconds over the host's, from the first tick to the last, logging included.
     """
 
@@ -38,6 +40,10 @@ class TrialResult:
     safety_interventions: int
     real_time_factor: float
     log: str | None
+    impact_reason: str | None = None
+    impact_kind: str | None = None
+    impact_margin: float | None = None
+    impact_verdict_time_s: float | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return the result as JSON-ready values."""

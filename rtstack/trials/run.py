@@ -12,6 +12,7 @@ from hal.cell import Cell
 from hal.errors import HardwareError
 from hal.realtime import realtime_thread
 from rtstack.control.modes import Strategy
+from rtstack.control.watch import TrialMonitor
 from rtstack.log.ring import Rings
 from rtstack.loop.end import End
 from rtstack.loop.fault import Fault
@@ -20,6 +21,8 @@ from rtstack.loop.publisher import Publisher
 from rtstack.loop.session import Plan, Session, SessionOutcome, StopSignal
 from rtstack.loop.watchdogs import Trip, Watchdog
 from rtstack.model.cell_description import CellDescription
+from rtstack.monitor.pair import PairParameters
+from rtstack.monitor.records import Verdict
 from rtstack.references.demonstration import Grab, grab, scripted_targets
 from rtstack.references.recording import ReferenceError
 from rtstack.references.source import load_reference
@@ -29,6 +32,7 @@ from rtstack.samples import Level, Mode
 from rtstack.trials.assembly import (
     STRATEGIES,
     Parameters,
+    Watched,
     arm_controllers,
     cell_parameters,
     dual_arm_controller,
@@ -37,12 +41,14 @@ from rtstack.trials.assembly import (
 from rtstack.trials.attendant import Attendant
 from rtstack.trials.errors import TrialError
 from rtstack.trials.evidence import evidence_of
+from rtstack.trials.monitoring import load_tuning
 from rtstack.trials.record import TrialLog
 from rtstack.trials.result import DemonstrationResult, TeleoperationResult, TrialResult
 from rtstack.trials.scoring import Score, SuccessCriterion, failure_reason, score
 from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 from rtstack.trials.start_motion import StartMotion
 from rtstack.trials.tightening import safety_limits
+from rtstack.trials.unexpected import Unexpected, classify
 
 Progress = Callable[[float], None]
 PROGRESS_TICKS = 50  # how often progress is told
@@ -60,12 +66,16 @@ class PreparedTrial:
     parameters: Parameters
     reference: ExtendedReference
     limits: SafetyLimits
+    monitor: PairParameters | None = None
 
 
 def prepare_trial(
-    specification: TrialSpecification, description: CellDescription, parameters: Parameters | None = None
+    specification: TrialSpecification,
+    description: CellDescription,
+    parameters: Parameters | None = None,
+    monitor: PairParameters | None = None,
 ) -> PreparedTrial:
-    """Read and check what a trial needs. Raises TrialError with one line."""
+    """Read and check what a trial needs. monitor: by default the committed tuning. Raises TrialError with one line."""
     parameters = parameters or cell_parameters(description)
     check_object(specification.object, description)
     limits = safety_limits(description, specification.safety)
@@ -75,7 +85,18 @@ def prepare_trial(
         )
     except ReferenceError as error:
         raise TrialError(str(error)) from None
-    return PreparedTrial(specification, description, parameters, reference, limits)
+    monitor = monitor or load_tuning().monitor
+    return PreparedTrial(specification, description, parameters, reference, limits, monitor)
+
+
+def _watched(prepared: PreparedTrial) -> Watched | None:
+    """What the trial's monitor needs; None where nobody knows what to expect."""
+    reference, tuning = prepared.reference, prepared.monitor
+    if tuning is None or reference.impact is None:
+        return None
+    k = round(reference.nominal_impact_s / reference.period_s)
+    approach = np.array(reference.ante["twist"][:, k, :3])
+    return Watched(tuning, reference.impact, prepared.specification.reaction, approach)
 
 
 def check_object(name: str, description: CellDescription) -> None:
@@ -112,12 +133,13 @@ def run_trial(
         prepared.limits,
     )  # fmt: skip
     with log_of(log):
-        outcome = run.follow(cell, STRATEGIES[specification.controller], reference.nominal_impact_s)
+        strategy = STRATEGIES[specification.controller]
+        outcome = run.follow(cell, strategy, reference.nominal_impact_s, _watched(prepared))
         values = score(
             run.history.columns(), outcome.start_t_ns, reference.nominal_impact_s, reference.release_s,
             run.first_impact_s, criterion or SuccessCriterion(), reference.motion,
         )  # fmt: skip
-        result = _trial_result(prepared, cell.name, outcome, values, log)
+        result = _trial_result(prepared, cell.name, outcome, values, log, run)
         incomplete = log.close(result.as_dict()) if log is not None else None
     return with_log(result, incomplete)
 
@@ -232,10 +254,15 @@ class Run:
         endless = plan.guide is not None
         self.history = History(NEWEST_TICKS if endless else plan.ticks + SPARE_TICKS, endless)
         self.first_impact_s: float | None = None
+        self.monitor: TrialMonitor | None = None
+        self.kind: Unexpected | None = None
 
-    def follow(self, cell: Cell, strategy: Strategy, nominal_impact_s: float) -> SessionOutcome:
+    def follow(
+        self, cell: Cell, strategy: Strategy, nominal_impact_s: float, watched: Watched | None = None
+    ) -> SessionOutcome:
         """Follow the plan on the cell to its end."""
-        controller = dual_arm_controller(self._description, self._parameters, strategy, nominal_impact_s)
+        controller = dual_arm_controller(self._description, self._parameters, strategy, nominal_impact_s, watched)
+        self.monitor = controller.monitor
         rings = [*([self._live] if self._live else []), *([self._log.rings] if self._log else [])]
         publisher = self._publisher = Publisher(rings, self.history)
         judges = safety_judges(self._description, self._limits)
@@ -249,12 +276,25 @@ class Run:
             outcome = self._go_to_start(cell, publisher) or session.run()
         if outcome.fault is not None and self._log is not None:
             self._log.evidence = evidence_of(outcome.fault, self.history.columns(), self._parameters.solver)
+        self._say_kind(outcome)
         if controller.first_impact_s >= 0.0:
             self.first_impact_s = controller.first_impact_s
         self._pass_on_remarks()
         if self._attendant is not None:
             self._attendant.ended(outcome.end, outcome.detail)
         return outcome
+
+    def _say_kind(self, outcome: SessionOutcome) -> None:
+        """Say what an unexpected impact was, once all of it has been seen."""
+        columns = self.history.columns()
+        if self.monitor is None or self._publisher is None or columns.arm.shape[1] == 0:
+            return
+        if outcome.end.is_fault:
+            self.monitor.stopped_by_fault()
+        self.kind = classify(self.monitor, columns, outcome.start_t_ns)
+        if self.kind is not None:
+            t_ns = int(columns.arm[0]["t_ns"][-1])
+            self._publisher.event(t_ns, Level.WARNING, "verdict", f"probably: {self.kind}")
 
     def _go_to_start(self, cell: Cell, publisher: Publisher) -> SessionOutcome | None:
         """Go the way to the start; return the outcome of a run that ended on it, None where the arms are there."""
@@ -323,12 +363,13 @@ def _demonstration_result(
 
 
 def _trial_result(
-    prepared: PreparedTrial, cell: str, outcome: SessionOutcome, values: Score, log: TrialLog | None
+    prepared: PreparedTrial, cell: str, outcome: SessionOutcome, values: Score, log: TrialLog | None, run: Run
 ) -> TrialResult:
     reason = failure_reason(
         outcome.end, outcome.detail, outcome.safety_interventions, values, prepared.reference.motion
     )
-    specification = prepared.specification
+    specification, monitor = prepared.specification, run.monitor
+    decided = monitor is not None and monitor.verdict is not Verdict.NONE
     return TrialResult(
         success=reason is None,
         failure_reason=reason,
@@ -339,7 +380,7 @@ def _trial_result(
         cell=cell,
         nominal_impact_time_s=prepared.reference.nominal_impact_s,
         detected_impact_time_s=values.detected_impact_time_s,
-        impact_verdict=None,
+        impact_verdict=monitor.verdict.name.lower() if monitor is not None else None,
         average_force_norm=values.average_force_norm,
         average_force_norm_linear_n=values.average_force_norm_linear_n,
         peak_force_norm=values.peak_force_norm,
@@ -353,4 +394,8 @@ def _trial_result(
         safety_interventions=outcome.safety_interventions,
         real_time_factor=round(outcome.real_time_factor, 3),
         log=str(log.path) if log is not None else None,
+        impact_reason=monitor.reason.name.lower() if monitor is not None and monitor.unexpected else None,
+        impact_kind=str(run.kind) if run.kind is not None else None,
+        impact_margin=float(monitor.pair[0]["margin"]) if monitor is not None else None,
+        impact_verdict_time_s=float(monitor.pair[0]["t_verdict_ns"]) * 1e-9 if monitor and decided else None,
     )

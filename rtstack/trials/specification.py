@@ -4,6 +4,8 @@ from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
 
+from rtstack.samples import Reaction
+
 # names of rtstack.safety.limits.SafetyLimits, each with its value
 Tightening = tuple[tuple[str, Any], ...]
 
@@ -23,7 +25,8 @@ class Controller(StrEnum):
 class TrialSpecification:
     """One trial. `reference` is the path of a recording, `displacement_mm` the object's shift along the world's y.
 
-    safety: the judge's limits that this trial tightens besides the cell's (rtstack.trials.tightening).
+    safety: the judge's limits that this trial tightens besides the cell's (rtstack.trials.tightening). reaction: to an
+    impact that was not meant.
     """
 
     reference: str
@@ -32,10 +35,12 @@ class TrialSpecification:
     displacement_mm: float = 0.0
     seed: int = 0
     safety: Tightening = ()
+    reaction: Reaction = Reaction.CONTINUE
 
     def as_dict(self) -> dict[str, Any]:
         """Return the specification as JSON-ready values."""
-        return {**asdict(self), "controller": str(self.controller), "safety": dict(self.safety)}
+        strings = {"controller": str(self.controller), "reaction": str(self.reaction)}
+        return {**asdict(self), **strings, "safety": dict(self.safety)}
 
 
 @dataclass(frozen=True, slots=True)

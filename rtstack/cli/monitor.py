@@ -1,0 +1,127 @@
+"""`rtstack tune-monitor`: recorded good runs into the monitor's parameters, with a check on runs that were held out."""
+
+import hashlib
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import typer
+
+from rtstack.cli.cells import load_description
+from rtstack.cli.progress import progress_bar
+from rtstack.log.reader import Log, read_log
+from rtstack.monitor.pair import PairParameters
+from rtstack.references.impact import ExpectedImpact
+from rtstack.references.recording import ReferenceError
+from rtstack.references.source import load_reference
+from rtstack.trials.assembly import arm_controllers, cell_parameters
+from rtstack.trials.errors import TrialError
+from rtstack.trials.review import log_columns
+from rtstack.trials.tuning import HELD_OUT, Check, GoodRun, check, tune
+
+FAILED = 1
+FEWEST = 6
+
+
+def tune_monitor(logs: Sequence[Path], out: Path, sensitivity: float, json_output: bool) -> None:
+    """Tune on two of three logs, check on the third ones, write the TOML `out`, which must not exist yet."""
+    if out.exists():
+        raise TrialError(f"{out} exists already: choose another name")
+    if not out.parent.is_dir():
+        raise TrialError(f"cannot write {out}: the folder {out.parent} does not exist")
+    if len(logs) < FEWEST:
+        raise TrialError(f"{len(logs)} logs are too few to tune on and to check on: give at least {FEWEST}")
+    with progress_bar("reading", not json_output) as progress:
+        runs = _good_runs(sorted(logs), progress)
+    held_out = runs[HELD_OUT - 1 :: HELD_OUT]
+    used = [run for k, run in enumerate(runs) if k % HELD_OUT != HELD_OUT - 1]
+    parameters = tune([run for run, _ in used], sensitivity)
+    found = check([run for run, _ in held_out], parameters)
+    seeds = (sorted(seed for _, seed in used), sorted(seed for _, seed in held_out))
+    out.write_text(tuning_toml(parameters, sensitivity, found, seeds), encoding="utf-8")
+    line = (
+        f"tuned on {len(used)} runs, {out}; of {found.runs} that were held out {len(found.false_alarms)} are false "
+        f"alarms, smallest margin {found.smallest_margin:.2f}"
+    )
+    values = {"out": str(out), "runs": len(used), "held_out": found.runs, "false_alarms": list(found.false_alarms)}
+    typer.echo(json.dumps(values | {"smallest_margin": found.smallest_margin}) if json_output else line)
+    if found.false_alarms:
+        raise typer.Exit(FAILED)
+
+
+def _good_runs(paths: Sequence[Path], progress) -> list[tuple[GoodRun, int]]:
+    description, _ = load_description(None)
+    parameters = cell_parameters(description)
+    arms = arm_controllers(description, parameters)
+    expected: dict[str, ExpectedImpact] = {}
+    runs = []
+    for k, path in enumerate(paths):
+        log = read_log(path)
+        if log.metadata.get("result", {}).get("success") != "true":
+            raise TrialError(f"{path}: not a trial that succeeded: give good runs only")
+        specification = json.loads(log.metadata["trial"]["specification"])
+        digest, content = _reference(log, path, specification["reference"])
+        if digest not in expected:
+            with TemporaryDirectory() as folder:
+                copy = Path(folder) / "reference.mcap"
+                copy.write_bytes(content)
+                try:
+                    impact = load_reference(copy, arms, parameters.detector).impact
+                except ReferenceError as error:
+                    raise TrialError(f"{path}: its reference: {error}") from None
+            if impact is None:
+                raise TrialError(f"{path}: its reference is a plan: nobody knows what the joints are to do")
+            expected[digest] = impact
+        runs.append((GoodRun(path.name, log_columns(log), expected[digest]), int(specification["seed"])))
+        if progress is not None:
+            progress((k + 1) / len(paths))
+    return runs
+
+
+def _reference(log: Log, path: Path, name: str) -> tuple[str, bytes]:
+    """The recording that a trial has followed: attached to its log, or in the campaign's folder."""
+    attached = [attachment.data for attachment in log.attachments if attachment.name == "reference.mcap"]
+    for place in (path.parent.parent / name, Path(name)):
+        if attached:
+            break
+        if place.is_file():
+            attached = [place.read_bytes()]
+    if not attached:
+        raise TrialError(f"{path}: its reference {name} is neither attached nor there")
+    return hashlib.sha256(attached[0]).hexdigest(), attached[0]
+
+
+def tuning_toml(
+    parameters: PairParameters, sensitivity: float, found: Check, seeds: tuple[list[int], list[int]]
+) -> str:
+    """Return the file. Written by hand: nobody writes TOML in the standard library."""
+    arm, net = parameters.arm, parameters.net_force
+    lines = [
+        "# The aim-aware monitor of the grab, made by `rtstack tune-monitor`: rtstack/trials/tuning.py says what each",
+        "# number is. Units in the names; [provenance] says from what it was made and what it does on other runs.",
+        "",
+        "[monitor]",
+        f"later_s = {parameters.later_s!r}",
+        "",
+        "[monitor.arm]",
+        f"residual_rate_nm_s = {list(arm.residual_rate_nm_s)}",
+        *(f"{name} = {getattr(arm, name)!r}" for name in (
+            "window", "delay", "decay_1_s", "configuration_rad", "time_s", "horizon_s", "velocity_rad_s", "spacing_s"
+        )),
+        "",
+        "[monitor.net_force]",
+        f"start_s = {net.start_s!r}",
+        f"step_s = {net.step_s!r}",
+        f"patience = {net.patience}",
+        *(f"{name} = {list(getattr(net, name))}" for name in ("x_n", "y_n", "z_n")),
+        "",
+        "[provenance]",
+        f"sensitivity = {sensitivity!r}",
+        f"seeds = {seeds[0]}",
+        f"held_out_seeds = {seeds[1]}",
+        f"held_out_false_alarms = {len(found.false_alarms)}",
+        f"held_out_smallest_margin = {round(found.smallest_margin, 3)!r}",
+        "",
+    ]  # fmt: skip
+    return "\n".join(lines)

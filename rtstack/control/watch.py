@@ -1,0 +1,126 @@
+"""The aim-aware monitor in the tick: both arms' residuals against the impact that the reference aims at."""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from rtstack.monitor.pair import AFTER, IMPACT, PAIR, TARE, PairParameters, pair_expect, pair_step
+from rtstack.monitor.records import Reason, Verdict, monitor_dtype
+from rtstack.references.impact import ExpectedImpact
+
+FREE_AFTER_S = 0.4  # after the release the pads have let go, and feel nothing again
+UNTIL_BEFORE_S = 0.2  # the nominal impact: where an object that is displaced cannot be met yet
+
+
+class TrialMonitor:
+    """Watches one trial. `pair` (1,) of PAIR and `arms` (2,) of monitor_dtype(7) are what is known so far."""
+
+    def __init__(self, parameters: PairParameters, impact: ExpectedImpact, period_s: float) -> None:
+        """Copies everything that the tick needs, so that it makes one specialisation of compiled code."""
+        self.parameters = parameters
+        self.impact = impact
+        self.pair = np.zeros(1, PAIR)
+        self.arms = np.zeros(2, monitor_dtype(parameters.arm.joints))
+        self._period_ns = round(period_s * 1e9)
+        self._record = parameters.arm.record()
+        self._dq_post = np.ascontiguousarray(impact.dq_post, dtype=np.float64)
+        self._net = np.ascontiguousarray(impact.net_force, dtype=np.float64)
+        self._bounds = self._net_bounds(period_s)
+        self._tare_ticks = round((impact.t_d_s - UNTIL_BEFORE_S) / period_s)
+        self._until = round(impact.set_down_s / period_s)
+        self._decided_ns = round((impact.t_d_s + parameters.net_force.end_s) * 1e9)
+        self._later_ns = round(parameters.later_s * 1e9)
+        self._verdict, self._reason = self.pair["verdict"], self.pair["reason"]
+        self._said = int(Verdict.NONE)
+        pair_expect(self.pair, self.arms, round(impact.t_d_s * 1e9), np.array(impact.q_d, dtype=np.float64))
+
+    def _net_bounds(self, period_s: float) -> np.ndarray:
+        """The bounds (n, 3) of every tick: none from where the object may meet the table until nothing is held."""
+        t_s = np.arange(len(self._net)) * period_s
+        bounds = self.parameters.net_force.bounds(np.asarray(t_s - self.impact.t_d_s, dtype=np.float64))
+        bounds[(t_s >= self.impact.set_down_s) & (t_s < self.impact.release_s + FREE_AFTER_S)] = math.inf
+        return np.ascontiguousarray(bounds)
+
+    def step(self, side: int, sample: NDArray, workspace: NDArray, control: NDArray, elapsed_ns: int) -> None:
+        """Take the tick that an arm has just observed, so long after the start, and write what its log keeps."""
+        watch(
+            self.pair, self.arms, side, self._record, sample, workspace, control, self._dq_post, self._net,
+            self._bounds, elapsed_ns, self._period_ns, self._tare_ticks, self._until, self._decided_ns,
+            self._later_ns, self.parameters.net_force.patience,
+        )  # fmt: skip
+
+    @property
+    def unexpected(self) -> bool:
+        """Whether the impact was another one than was meant."""
+        return self._verdict[0] == Verdict.UNEXPECTED
+
+    @property
+    def verdict(self) -> Verdict:
+        """What is known by now."""
+        return Verdict(self._verdict[0])
+
+    @property
+    def reason(self) -> Reason:
+        """Why it is unexpected."""
+        return Reason(self._reason[0])
+
+    def since_contact_s(self, t_s: float) -> float:
+        """Time since the first impact of either arm; negative where there was none."""
+        hit = self.arms["impacts"] > 0
+        return t_s - 1e-9 * float(self.arms["t_first_ns"][hit].min()) if hit.any() else -1.0
+
+    @property
+    def crash(self) -> bool:
+        """Whether something was hit where or when there should have been nothing: nobody knows what, or whom."""
+        hit_at_all = bool(self.arms["impacts"].any())
+        return self.unexpected and hit_at_all and self.reason in (Reason.TIME, Reason.CONFIGURATION, Reason.SPACING)
+
+    def stopped_by_fault(self) -> None:
+        """Judge a trial that a fault has ended: an impact that the arms did not survive was not meant."""
+        if self.verdict is Verdict.NONE and self.arms["impacts"].any():
+            last_ns = int(max(self.arms["t_ns"]))
+            self.pair["verdict"], self.pair["reason"] = Verdict.UNEXPECTED, Reason.STOPPED
+            self.pair["t_verdict_ns"] = last_ns
+
+    def news(self) -> bool:
+        """Whether the verdict is another one than at the last call."""
+        verdict = int(self._verdict[0])
+        changed, self._said = verdict != self._said, verdict
+        return changed
+
+    @property
+    def text(self) -> str:
+        """The verdict in one line. Not for the tick."""
+        pair = self.pair[0]
+        if self.verdict is not Verdict.UNEXPECTED:
+            return f"{self.verdict.name.lower()}, margin {pair['margin']:.2f}"
+        where = ("left: ", "right: ", "")[pair["side"]]
+        return f"unexpected: {where}{self.reason.name.lower().replace('_', ' ')}, margin {pair['margin']:.2f}"
+
+
+@njit(cache=True, error_model="numpy")
+def watch(
+    pairs, states, side, parameters, samples, workspaces, controls, dq_post, net, bounds, t_ns, period_ns, tare_ticks,
+    until, decided_ns, later_ns, patience,
+):  # fmt: skip
+    """Let the pair's monitor see one arm's tick; write verdict, reason and margin into its control record."""
+    sample, work, control = samples[0], workspaces[0], controls[0]
+    index = min(t_ns // period_ns, net.shape[0] - 1)
+    pair = pairs[0]
+    if index < until or bounds[index, 0] < math.inf:
+        for i in range(3):
+            work.three[i] = -work.force_world[i]
+        phase = TARE if index < tare_ticks else IMPACT if index < until else AFTER
+        pair_step(
+            pairs, states, side, parameters, t_ns, control.momentum_residual, sample.q, sample.dq, dq_post[side, index],
+            work.three, net[index], bounds[index], phase, decided_ns, later_ns, patience,
+        )  # fmt: skip
+    state = states[side]
+    control.impact_verdict = state.verdict
+    control.impact_reason = state.reason
+    control.impact_margin = state.margin
+    control.pair_verdict = pair.verdict
+    control.pair_reason = pair.reason
+    control.pair_margin = pair.margin

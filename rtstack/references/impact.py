@@ -1,0 +1,77 @@
+"""The impact that a reference aims at, as the monitor wants it: when, in which configuration, and what is to follow.
+
+From a demonstration: its joints at the nominal impact, its joint velocities as the post-impact reference of (14),
+extended like (16) to the time before T_p, and what both pads together feel: the weight and inertia of the object. A
+planned impact is the same record, with the velocities of an impact map (rtstack.impact_map) in place of the measured.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+LIFTED_S = 0.6  # after the impact the object hangs in the air
+CARRIED_SHARE = 0.35  # of its weight: what carrying adds or takes away at most
+EARLIER_S = 0.1  # a trial meets the table earlier, where it has grabbed the object lower
+SMOOTHING_S = 0.02  # on each side: what oscillates in the demonstration's velocities is no reference
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedImpact:
+    """Arrays of n ticks from the start of the reference, arms (left, right).
+
+    t_d_s: nominal impact; q_d (2, 7) rad; dq_ante (2, 7) rad/s just before it; dq_post (2, n, 7) rad/s; net_force
+    (n, 3): N along the world's axes, of the pads on the object, both arms together; set_down_s: until when it is
+    carried; release_s: when it is let go.
+    """
+
+    t_d_s: float
+    q_d: Array
+    dq_ante: Array
+    dq_post: Array
+    net_force: Array
+    set_down_s: float
+    release_s: float
+
+    @property
+    def dq_jump(self) -> Array:
+        """Velocity jump (2, 7), rad/s, of the ideally rigid impact: dq+ - dq- at t_d."""
+        return self.dq_post[:, round(self.t_d_s * 1e3)] - self.dq_ante
+
+
+def demonstrated_impact(
+    q: Array, dq: Array, force: Array, impact: int, release: int, excluded: int, period_s: float
+) -> ExpectedImpact:
+    """Return the impact of a demonstration: q, dq (2, n, 7), force (2, n, 3) ON the pads, N, along the world's axes.
+
+    impact, release: indices of T_r and of the release; excluded: Delta T_r in ticks, around T_r.
+    """
+    half = round(SMOOTHING_S / period_s)
+    smooth = np.stack([_smooth(values, half) for values in dq])
+    post = smooth.copy()
+    post[:, : impact + excluded] = smooth[:, impact + excluded, None]
+    # before the impact a pad feels what the estimate is off by
+    bias = force[:, : max(1, impact - excluded)].mean(axis=1)
+    net = -_smooth((force - bias[:, None]).sum(axis=0), half)
+    before = slice(max(0, impact - 2 * half), max(1, impact - half))  # the detection is some ms behind the contact
+    ante = dq[:, before].mean(axis=1)
+    down = _set_down(net[:, 2], impact + round(LIFTED_S / period_s), release) - round(EARLIER_S / period_s)
+    return ExpectedImpact(impact * period_s, q[:, impact].copy(), ante, post, net, down * period_s, release * period_s)
+
+
+def _set_down(lift: Array, lifted: int, release: int) -> int:
+    """Index at which an object that hangs in the air at `lifted` meets the table: what is lifted (n,), N, changes."""
+    carried = lift[lifted:release]
+    if len(carried) == 0:
+        return release
+    weight = np.median(carried[: len(carried) // 2 + 1])
+    changed = np.flatnonzero(np.abs(carried - weight) > CARRIED_SHARE * abs(weight))
+    return lifted + int(changed[0]) if len(changed) else release
+
+
+def _smooth(values: Array, half: int) -> Array:
+    """Mean over 2 half + 1 ticks of values (n, k), the ends held."""
+    padded = np.concatenate([np.repeat(values[:1], half, axis=0), values, np.repeat(values[-1:], half, axis=0)])
+    total = np.cumsum(np.concatenate([np.zeros((1, values.shape[1])), padded]), axis=0)
+    return (total[2 * half + 1 :] - total[: -2 * half - 1]) / (2 * half + 1)

@@ -1,0 +1,152 @@
+"""Which unexpected: what it probably was, from what the monitor has found and what the arms then felt.
+
+Beyond the paper, which stops at expected or unexpected. Rules in the order in which they are asked; every number is
+one that a person can check in the log. Not for the tick: it looks at what came after the verdict as well.
+"""
+
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtstack.control.watch import TrialMonitor
+from rtstack.loop.history import Columns
+from rtstack.monitor.records import Reason, Verdict
+
+Array = NDArray[np.float64]
+ALONG_APPROACH = 0.8  # cosine: what stands in the way pushes against the motion
+AHEAD_S = 0.35  # nothing that the arms aim at can be met earlier
+BEFORE_S = (0.012, 0.002)
+FIRST_TOUCH_S = (0.005, 0.020)  # after the detection: the pad touches, and has not yet turned
+CORNER_M = 0.03  # from the pad's centre: 50 mm is its edge, and a face that meets a face stays below half of that
+VERTICAL = 2.0  # times the horizontal part: a weight, not a push
+LASTING_S = (0.45, 0.6)  # after the verdict: a person has let go, a weight has not
+LASTING_SHARE = 0.5
+
+
+class Unexpected(StrEnum):
+    """What was not as meant."""
+
+    TOO_EARLY = "too early"
+    TOO_LATE = "too late"
+    WRONG_PLACE = "wrong place"
+    ONE_SIDE = "one side only"
+    MISSING = "object missing"
+    TOO_HEAVY = "too heavy"
+    TOO_LIGHT = "too light"
+    TILTED = "surface tilted"
+    PUSH = "a person's push"
+    UNKNOWN = "unknown"
+
+
+def classify(monitor: TrialMonitor, columns: Columns, start_t_ns: int) -> Unexpected | None:
+    """Return what an unexpected impact was, None where it was none. columns: the trial's samples from start_t_ns on."""
+    if monitor.verdict is not Verdict.UNEXPECTED:
+        return None
+    return _Case(monitor, columns, start_t_ns).kind()
+
+
+class _Case:
+    def __init__(self, monitor: TrialMonitor, columns: Columns, start_t_ns: int) -> None:
+        self._monitor = monitor
+        self._t_s = (columns.arm[0]["t_ns"] - start_t_ns) * 1e-9
+        wrench = columns.arm["O_F_ext_hat_K"]  # of each pad on its surroundings, along the axes of base and world
+        self._force = wrench[:, :, :3] - monitor.pair[0]["tare"][:, None, :]
+        self._wrench = wrench
+        self._position = columns.arm["O_T_EE"][:, :, :3, 3]
+        self._first = [
+            float(state["t_first_ns"]) * 1e-9 if state["impacts"] > 0 else None for state in monitor.arms
+        ]  # by arm, s
+        self._t_d = monitor.impact.t_d_s
+        self._zeta = monitor.parameters.arm.time_s
+
+    def kind(self) -> Unexpected:
+        """Ask the rules."""
+        reason = self._monitor.reason
+        if reason is Reason.LOAD and not any(first is not None for first in self._first):
+            return Unexpected.MISSING  # the object's weight was missed before its impact was
+        if reason is not Reason.ONE_SIDE and self._nearer():
+            return self._both_shifted()
+        if reason is Reason.NO_IMPACT:
+            return Unexpected.MISSING
+        if reason is Reason.ONE_SIDE:
+            return Unexpected.ONE_SIDE
+        if reason is Reason.LOAD:
+            return self._load()
+        if reason is Reason.PAIR_TIME:
+            return self._both_shifted()
+        if reason in (Reason.TIME, Reason.CONFIGURATION, Reason.SPACING):
+            return self._off_time()
+        if reason in (Reason.ENVELOPE, Reason.STOPPED) and self._corner() > CORNER_M:
+            return Unexpected.TILTED
+        return Unexpected.UNKNOWN
+
+    def _nearer(self) -> bool:
+        """Whether both arms have met the object too early: its sides are not where they should be."""
+        first = [f for f in self._first if f is not None]
+        at_impact = abs(1e-9 * float(self._monitor.pair[0]["t_verdict_ns"]) - self._t_d) < AHEAD_S
+        early = len(first) == 2 and max(first) < self._t_d - self._monitor.parameters.later_s
+        return at_impact and early and min(first) > self._t_d - AHEAD_S
+
+    def _off_time(self) -> Unexpected:
+        """An impact too early, too late or somewhere else: of what was meant, or of something else."""
+        side = max(int(self._monitor.pair[0]["side"]), 0)
+        first = self._first[side]
+        if first is None:
+            return Unexpected.UNKNOWN
+        early = first - self._t_d
+        met = all(f is not None and abs(f - self._t_d) <= self._zeta for f in self._first)
+        if met or not early > -AHEAD_S or (early < 0.0 and not self._against_approach(side, first)):
+            return Unexpected.PUSH  # after both had met the object, or where it cannot be
+        other = self._first[1 - side]
+        if other is not None and (other - self._t_d) * early > 0.0 and abs(other - self._t_d) > self._zeta:
+            return Unexpected.TOO_EARLY if early < 0.0 else Unexpected.TOO_LATE
+        return Unexpected.WRONG_PLACE
+
+    def _against_approach(self, side: int, first_s: float) -> bool:
+        """Whether the pad pushes something along its own way. The measured one: the reference changes at the impact."""
+        before = self._window(first_s - BEFORE_S[0], first_s - BEFORE_S[1])
+        velocity = self._position[side, before.stop - 1] - self._position[side, before.start]
+        force = self._force[side, self._window(first_s + FIRST_TOUCH_S[0], first_s + FIRST_TOUCH_S[1])].mean(axis=0)
+        size = float(np.linalg.norm(force) * np.linalg.norm(velocity))
+        return size > 0.0 and float(force @ velocity) > ALONG_APPROACH * size
+
+    def _both_shifted(self) -> Unexpected:
+        """The later arm has hit too early: a face that is tilted is met at an edge, by both arms; else it is nearer."""
+        later = max(first for first in self._first if first is not None)
+        if later > self._t_d:
+            return Unexpected.TOO_LATE
+        return Unexpected.TILTED if self._corner() > CORNER_M else Unexpected.TOO_EARLY
+
+    def _corner(self) -> float:
+        """How far from the pads' centres they first touch, m: the smaller one of both."""
+        arms = []
+        for side, first in enumerate(self._first):
+            if first is None:
+                continue
+            wrench = self._wrench[side, self._window(first + FIRST_TOUCH_S[0], first + FIRST_TOUCH_S[1])]
+            force = np.maximum(np.linalg.norm(wrench[:, :3], axis=1), 1.0)
+            arms.append(float(np.median(np.linalg.norm(wrench[:, 3:], axis=1) / force)))
+        return min(arms, default=0.0)
+
+    def _load(self) -> Unexpected:
+        """Both pads feel more, or less, than they should: a weight pulls down and stays, a push does what it likes."""
+        verdict_s = float(self._monitor.pair[0]["t_verdict_ns"]) * 1e-9
+        now = self._net_error(verdict_s, verdict_s + 0.1)
+        later = self._net_error(verdict_s + LASTING_S[0], verdict_s + LASTING_S[1])
+        lasts = now is None or later is None or abs(later[2]) > LASTING_SHARE * abs(now[2])
+        if now is not None and lasts and abs(now[2]) > VERTICAL * float(np.hypot(now[0], now[1])):
+            return Unexpected.TOO_HEAVY if now[2] > 0.0 else Unexpected.TOO_LIGHT
+        return Unexpected.PUSH
+
+    def _net_error(self, begin_s: float, end_s: float) -> Array | None:
+        """Mean of the net force's error (3,), N; None where the trial had ended."""
+        k = self._window(begin_s, end_s)
+        if k.stop >= len(self._t_s) or k.stop <= k.start:
+            return None
+        net = self._monitor.impact.net_force[k.start : k.stop]
+        return (self._force[:, k].sum(axis=0)[: len(net)] - net).mean(axis=0)
+
+    def _window(self, begin_s: float, end_s: float) -> slice:
+        begin, end = np.searchsorted(self._t_s, (begin_s, end_s))
+        return slice(int(begin), max(int(end), int(begin) + 1))

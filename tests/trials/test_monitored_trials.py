@@ -1,0 +1,102 @@
+"""The monitor in whole trials: verdicts in log, events and result, and what an unexpected one leads to."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rtstack.cli.cells import default_cell_file, open_cell
+from rtstack.log.reader import read_log
+from rtstack.monitor.records import Verdict
+from rtstack.samples import Level, Mode, Reaction
+from rtstack.trials.monitoring import load_tuning
+from rtstack.trials.record import open_log
+from rtstack.trials.review import log_columns
+from rtstack.trials.run import prepare_trial, run_trial
+from rtstack.trials.specification import TrialSpecification
+from rtstack.trials.tuning import GoodRun, replay
+
+PUSH = '[[fault]]\nkind = "push"\narm = "left"\nat_s = 2.0\nduration_s = 0.4\nforce_N = [40.0, 0.0, 0.0]\n'
+MISSING = '[[fault]]\nkind = "object_lost"\nat_s = 0.0\n'
+
+
+@pytest.fixture
+def trial(cell, demonstration, tmp_path):
+    """Runs a trial with this script of faults and this reaction; gives result, log and what was prepared."""
+
+    def run(script: str = "", reaction: Reaction = Reaction.CONTINUE):
+        faults = tmp_path / "faults.toml"
+        faults.write_text(script)
+        specification = TrialSpecification(str(demonstration.path), seed=3, displacement_mm=12.0, reaction=reaction)
+        prepared = prepare_trial(specification, cell)
+        path = Path(tmp_path / "trial.mcap")
+        log = open_log(path, specification, cell, "direct", default_cell_file(), reference=prepared.reference)
+        opened = open_cell("direct", "rice_box", 0.012, 3, cell, faults)
+        try:
+            result = run_trial(prepared, opened, log=log)
+        finally:
+            opened.close()
+        return result, read_log(path), prepared
+
+    return run
+
+
+def said(log) -> list[str]:
+    return [event.text for event in log.events if event.name == "verdict"]
+
+
+def test_a_good_grab_is_expected_and_its_log_says_so_again(trial) -> None:
+    result, log, prepared = trial()
+    assert result.success
+    assert result.impact_verdict == "expected"
+    assert result.impact_reason is None
+    assert result.impact_kind is None
+    control = log.topic("/left/control")
+    assert set(control["pair_verdict"].tolist()) == {Verdict.NONE, Verdict.EXPECTED}
+    assert log.metadata["result"]["impact_verdict"] == "expected"
+    (text,) = said(log)
+    assert text.startswith("expected, margin 0.")
+    columns = log_columns(log)
+    run = GoodRun("trial", columns, prepared.reference.impact)
+    monitor = replay(run, load_tuning().monitor)
+    assert monitor.verdict is Verdict.EXPECTED
+    assert float(monitor.pair[0]["t_verdict_ns"]) * 1e-9 == result.impact_verdict_time_s
+
+
+def test_a_push_stops_the_arms_in_the_tick_of_the_verdict(trial) -> None:
+    result, log, _ = trial(PUSH, Reaction.STOP)
+    assert (result.impact_verdict, result.impact_kind) == ("unexpected", "a person's push")
+    assert not result.success
+    control = log.topic("/left/control")
+    verdict = int(np.argmax(control["pair_verdict"] == Verdict.UNEXPECTED))
+    assert 2000 <= verdict <= 2015
+    assert control["mode"][verdict] == Mode.STOPPING
+    assert control["mode"][verdict - 1] != Mode.STOPPING
+    assert json.loads(log.metadata["trial"]["specification"])["reaction"] == "stop"
+    assert any(event.level is Level.WARNING and event.name == "verdict" for event in log.events)
+
+
+def test_a_push_is_held_against(trial) -> None:
+    result, log, _ = trial(PUSH, Reaction.HOLD)
+    control = log.topic("/left/control")
+    verdict = int(np.argmax(control["pair_verdict"] == Verdict.UNEXPECTED))
+    held = np.flatnonzero(control["mode"] == Mode.HOLDING)
+    assert held[0] == verdict
+    place = control["pose_ref"][held, :3]
+    assert np.linalg.norm(place[-1] - place[200]) < 1e-9  # it has braked, and stays
+    steps = np.linalg.norm(np.diff(control["pose_ref"][verdict - 50 : verdict + 300, :3], axis=0), axis=1)
+    assert steps.max() < 1e-3  # m in a ms, and no jump at the beginning
+    assert result.safety_interventions == 0
+
+
+def test_where_nothing_was_met_the_arms_go_back_and_nobody_has_to_recover(trial) -> None:
+    result, log, _ = trial(MISSING, Reaction.RETREAT)
+    assert (result.impact_verdict, result.impact_kind) == ("unexpected", "object missing")
+    assert result.failure_reason.startswith("another impact than was meant")
+    assert "fault" not in log.metadata
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        control, arm = log.topic(f"/{side}/control"), log.topic(f"/{side}/arm")
+        back = np.flatnonzero(control["mode"] == Mode.RETREATING)
+        y = arm["O_T_EE"][back, 1, 3] * sign
+        assert y[-1] - y.min() > 0.08
