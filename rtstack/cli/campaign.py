@@ -24,23 +24,29 @@ from rtstack.trials.run import check_object
 
 FAILED = 1
 INTERRUPTED = 1
+AIM_AWARE_GRAB = "aim-aware-grab"  # no plan of controllers: a study of the monitor
 
 
 def campaign(name: str, out: Path, quick: bool, workers: int | None, scheduler: str | None, resume: bool) -> None:
     """Run the campaign `name` in the folder `out`, or what is missing of it, and write its report."""
     if scheduler is not None and workers is not None:
         raise TrialError("--workers starts processes here, --scheduler has workers of its own: give one of them")
+    if name == AIM_AWARE_GRAB:
+        from rtstack.cli.grab_study import grab_study
+
+        grab_study(out, quick, workers, scheduler, resume)
+        return
     file = plan_file(name)
     out = out.resolve()
     at_once = workers or len(os.sched_getaffinity(0))
     if is_study(file.path):
         run = study.prepare(file, out, quick, resume)
-        with _resumable(_again(name, out, quick)):
+        with resumable(_again(name, out, quick)):
             study.run_all(run, file, out, at_once, scheduler)
         return
     if is_validation(file.path):
         plan, bench, described = validation.prepare(file, out, quick, resume)
-        with _resumable(_again(name, out, quick)):
+        with resumable(_again(name, out, quick)):
             validation.run_all(plan, bench, described, file, at_once, scheduler)
         return
     plan = load_plan(file.path, quick)
@@ -50,15 +56,15 @@ def campaign(name: str, out: Path, quick: bool, workers: int | None, scheduler: 
     sources = [file.path, cell_file, *plant_files()]
     plan = plan.sealed([path.read_bytes() for path in sources])
     check_folder(out, plan, resume)
-    with _resumable(_again(name, out, quick)):
+    with resumable(_again(name, out, quick)):
         bench = Bench(out, cell_file, open_conditioned_cell, plan.criterion, plan.digest, digests(sources))
         _run(bench, plan, file, description, at_once, scheduler)
 
 
 @contextmanager
-def _resumable(again: str) -> Iterator[None]:
+def resumable(again: str) -> Iterator[None]:
     """End the program in order at Ctrl-C, with the command that goes on."""
-    with _interruptible():
+    with interruptible():
         try:
             yield
         except KeyboardInterrupt:
@@ -108,7 +114,7 @@ def _again(name: str, out: Path, quick: bool) -> str:
 
 
 @contextmanager
-def _interruptible() -> Iterator[None]:
+def interruptible() -> Iterator[None]:
     """Let Ctrl-C and SIGTERM break the work off in order; a second one ends the program at once."""
 
     def interrupt(number: int, frame: FrameType | None) -> None:

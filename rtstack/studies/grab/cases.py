@@ -1,0 +1,139 @@
+"""The trials by which the grab's monitor is judged: a TOML file, fixed before it is run, and the cases that follow."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from importlib.resources import as_file, files
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass as checked
+
+from rtstack.campaign.plan import Conditions
+from rtstack.campaign.trial import Reference, seed_of
+from rtstack.configuration import STRICT, load_toml
+from rtstack.references.impact import ExpectedImpact
+from rtstack.trials.unexpected import Unexpected
+
+Count = Annotated[int, Field(ge=1, le=10_000)]
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+FIRST_PUSH_S = 0.3  # since the first motion
+RECORDING_STAGE = "reference"
+
+
+class FaultKind(StrEnum):
+    """What goes wrong; the order in which faults are dealt out."""
+
+    MISSING = "object missing"
+    SHIFTED = "shifted 60 mm"
+    HEAVY = "3x the mass"
+    LIGHT = "1/3 of the mass"
+    TILTED = "tilted 15 deg"
+    PUSH = "pushed by 40 N"
+
+
+# what a classification that is right says
+TRUE_KIND = {
+    FaultKind.MISSING: Unexpected.MISSING,
+    FaultKind.SHIFTED: Unexpected.WRONG_PLACE,
+    FaultKind.HEAVY: Unexpected.TOO_HEAVY,
+    FaultKind.LIGHT: Unexpected.TOO_LIGHT,
+    FaultKind.TILTED: Unexpected.TILTED,
+    FaultKind.PUSH: Unexpected.PUSH,
+}
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class Faults:
+    """How much goes wrong: mm, factors of the mass, degrees, N and s."""
+
+    shifted_mm: Positive
+    heavy: Positive
+    light: Positive
+    tilted_deg: Positive
+    push_n: Positive
+    push_s: Positive
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class Judged:
+    """The study as its file has it."""
+
+    name: str
+    seed: Annotated[int, Field(ge=0)]
+    references: tuple[Annotated[str, Field(pattern=r"^[a-z0-9_]+/\d+$")], ...]
+    good: Count
+    faulty: Count
+    displacement_mm: Positive
+    quick_references: Count
+    quick_good: Count
+    quick_faulty: Count
+    faults: Faults
+    conditions: Conditions
+
+    def cases(self, quick: bool) -> list["Case"]:
+        """Return all cases, good and faulty in turn, so that what was run of them is a sample of both."""
+        good, faulty = (self.quick_good, self.quick_faulty) if quick else (self.good, self.faulty)
+        kinds = list(FaultKind)
+        dealt = [*((k, None) for k in range(good)), *((k, kinds[k % len(kinds)]) for k in range(faulty))]
+        return sorted((self._case(number, kind, quick) for number, kind in dealt), key=lambda case: case.number)
+
+    def recorded(self, quick: bool) -> tuple[Reference, ...]:
+        """Return the demonstrations that the cases follow."""
+        names = self.references[: self.quick_references] if quick else self.references
+        return tuple(map(Reference.named, names))
+
+    def _case(self, number: int, kind: FaultKind | None, quick: bool) -> "Case":
+        what = "good" if kind is None else "faulty"
+        seed = seed_of(self.seed, what, number)
+        draw = np.random.default_rng([seed, 1])
+        references = self.recorded(quick)
+        displacement_mm = float(draw.uniform(-self.displacement_mm, self.displacement_mm))
+        if kind is FaultKind.SHIFTED:
+            displacement_mm = float(draw.choice([-1.0, 1.0])) * self.faults.shifted_mm
+        return Case(f"{what}-{number:04d}", number, kind, references[number % len(references)], displacement_mm, seed)
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One trial. fault: None for a good one; displacement along the world's y; seed: of plant, noise and moment."""
+
+    id: str
+    number: int
+    fault: FaultKind | None
+    reference: Reference
+    displacement_mm: float
+    seed: int
+
+    def script(self, faults: Faults, impact: ExpectedImpact) -> list[dict[str, Any]]:
+        """Return the tables of a faults file, and nothing for a good trial."""
+        draw = np.random.default_rng([self.seed, 2])
+        side = float(draw.choice([-1.0, 1.0]))
+        match self.fault:
+            case FaultKind.MISSING:
+                return [{"kind": "object_lost", "at_s": 0.0}]
+            case FaultKind.HEAVY | FaultKind.LIGHT:
+                factor = faults.heavy if self.fault is FaultKind.HEAVY else faults.light
+                return [{"kind": "object_mass", "mass_factor": factor, "at_s": 0.0}]
+            case FaultKind.TILTED:
+                return [{"kind": "object_tilted", "tilt_deg": side * faults.tilted_deg}]
+            case FaultKind.PUSH:
+                direction = draw.normal(size=3)
+                force = faults.push_n * direction / np.linalg.norm(direction)
+                arm, at_s = str(draw.choice(["left", "right"])), float(draw.uniform(FIRST_PUSH_S, impact.set_down_s))
+                push = {"kind": "push", "arm": arm, "at_s": round(at_s, 3), "duration_s": faults.push_s}
+                return [push | {"force_N": force.tolist()}]
+            case _:
+                return []
+
+
+def judged_file() -> Path:
+    """Return the path of the committed study."""
+    with as_file(files("deploy.monitor") / "judged.toml") as path:
+        return path
+
+
+def load_judged(path: Path) -> Judged:
+    """Read it. Raises ConfigurationError."""
+    return load_toml(path, Judged)

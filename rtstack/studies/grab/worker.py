@@ -1,0 +1,113 @@
+"""One case in a worker: a trial without a log, and what the monitor has said about it."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from hal.cell import Cell
+from rtstack.campaign.plan import Conditions
+from rtstack.campaign.trial import Reference
+from rtstack.campaign.worker import RECORDINGS, Bench
+from rtstack.model.cell_description import load_cell_description
+from rtstack.monitor.pair import PairParameters
+from rtstack.studies.grab.cases import Case, FaultKind, Faults
+from rtstack.trials.run import PreparedTrial, prepare_trial, run_trial
+from rtstack.trials.specification import TrialSpecification
+
+# object, displacement m, seed, conditions, what goes wrong -> cell
+OpenFaultyCell = Callable[[str, float, int, Conditions, Sequence[dict[str, Any]]], Cell]
+
+
+@dataclass(frozen=True, slots=True)
+class Bed:
+    """What all cases have in common, as it is sent to the workers."""
+
+    bench: Bench
+    conditions: Conditions
+    faults: Faults
+    monitor: PairParameters
+    open_cell: OpenFaultyCell
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What became of a case. Times in s from the start of the trial; onset_s: of what went wrong, or of the impact."""
+
+    id: str
+    fault: str | None
+    reference: str
+    displacement_mm: float
+    seed: int
+    verdict: str
+    reason: str | None
+    kind: str | None
+    margin: float
+    verdict_s: float | None
+    onset_s: float
+    nominal_s: float
+    success: bool
+    failure_reason: str | None
+    ticks: int
+
+    @property
+    def unexpected(self) -> bool:
+        """Whether the monitor says that something was wrong."""
+        return self.verdict == "unexpected"
+
+    @property
+    def right(self) -> bool:
+        """Whether the verdict is right; one that comes before what goes wrong is a false alarm."""
+        if self.fault is None:
+            return not self.unexpected
+        early = self.fault == FaultKind.PUSH and self.verdict_s is not None and self.verdict_s < self.onset_s
+        return self.unexpected and not early
+
+    @property
+    def delay_s(self) -> float | None:
+        """From the onset to the verdict."""
+        return None if self.verdict_s is None else self.verdict_s - self.onset_s
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the finding as JSON-ready values."""
+        return asdict(self)
+
+
+@lru_cache(maxsize=16)
+def _prepared(cell_file: Path, out: Path, reference: Reference, monitor: PairParameters) -> PreparedTrial:
+    specification = TrialSpecification(str(out / RECORDINGS / reference.file), object=reference.object)
+    return prepare_trial(specification, load_cell_description(cell_file), monitor=monitor)
+
+
+def run_case(bed: Bed, case: Case) -> Finding:
+    """Run a case."""
+    prepared = _prepared(bed.bench.cell_file, bed.bench.out, case.reference, bed.monitor)
+    assert prepared.reference.impact is not None  # it is a demonstration
+    script = case.script(bed.faults, prepared.reference.impact)
+    specification = replace(prepared.specification, displacement_mm=case.displacement_mm, seed=case.seed)
+    prepared = replace(prepared, specification=specification)
+    cell = bed.open_cell(case.reference.object, case.displacement_mm * 1e-3, case.seed, bed.conditions, script)
+    try:
+        result = run_trial(prepared, cell, log=None, criterion=bed.bench.criterion)
+    finally:
+        cell.close()
+    nominal_s = result.nominal_impact_time_s
+    hit_s = result.detected_impact_time_s if result.detected_impact_time_s is not None else nominal_s
+    return Finding(
+        id=case.id,
+        fault=case.fault,
+        reference=case.reference.name,
+        displacement_mm=case.displacement_mm,
+        seed=case.seed,
+        verdict=result.impact_verdict or "none",
+        reason=result.impact_reason,
+        kind=result.impact_kind,
+        margin=result.impact_margin if result.impact_margin is not None else 0.0,
+        verdict_s=result.impact_verdict_time_s,
+        onset_s=script[0]["at_s"] if case.fault is FaultKind.PUSH else hit_s,
+        nominal_s=nominal_s,
+        success=result.success,
+        failure_reason=result.failure_reason,
+        ticks=result.ticks,
+    )

@@ -1,0 +1,71 @@
+"""The study of the grab's monitor: what is judged, and how it is counted."""
+
+from collections import Counter
+from dataclasses import replace
+
+import pytest
+
+from rtstack.studies.grab.cases import FaultKind, judged_file, load_judged
+from rtstack.studies.grab.report import page, summarise
+from rtstack.studies.grab.results import RESULTS, Results, check_folder
+from rtstack.studies.grab.worker import Finding
+from rtstack.trials.errors import TrialError
+from rtstack.trials.monitoring import load_tuning
+
+FINDING = Finding(
+    id="good-0000", fault=None, reference="rice_box/11", displacement_mm=3.0, seed=1, verdict="expected", reason=None,
+    kind=None, margin=0.5, verdict_s=1.9, onset_s=1.4, nominal_s=1.4, success=True, failure_reason=None, ticks=5000,
+)  # fmt: skip
+
+
+def test_the_cases_are_those_of_the_mark() -> None:
+    study = load_judged(judged_file())
+    cases = study.cases(quick=False)
+    count = Counter(case.fault for case in cases)
+    assert count[None] == 400
+    assert sum(count.values()) == 800
+    assert all(66 <= count[kind] <= 67 for kind in FaultKind)
+    assert len({case.seed for case in cases}) == 800
+    shifted = {abs(case.displacement_mm) for case in cases if case.fault is FaultKind.SHIFTED}
+    assert shifted == {60.0}
+    others = [case.displacement_mm for case in cases if case.fault is not FaultKind.SHIFTED]
+    assert -30.0 <= min(others) < -29.0
+    assert 29.0 < max(others) <= 30.0
+    assert cases == study.cases(quick=False)
+    tuned_on = load_tuning().provenance
+    assert not {case.seed for case in cases} & {*tuned_on["seeds"], *tuned_on["held_out_seeds"]}
+
+
+def test_a_verdict_counts_where_it_is_right() -> None:
+    push = replace(FINDING, id="faulty-5", fault=str(FaultKind.PUSH), verdict="unexpected", kind="a person's push")
+    late, early = replace(push, onset_s=1.8, verdict_s=1.82), replace(push, onset_s=2.0, verdict_s=1.82)
+    missed = replace(push, fault=str(FaultKind.LIGHT), verdict="expected", kind=None)
+    alarm = replace(FINDING, verdict="unexpected", kind="too heavy")
+    assert [f.right for f in (FINDING, late, early, missed, alarm)] == [True, True, False, False, False]
+    summary = summarise([FINDING, late, early, missed, alarm])
+    assert summary.found.mean == pytest.approx(1.0 / 3.0)
+    assert summary.false_alarms.mean == 0.5
+    assert not summary.reached
+    assert summary.confusion["too light"] == {"expected": 1}
+    assert len(summary.wrong) == 3
+    (line,) = (line for line in summary.lines if line.name == FaultKind.PUSH)
+    assert line.delay_ms[0] == pytest.approx(20.0)
+    assert "not reached" in page(summary, {"seeds": [1]}, "a test")
+    assert summarise([FINDING, late]).reached
+
+
+def test_what_was_found_stays_and_a_line_cut_off_is_run_again(tmp_path) -> None:
+    check_folder(tmp_path, "one", resume=False)
+    with Results(tmp_path, "one") as results:
+        results.add(FINDING)
+        with pytest.raises(TrialError, match="another study is running"):
+            Results(tmp_path, "one")
+    with open(tmp_path / RESULTS, "a", encoding="utf-8") as file:
+        file.write('{"id": "good-0001", "fault"')
+    with pytest.raises(TrialError, match="--resume"):
+        check_folder(tmp_path, "one", resume=False)
+    with pytest.raises(TrialError, match="another tuning"):
+        check_folder(tmp_path, "two", resume=True)
+    check_folder(tmp_path, "one", resume=True)
+    with Results(tmp_path, "one") as results:
+        assert results.findings == {"good-0000": FINDING}
