@@ -118,4 +118,10 @@ def test_the_schema_stands_alone_and_explains_itself() -> None:
     assert "qw qx qy qz" in comments[(4, control, 2, fields.index("pose_ref"))]
     assert all(comments[(4, i, 2, j)] for i, m in enumerate(files[0].message_type) for j in range(len(m.field)))
     values = {enum.name: enum.value[0].name for enum in files[0].enum_type}
-    assert values == {"RobotMode": "ROBOT_MODE_OTHER", "Mode": "MODE_IDLE", "QpStatus": "QP_STATUS_NOT_USED"}
+    assert values == {
+        "RobotMode": "ROBOT_MODE_OTHER",
+        "Mode": "MODE_IDLE",
+        "QpStatus": "QP_STATUS_NOT_USED",
+        "Verdict": "VERDICT_NONE",
+        "Reason": "REASON_NONE",
+    }
