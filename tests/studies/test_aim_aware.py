@@ -115,6 +115,8 @@ def test_a_surface_that_is_inclined_is_hit_by_one_corner_first_and_by_both_in_th
         ("gravity_m_s2 = 9.81", "gravity_m_s2 = 9.81\nwind = 1", "key arm.wind: "),
         ("last = 120.0, step = 10.0", "last = 121.0, step = 10.1666", "key coarse: .* is no point of the grid"),
         ("push_n = 60.0", "push_n = 61.0", "was found for another"),
+        ('name = "aim-aware-planar"', 'name = "mine"', "there is no tuning for mine: find it with `python -m"),
+        ('name = "aim-aware-planar"', 'name = "../mine"', "key name: "),
     ],
 )
 def test_a_study_that_cannot_be_run_is_one_line(tmp_path, study_text, old, new, said):

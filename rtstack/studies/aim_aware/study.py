@@ -7,8 +7,10 @@ from dataclasses import dataclass, field
 from importlib.resources import as_file, files
 from itertools import product
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
 from rtstack.configuration import STRICT, ConfigurationError, load_toml
@@ -127,7 +129,7 @@ class Study:
     """The study as its file has it. digest: of study and tuning, on which every result depends."""
 
     study: str
-    name: str
+    name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]*$")]
     title: str
     arm: PlanarArm
     contact: Contact
@@ -201,10 +203,12 @@ def load_run(path: Path, quick: bool) -> StudyRun:
     """Read a study with the tuning that was found for it. Raises ConfigurationError with one line."""
     study = load_study(path)
     with as_file(files("deploy.tunings") / f"{study.name}.toml") as tuning:
+        if not tuning.exists():
+            raise ConfigurationError(f"{path}: there is no tuning for {study.name}: find it with `{COMMAND} {path}`")
         tuned = load_toml(tuning, Tuned)
         content = tuning.read_bytes()
     if tuned.study_digest != digest_of(path.read_bytes()):
-        raise ConfigurationError(f"{tuning} was found for another {path.name}: find it again with `{COMMAND}`")
+        raise ConfigurationError(f"{tuning} was found for another {path.name}: find it again with `{COMMAND} {path}`")
     return StudyRun(study, tuned, quick, digest_of(path.read_bytes(), content), (path,))
 
 
