@@ -159,7 +159,7 @@ export class Teleoperate {
     this.speed.add(now, ...(active ? of("speed_m_s") : [null, null]));
     const text = (value, digits) => (value === null ? "-" : value.toFixed(digits));
     write($("force-value"), `${of("force_n").map((value) => text(value, 0)).join(" / ")} N`);
-    write($("speed-now"), `${of("speed_m_s").map((value) => text(active ? value : null, 2)).join(" / ")} m/s`);
+    write($("speed-now"), active ? `${of("speed_m_s").map((value) => text(value, 2)).join(" / ")} m/s` : "-");
     const latency = this.hand.latency;
     const pad = this.hand.gamepad.pad;
     write($("devices-line"), `Gizmos, keys${pad ? `, ${pad.id.slice(0, 24)}` : "; no gamepad"}${latency === null ? "" : `. A beat takes ${latency.toFixed(0)} ms`}`);
