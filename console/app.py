@@ -13,6 +13,7 @@ from starlette.exceptions import HTTPException
 from console.guard import Guard
 from console.parts import Parts
 from console.presence import heartbeat
+from console.review.columns import ColumnsGone
 from console.review.logs import NotReviewable
 from console.routes import control, foxglove, jobs, live, logs, pages, recordings, review, robot, scene, teleoperation
 from console.sign_in import NameTaken
@@ -42,6 +43,7 @@ def create_app(parts: Parts, port: int) -> FastAPI:
     app.add_exception_handler(LogError, _log_error)
     app.add_exception_handler(NotReviewable, _not_reviewable)
     app.add_exception_handler(AcceptanceError, _log_error)
+    app.add_exception_handler(ColumnsGone, _refused)
     app.add_middleware(Guard, sign_in=parts.sign_in, port=port)
     return app
 

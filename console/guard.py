@@ -18,7 +18,7 @@ _OPEN_PREFIX = "/static/"  # style and script, the same for everybody
 # our pages: nothing inline, nothing from elsewhere; the scene's page brings its script inside itself (viser's client
 # is one file that unpacks and evaluates itself), and may still speak to this origin only
 _PAGE_POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; font-src 'self'; "
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; font-src 'self'; "
     "connect-src 'self'; frame-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
 )
 _SCENE_POLICY = (

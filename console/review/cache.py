@@ -1,10 +1,9 @@
 """Which logs have columns, who makes them, and which make room: one folder a log, the least recently opened goes first.
 
-A folder is named after the log's id, size and time of change, so that a log that has changed is read anew. While it is
-being filled it carries our process's number, and nobody else touches it.
+A folder is named after the log's id, size and time of change, so that a log that has changed is read anew. What a
+process that has gone has left unfinished is begun again; another console's reader is waited for.
 """
 
-import contextlib
 import os
 import shutil
 import subprocess
@@ -20,6 +19,7 @@ from console.review.columns import Index, read_index
 from rtstack.log.catalogue import LogEntry
 
 FOLDER = ".review"
+_READER = "reader"  # a file in each folder: who fills it
 _LIMIT_BYTES = 4 << 30  # six ten-minute logs, or some three hundred trials
 _AT_ONCE = 2  # two logs that are compared; another one waits
 _END_S = 5.0
@@ -39,7 +39,7 @@ class ReviewCache:
     def __init__(self, logs: Path, limit_bytes: int = _LIMIT_BYTES) -> None:
         self._limit_bytes = limit_bytes
         self._lock = threading.Lock()
-        self._readers: dict[str, subprocess.Popen[bytes]] = {}
+        self._readers: dict[Path, subprocess.Popen[bytes]] = {}
         self._borrowed: tempfile.TemporaryDirectory[str] | None = None
         self._directory = Path(logs) / FOLDER
         try:
@@ -48,31 +48,33 @@ class ReviewCache:
         except OSError:  # logs on a disk that we may not write to
             self._borrowed = tempfile.TemporaryDirectory(prefix="rtstack-review-")
             self._directory = Path(self._borrowed.name)
-        for folder in self._directory.glob("*.[0-9]*"):
-            if not psutil.pid_exists(int(folder.suffix[1:])):
-                shutil.rmtree(folder, ignore_errors=True)
 
     def open(self, entry: LogEntry) -> Opened:
         """Return a log's columns as far as they are, and have them made where nobody does. Never waits."""
         key = f"{entry.id}-{entry.size_bytes}-{int(entry.modified_s * 1e9)}"
-        done, growing = self._directory / key, self._directory / f"{key}.{os.getpid()}"
+        folder = self._directory / key
         with self._lock:
             self._finish()
-            index = read_index(done)
-            if index is not None:
-                os.utime(done)
-                return Opened(done, index)
-            if key not in self._readers and self._busy() < _AT_ONCE:
-                self._make_room()
-                shutil.rmtree(growing, ignore_errors=True)
-                growing.mkdir()
-                self._readers[key] = subprocess.Popen(
-                    [sys.executable, "-m", "console.review.conversion", str(entry.path), str(growing)],
-                    stdin=subprocess.DEVNULL,
-                    stderr=subprocess.DEVNULL,
-                    env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-                )
-            return Opened(growing, read_index(growing))
+            index = read_index(folder)
+            if index is not None and index.done:
+                os.utime(folder)
+            elif not _being_read(folder) and self._busy() < _AT_ONCE:
+                self._begin(entry.path, folder)
+                index = None
+            return Opened(folder, index)
+
+    def _begin(self, log: Path, folder: Path) -> None:
+        self._make_room()
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir()
+        process = subprocess.Popen(
+            [sys.executable, "-m", "console.review.conversion", str(log), str(folder)],
+            stdin=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+        )
+        (folder / _READER).write_text(str(process.pid))
+        self._readers[folder] = process
 
     def close(self) -> None:
         """End what is being read, and remove what it has begun."""
@@ -85,8 +87,10 @@ class ReviewCache:
                 except subprocess.TimeoutExpired:
                     process.kill()
                     process.wait()
-            for key in self._readers:
-                shutil.rmtree(self._directory / f"{key}.{os.getpid()}", ignore_errors=True)
+            for folder in self._readers:
+                index = read_index(folder)
+                if index is None or not index.done:
+                    shutil.rmtree(folder, ignore_errors=True)
             self._readers.clear()
             if self._borrowed is not None:
                 self._borrowed.cleanup()
@@ -95,21 +99,18 @@ class ReviewCache:
         return sum(process.poll() is None for process in self._readers.values())
 
     def _finish(self) -> None:
-        """Give the folders of readers that have ended their final names; one that failed keeps its reason."""
-        for key, process in list(self._readers.items()):
+        """Forget readers that have ended; one that ended early leaves a reason."""
+        for folder, process in list(self._readers.items()):
             if process.poll() is None:
                 continue
-            del self._readers[key]
-            growing = self._directory / f"{key}.{os.getpid()}"
-            index = read_index(growing)
-            if index is None or not index.done:
+            del self._readers[folder]
+            index = read_index(folder)
+            if folder.is_dir() and (index is None or not index.done):
                 reason = f"reading it ended unexpectedly (status {process.returncode})"
-                Index(0, 0.0, {}, done=True, error=reason).write(growing)
-            with contextlib.suppress(OSError):  # another console was faster
-                growing.rename(self._directory / key)
+                Index(0, 0.0, {}, done=True, error=reason).write(folder)
 
     def _make_room(self) -> None:
-        folders = [path for path in self._directory.iterdir() if path.is_dir() and not path.suffix]
+        folders = [path for path in self._directory.iterdir() if path.is_dir() and not _being_read(path)]
         sizes = {folder: sum(file.stat().st_blocks * 512 for file in folder.iterdir()) for folder in folders}
         total = sum(sizes.values())
         for folder in sorted(folders, key=lambda folder: folder.stat().st_mtime):
@@ -117,3 +118,15 @@ class ReviewCache:
                 return
             shutil.rmtree(folder, ignore_errors=True)
             total -= sizes[folder]
+
+
+def _being_read(folder: Path) -> bool:
+    """Whether a process, ours or another console's, fills this folder now."""
+    index = read_index(folder)
+    if index is not None and index.done:
+        return False
+    try:
+        reader = psutil.Process(int((folder / _READER).read_text()))
+        return reader.status() != psutil.STATUS_ZOMBIE and str(folder) in reader.cmdline()
+    except (OSError, ValueError, psutil.Error):
+        return False

@@ -71,6 +71,10 @@ def _file(folder: Path, topic: str, what: str) -> Path:
     return folder / f"{topic.strip('/').replace('/', '.')}.{what}.npy"
 
 
+class ColumnsGone(Exception):
+    """The folder was removed meanwhile, to make room. The message is one line."""
+
+
 class ColumnWriter:
     """Writes the columns of one topic, batch by batch, into files made for `capacity` samples."""
 
@@ -135,15 +139,19 @@ def _put(target: tuple[BinaryIO, int], block: NDArray, column: int, width: int) 
 class Columns:
     """The columns of one topic, read-only, mapped into memory: only what is looked at is read.
 
-    rows: how many samples there are already. t_ns (rows,); value, low and high of a signal by its column.
+    rows: how many samples there are already. t_ns (rows,); value, low and high of a signal by its column. Raises
+    ColumnsGone.
     """
 
     def __init__(self, folder: Path, topic: str, rows: int) -> None:
         self.rows = rows
-        self.t_ns: NDArray[np.int64] = np.load(_file(folder, topic, "t_ns"), mmap_mode="r")[:rows]
-        self._values = np.load(_file(folder, topic, "values"), mmap_mode="r")
-        self._low = np.load(_file(folder, topic, "low"), mmap_mode="r")
-        self._high = np.load(_file(folder, topic, "high"), mmap_mode="r")
+        names = ("t_ns", "values", "low", "high")
+        try:
+            files = [np.load(_file(folder, topic, name), mmap_mode="r") for name in names]
+        except FileNotFoundError as error:
+            raise ColumnsGone("what was read of this log had to make room: ask again") from error
+        self.t_ns: NDArray[np.int64] = files[0][:rows]
+        self._values, self._low, self._high = files[1:]
 
     def value(self, column: int) -> NDArray[np.float32]:
         """Return every sample of a column, (rows,)."""

@@ -1,5 +1,6 @@
 """The logs as the review's routes use them: looked up by their opaque ids, with their columns."""
 
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from rtstack.log.catalogue import Catalogue, LogCondition, LogEntry
 from rtstack.log.errors import LogError
 
 MAX_SIGNALS = 64
+_QUIET_S = 3.0  # a log that grows is flushed every 0.25 s
 
 
 class NotReviewable(Exception):
@@ -43,6 +45,8 @@ def entry_of(catalogue: Catalogue, log_id: str) -> LogEntry:
 def opened(catalogue: Catalogue, cache: ReviewCache, log_id: str) -> ReadLog | None:
     """Return a log with its columns, None while it waits to be read. Raises NotReviewable."""
     entry = entry_of(catalogue, log_id)
+    if entry.condition is LogCondition.TRUNCATED and time.time() - entry.modified_s < _QUIET_S:
+        raise NotReviewable(409, "this log is being written: it can be reviewed once its run has ended")
     columns = cache.open(entry)
     if columns.index is None:
         return None

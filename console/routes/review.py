@@ -12,7 +12,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.concurrency import run_in_threadpool
 
 from console.parts import NeedsParts, Parts, parts_of
-from console.review.logs import NotReviewable, opened, wanted_signals
+from console.review.columns import ColumnsGone
+from console.review.logs import NotReviewable, ReadLog, opened, wanted_signals
 from console.review.plotting import PLOTLY_FILE, PLOTLY_PATH
 from console.review.scene import Pose
 from console.review.series import moment
@@ -66,6 +67,7 @@ async def scrub(websocket: WebSocket, log_id: str, view: str) -> None:
     parts = parts_of(websocket)
     await websocket.accept()
     newest: asyncio.Queue[str] = asyncio.Queue()
+    read: ReadLog | None = None
     listening = asyncio.create_task(_listen(websocket, newest))
     try:
         while True:
@@ -77,7 +79,8 @@ async def scrub(websocket: WebSocket, log_id: str, view: str) -> None:
             text = waiting.result()
             while not newest.empty():
                 text = newest.get_nowait()
-            await websocket.send_json(await run_in_threadpool(_answer, parts, log_id, view, text))
+            answer, read = await run_in_threadpool(_answer, parts, log_id, view, text, read)
+            await websocket.send_json(answer)
     except (WebSocketDisconnect, RuntimeError):
         pass  # the page has gone
     finally:
@@ -90,22 +93,26 @@ async def _listen(websocket: WebSocket, newest: asyncio.Queue[str]) -> None:
             newest.put_nowait(await websocket.receive_text())
 
 
-def _answer(parts: Parts, log_id: str, view: str, text: str) -> dict[str, Any]:
+def _answer(
+    parts: Parts, log_id: str, view: str, text: str, read: ReadLog | None
+) -> tuple[dict[str, Any], ReadLog | None]:
+    """Return the answer, and the log for the next question: once all of it is read, it needs no looking up."""
     try:
         cursor = Cursor.model_validate_json(text)
-        read = opened(parts.catalogue, parts.review_cache, log_id)
+        if read is None or not read.index.done:
+            read = opened(parts.catalogue, parts.review_cache, log_id)
         if read is None:
             raise NotReviewable(409, "nothing of this log has been read yet")
         found = moment(read.folder, read.index, wanted_signals(cursor.signals), cursor.t)
     except ValidationError as error:
-        return {"error": str(error.errors()[0]["msg"])}
-    except NotReviewable as error:
-        return {"error": str(error)}
+        return {"error": str(error.errors()[0]["msg"])}, read
+    except (NotReviewable, ColumnsGone) as error:
+        return {"error": str(error)}, None
     shown = 0
     if _VIEW.fullmatch(view):
         name = _object_name(read.entry.trial)
         shown = parts.review_scenes.show(view, Pose(found.q, name, found.object))
-    return {"t": cursor.t, "sample_t": found.t_s, "values": found.values, "scenes": shown}
+    return {"t": cursor.t, "sample_t": found.t_s, "values": found.values, "scenes": shown}, read
 
 
 def _object_name(trial: Any) -> str:
