@@ -1,0 +1,298 @@
+"""The review in a real Chromium: real trials' logs behind a console that serves for real."""
+
+import csv
+import io
+import re
+
+import numpy as np
+import pytest
+from PIL import Image
+from playwright.sync_api import Page, expect
+from served_console import serve_console
+
+from rtstack.log.reader import read_log
+from rtstack.log.sink import McapSink
+from rtstack.samples import TOPICS
+from rtstack.trials.specification import Controller
+
+pytestmark = pytest.mark.browser
+expect.set_options(timeout=60_000)  # software rendering beside it makes every answer late
+SPIKE_NM, SPIKE_S = 400.0, 1.0
+
+
+def add_spike(source, target):
+    """Write a log again with one sample of 400 Nm in the left arm's fourth joint, and an event with markup."""
+    log = read_log(source)
+    columns = {topic: log.topic(topic) for topic in TOPICS}
+    columns["/left/arm"]["tau_J"][round(SPIKE_S * 1e3), 3] = SPIKE_NM
+    warning = np.zeros(1, TOPICS["/events"])
+    warning["t_ns"] = columns["/left/arm"]["t_ns"][round(SPIKE_S * 1e3)]
+    warning["level"], warning["name"], warning["text"] = 3, b"safety", b"<img src=x onerror=alert(1)>"
+    columns["/events"] = np.concatenate([columns["/events"], warning])
+    with open(target, "wb") as file:
+        sink = McapSink(file)
+        sink.write_metadata("trial", log.metadata["trial"])
+        for attachment in log.attachments:
+            sink.attach(attachment.name, attachment.media_type, attachment.data)
+        sink.write(columns, [])
+        sink.write_metadata("result", log.metadata["result"])
+        sink.close()
+
+
+@pytest.fixture(scope="module")
+def logs(runner, tmp_path_factory):
+    """Logs of two trials with different controllers; the first has a spike."""
+    folder = tmp_path_factory.mktemp("reviewed") / "logs"
+    folder.mkdir()
+    plain = folder.parent / "plain.mcap"
+    runner.run(log=plain, seed=1)
+    add_spike(plain, folder / "first.mcap")
+    runner.run(Controller.NO_INTERIM, displacement_mm=15.0, seed=2, log=folder / "second.mcap")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def page(browser, logs):
+    """A signed-in page, and at the end no script that failed and nothing fetched from elsewhere."""
+    with serve_console(logs) as served:
+        context = browser.new_context(
+            viewport={"width": 1440, "height": 900}, color_scheme="dark", accept_downloads=True, base_url=served.base
+        )
+        page = context.new_page()
+        page.set_default_timeout(60_000)
+        errors, requests = [], []
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
+        page.on("request", lambda request: requests.append(request.url))
+        page.goto(f"/?token={served.parts.sign_in.token}")
+        yield page
+        context.close()
+        assert errors == []
+        assert [url for url in requests if not url.startswith((served.base, "blob:", "data:"))] == []
+
+
+def names(page: Page) -> list[str]:
+    return page.locator("#logs tbody tr td:nth-child(3)").all_inner_texts()
+
+
+def window(page: Page) -> tuple[float, float]:
+    """What the curves on the screen show, s."""
+    first, last = (page.locator("#figure-area").get_attribute("data-window") or "nan,nan").split(",")
+    return float(first), float(last)
+
+
+def open_log(page: Page, name: str, query: str = "") -> None:
+    page.goto("/logs")
+    address = page.locator("#logs tbody a", has_text=name).get_attribute("href")
+    page.goto(f"{address}{query}")
+    expect(page.locator("#figure .main-svg").first).to_be_visible()
+    expect(page.locator("#reading")).to_be_hidden()
+    expect(page.locator("#log-events li").first).to_be_visible()
+
+
+def peak(page: Page, name: str) -> float:
+    """Largest value that the curve of a signal shows."""
+    return page.evaluate(
+        "name => Math.max(...document.getElementById('figure').data.find(trace => trace.name === name).y)", name
+    )
+
+
+def test_the_list_is_searched_and_sorted(page):
+    page.click(".rail a >> text=Logs")
+    expect(page.locator("#logs tbody tr")).to_have_count(2)
+    page.click("th button[data-key=controller]")
+    expect(page.locator("th[aria-sort] button")).to_have_text("Controller")
+    expect(page.locator("#logs tbody tr").first).to_contain_text("no interim")
+    page.click("th button[data-key=controller]")
+    expect(page.locator("#logs tbody tr").first).to_contain_text("proposed")
+    page.fill("#query", "seed:2 interim")
+    expect(page.locator("#logs tbody tr")).to_have_count(1)
+    assert names(page) == ["second.mcap"]
+    page.fill("#query", "no such thing")
+    expect(page.locator("#empty")).to_contain_text("No log matches")
+    page.fill("#query", "")
+    expect(page.locator("#compare")).to_be_disabled()
+    expect(page.locator("#compare")).to_have_attribute("title", re.compile("Tick two"))
+
+
+def test_a_spike_of_one_sample_is_seen_from_the_whole_log_down_to_samples(page):
+    open_log(page, "first.mcap", "?signals=left.force_norm")
+    page.fill("#signal-search", "left tau_j 4")
+    box = page.locator("#tree label[title^='left.tau_J.4,'] input")
+    expect(box).to_be_visible()
+    box.check()
+    expect(page.locator(".legend")).to_have_count(2)
+    expect(page.locator("#figure-area")).to_have_attribute("data-window", re.compile(r"^0,5\."))
+    assert peak(page, "left.tau_J.4") == SPIKE_NM
+    figure = page.locator("#figure").bounding_box()
+    assert figure is not None
+    y = figure["y"] + figure["height"] / 3
+    for half_s in (0.3, 0.05, 0.01):
+        first, last = window(page)
+        shown = page.locator("#figure-area").get_attribute("data-window") or ""
+        left, right = figure["x"] + 64, figure["x"] + figure["width"] - 12
+        place = left + (SPIKE_S - first) / (last - first) * (right - left)
+        reach = max(8.0, half_s / (last - first) * (right - left))
+        page.mouse.move(max(left + 1, place - reach), y)
+        page.mouse.down()
+        page.mouse.move(min(right - 1, place + reach), y, steps=4)
+        page.mouse.up()
+        expect(page.locator("#figure-area")).not_to_have_attribute("data-window", shown)
+        assert peak(page, "left.tau_J.4") == SPIKE_NM
+    assert window(page)[1] - window(page)[0] < 0.5
+    expect(page).to_have_url(re.compile(f"from={window(page)[0]:.3f}"))  # a link opens exactly this view
+
+
+def test_the_event_list_goes_to_the_spike_and_markup_stays_text(page):
+    page.select_option("#level", "WARNING")
+    expect(page.locator("#log-events li")).to_have_count(1)
+    expect(page.locator("#log-events li")).to_contain_text("<img src=x onerror=alert(1)>")
+    page.click("#log-events li button")
+    expect(page.locator("#now")).to_have_text("1.000 s")
+    expect(page.locator(".legend .entry", has_text="left 4").locator(".value")).to_have_text("400.0")
+    page.select_option("#level", "INFO")
+    page.click("h1")
+    page.keyboard.press("]")
+    expect(page.locator("#now")).not_to_have_text("1.000 s")
+    page.keyboard.press("[")
+    expect(page.locator("#now")).to_have_text("1.000 s")
+    page.keyboard.press("ArrowRight")
+    expect(page.locator("#now")).to_have_text("1.001 s")
+    page.keyboard.press("0")
+    expect(page.locator("#figure-area")).to_have_attribute("data-window", re.compile(r"^0,5\."))
+
+
+def hue_place(image, colour):
+    """Mean column of a colour's pixels, None where there are hardly any."""
+    hue = Image.new("RGB", (1, 1), colour).convert("HSV").getpixel((0, 0))[0]
+    pixels = np.asarray(image.convert("HSV")).astype(int)
+    fits = (abs(pixels[..., 0] - hue) < 10) & (pixels[..., 1] > 130) & (pixels[..., 2] > 60)
+    return float(np.nonzero(fits)[1].mean()) if fits.sum() > 20 else None
+
+
+def test_cursor_slider_and_scene_move_together(page):
+    slider, now = page.locator("#slider"), page.locator("#now")
+    canvas = page.frame_locator("#scene").locator("canvas").first
+    expect(canvas).to_be_visible()
+
+    def pads_apart():
+        for _ in range(60):
+            image = Image.open(io.BytesIO(canvas.screenshot())).convert("RGB")
+            places = [hue_place(image, colour) for colour in ((86, 180, 233), (230, 159, 0))]
+            if None not in places:
+                return places[1] - places[0]
+            page.wait_for_timeout(500)
+        raise AssertionError("the pads are not in the scene")
+
+    def settled():
+        page.wait_for_timeout(3000)
+        return pads_apart()
+
+    slider.evaluate("slider => { slider.value = 0; slider.dispatchEvent(new Event('input')); }")
+    expect(now).to_have_text("0.000 s")
+    far = settled()
+    figure = page.locator("#figure").bounding_box()
+    assert figure is not None
+    first, last = window(page)
+    x = figure["x"] + 64 + (2.5 - first) / (last - first) * (figure["width"] - 76)
+    page.mouse.click(x, figure["y"] + 100)
+    expect(now).to_have_text(re.compile(r"^2\.[45]"))
+    assert abs(float(slider.input_value()) - 2.5) < 0.02
+    close = settled()
+    assert close < 0.9 * far, (close, far)
+    page.click("#play")
+    expect(page.locator("#play")).to_have_text("Pause")
+    page.click("#play")
+    assert float(slider.input_value()) > 2.5
+
+
+def test_a_second_log_is_aligned_at_the_impact_and_the_differences_are_listed(page, logs):
+    page.locator("#other").select_option(label=page.locator("#other option", has_text="second.mcap").inner_text())
+    expect(page.locator("#difference")).to_contain_text("trial.specification.controller")
+    expect(page.locator("#difference")).to_contain_text("no_interim")
+    starts = """() => document.getElementById('figure').data
+        .filter(trace => trace.name === 'left.force_norm').map(trace => trace.x[0])"""
+    for _ in range(100):
+        found = page.evaluate(starts)
+        if len(found) == 2:
+            break
+        page.wait_for_timeout(200)
+    impacts = [first_impact_s(read_log(logs / name)) for name in ("first.mcap", "second.mcap")]
+    assert found[1] - found[0] == pytest.approx(impacts[0] - impacts[1], abs=0.02)
+    expect(page).to_have_url(re.compile("other="))
+    page.select_option("#other", "")
+    expect(page.locator("#difference")).to_be_hidden()
+
+
+def first_impact_s(log):
+    """When a log's first impact was, s after its first sample."""
+    return (next(event.t_ns for event in log.events if event.name == "impact") - log.start_ns) * 1e-9
+
+
+def test_what_is_on_the_screen_comes_down(page, logs, tmp_path):
+    for button, suffix in (("#png", "png"), ("#csv", "csv"), ("#mcap", "mcap")):
+        with page.expect_download() as download:
+            page.click(button)
+        download.value.save_as(tmp_path / f"got.{suffix}")
+        assert download.value.suggested_filename == f"first.{suffix}"
+    image = Image.open(tmp_path / "got.png").convert("RGB")
+    assert image.width > 1000
+    assert len(np.unique(np.asarray(image).reshape(-1, 3), axis=0)) > 20
+    rows = list(csv.DictReader((tmp_path / "got.csv").read_text().splitlines()))
+    assert max(float(row["left.tau_J.4"]) for row in rows) == SPIKE_NM
+    assert (tmp_path / "got.mcap").read_bytes() == (logs / "first.mcap").read_bytes()
+
+
+def contrast(page: Page, selector: str) -> float:
+    """WCAG contrast of an element's text with what is behind it."""
+    return page.locator(selector).first.evaluate(
+        """element => {
+            const numbers = (colour) => colour.match(/[\\d.]+/g).map(Number);
+            const light = ([r, g, b]) => [r, g, b].map((v) => v / 255)
+              .map((v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4))
+              .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
+            let behind = element;
+            const clear = (place) => (numbers(getComputedStyle(place).backgroundColor)[3] ?? 1) === 0;
+            while (clear(behind)) behind = behind.parentElement;
+            const a = light(numbers(getComputedStyle(element).color));
+            const b = light(numbers(getComputedStyle(behind).backgroundColor));
+            return (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+        }"""
+    )
+
+
+READ = (
+    *("h1", "#what", "#outcome", ".legend b", ".legend .value", "#log-events button", ".modes li", "a.button"),
+    *("#tree summary small", "#tree label", ".level[data-level=WARNING]", ".rail a"),
+)
+
+
+@pytest.mark.parametrize("theme", ["dark", "light"])
+def test_it_can_be_read_in_both_themes_and_in_the_smallest_window(page, theme):
+    if page.locator("html").get_attribute("data-theme") != theme:
+        page.click("#theme")
+    for selector in READ:
+        assert contrast(page, selector) >= 4.5, selector
+    page.set_viewport_size({"width": 1280, "height": 720})
+    for selector in ("#mcap", "#keys", "#slider", "#play", "#stop", "#scene", "#log-events"):
+        box = page.locator(selector).bounding_box()
+        assert box is not None, selector
+        assert box["x"] + box["width"] <= 1280, selector
+        assert box["y"] + box["height"] <= 720, selector
+    page.set_viewport_size({"width": 1440, "height": 900})
+
+
+def test_everything_is_reached_by_the_keyboard(page):
+    page.click("h1")
+    page.keyboard.press("?")
+    expect(page.locator("#help")).to_be_visible()
+    page.keyboard.press("Escape")
+    expect(page.locator("#help")).to_be_hidden()
+    page.evaluate("document.activeElement.blur()")
+    reached = set()
+    focused = "document.activeElement.id || document.activeElement.closest('aside, nav')?.className"
+    for _ in range(400):
+        page.keyboard.press("Tab")
+        reached.add(page.evaluate(focused))
+    controls = {"other", "full", "png", "csv", "mcap", "keys", "play", "speed", "slider", "level"}
+    assert controls | {"tree", "rail"} <= reached
