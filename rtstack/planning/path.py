@@ -70,8 +70,8 @@ class Approach:
                     ViaPoint(touch_s + 1.0, contact + v, v),
                 ]
             )
-        unhurried = ViaPoint(touch_s - steady_s - UNHURRIED_S, self.xi_start)
-        return ArmPath(*axes, xi=[unhurried, ViaPoint(touch_s - steady_s, self.xi_contact)])
+        posture = [ViaPoint(0.0, self.xi_start), ViaPoint(touch_s - steady_s, self.xi_contact)]
+        return ArmPath(*axes, xi=posture)
 
     def _gathering_s(self, axis: int, steady_s: float) -> float:
         v = float(self.velocity[axis])
