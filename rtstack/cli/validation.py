@@ -23,6 +23,7 @@ from sim_robot.plant import Plant
 from sim_robot.scene import PlacementScatter
 
 FAILED = 1
+COLUMNS = columns_of(ValidationTrial, TrialResult, Measured)
 
 
 def prepare(
@@ -35,7 +36,7 @@ def prepare(
         check_object(thing, description)
     sources = [file.path, cell_file, *plant_files()]
     plan = plan.sealed([path.read_bytes() for path in sources])
-    check_folder(out, plan, resume)
+    check_folder(out, plan, resume, COLUMNS)
     nominal = next(iter(plan.conditions.values()))
     bench = ValidationBench(out, cell_file, open_validation_cell, plan.robot, nominal, plan.digest, digests(sources))
     return plan, bench, description
@@ -54,7 +55,7 @@ def run_all(
     with distant_crew(scheduler) if scheduler else local_crew(workers) as client:
         at_once = slots(client)
         bench.out.mkdir(exist_ok=True)
-        with Store(bench.out, columns_of(ValidationTrial, TrialResult, Measured)) as store:
+        with Store(bench.out, COLUMNS) as store:
             store.claim(plan, file)
             with campaign_progress() as progress:
                 runner = ValidationRunner(plan, bench, store, client, progress, description)

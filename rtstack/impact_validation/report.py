@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
 from rtstack.campaign.claims import Claim
 from rtstack.campaign.plan import PlanFile
@@ -54,8 +54,8 @@ def write_report(store: Store, plan: ValidationPlan, file: PlanFile, description
         parts.append(Part(name, words, judge_claims(own), [_table(table) for table in own]))
     drawn = _figures(rows, of_all, plan, store.out, folder, description)
     environment = Environment(
-        loader=PackageLoader("rtstack.impact_validation", "pages"), autoescape=True, undefined=StrictUndefined,
-        trim_blocks=True,
+        loader=ChoiceLoader([PackageLoader(f"rtstack.{name}", "pages") for name in ("impact_validation", "campaign")]),
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True,
     )  # fmt: skip
     environment.globals["figure"] = lambda name, caption: embedded(folder / name, caption)
     page = environment.get_template(PAGE).render(

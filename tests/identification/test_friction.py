@@ -5,13 +5,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rtstack.cli.cells import open_cell
+from rtstack.cli.cells import default_cell_file, open_cell
+from rtstack.cli.friction import identify_friction
 from rtstack.configuration import ConfigurationError
 from rtstack.control.parameters import FrictionParameters
 from rtstack.identification.fit import JointSamples, fit_joint, sigmoid
 from rtstack.identification.procedure import Identification, Run, lowest_object
 from rtstack.trials.assembly import cell_parameters
+from rtstack.trials.errors import TrialError
 from rtstack.trials.friction import ArmFriction, FrictionFile, friction_toml, load_friction
+from rtstack.trials.record import open_log
 from rtstack.trials.specification import SweepSpecification
 
 SPEEDS = np.linspace(-1.2, 1.2, 241)  # rad/s: what grabs and pushes use
@@ -77,3 +80,27 @@ def test_what_is_written_is_what_the_controller_reads(cell, tmp_path):
     path.write_text(path.read_text().replace("p1 = [", "p1 = [-1.0, "))
     with pytest.raises(ConfigurationError, match=r"key left\.p1"):
         load_friction(path)
+
+
+def test_what_cannot_be_written_is_refused_before_an_arm_moves(tmp_path):
+    taken = tmp_path / "taken.toml"
+    taken.write_text("")
+    for path, said in (
+        (tmp_path / "friction.txt", "is a .toml"),
+        (taken, "exists"),
+        (tmp_path / "no_such_folder" / "friction.toml", "does not exist"),
+    ):
+        with pytest.raises(TrialError, match=said):
+            identify_friction(path, "direct", 0, None, 1)
+    assert sorted(tmp_path.iterdir()) == [taken]
+
+
+def test_logs_of_another_robot_are_not_taken(cell, tmp_path):
+    identification, thing = Identification(cell), lowest_object(cell)
+    path = tmp_path / "joint6-run0.mcap"
+    source = default_cell_file()
+    log = open_log(path, SweepSpecification(thing, 6, 0, seed=1), cell, "direct", source)
+    log.wait_ready()
+    assert log.close({"success": True}) is None
+    with pytest.raises(TrialError, match="something else"):
+        identification.take_log(Run(SweepSpecification(thing, 6, 0, seed=0)), path)
