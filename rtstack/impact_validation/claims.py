@@ -20,7 +20,7 @@ def percent(value: float | None) -> str:
 def judge_claims(under: Sequence[Table]) -> list[Claim]:
     """Return the claims about the tables under one set of conditions."""
     claims = [claim for table in under for claim in _of_table(table)]
-    if {table.motion for table in under} == set(Motion):
+    if {table.motion for table in under if table.errors(B_THETA)} == set(Motion):
         all_three = {kind: combined(under, kind) for kind in ReflectedInertia}
         claims.append(
             Claim(

@@ -84,7 +84,7 @@ def check_push(planned: PlannedMotion, description: CellDescription, object_name
     """Refuse a push that would have to pull to slow the object down, or that pushes it off the table."""
     recording = planned.recording
     pressing = inward * planned.force[0, recording.impact : recording.release, 1]
-    if pressing.min() <= 0.0:
+    if pressing.min() < 0.0:  # 0 throughout where the plan does not compensate the object
         raise PlanError(
             f"the object would run ahead of the pad: it has to be slowed down by {-pressing.min():.1f} N more than "
             "its friction on the table; plan a longer travel"
