@@ -43,11 +43,6 @@ class LogRow:
     decision: str | None
 
 
-def log_rows(catalogue: Catalogue, being_written: str | None) -> list[LogRow]:
-    """Return all logs, the newest first; `being_written` names the running job's file. Raises LogError."""
-    return [log_row(entry, being_written) for entry in catalogue.entries()]
-
-
 def log_path(catalogue: Catalogue, log_id: str) -> Path | None:
     """Return the path of a log by its opaque id, None where there is none. Looked up, never joined to a path."""
     try:
