@@ -11,6 +11,7 @@ from rtstack.monitor.records import Reason, Verdict, monitor_dtype
 from rtstack.references.impact import ExpectedImpact
 
 FREE_AFTER_S = 0.4  # after the release the pads have let go, and feel nothing again
+_UNEXPECTED = int(Verdict.UNEXPECTED)  # numpy takes 5 us to compare its own with an IntEnum
 UNTIL_BEFORE_S = 0.2  # the nominal impact: where an object that is displaced cannot be met yet
 
 
@@ -54,7 +55,7 @@ class TrialMonitor:
     @property
     def unexpected(self) -> bool:
         """Whether the impact was another one than was meant."""
-        return self._verdict[0] == Verdict.UNEXPECTED
+        return self._verdict[0] == _UNEXPECTED
 
     @property
     def verdict(self) -> Verdict:
