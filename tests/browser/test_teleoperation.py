@@ -12,7 +12,8 @@ from playwright.sync_api import expect
 from rtstack.log.reader import read_log
 from rtstack.samples import SIDES, Mode
 
-pytestmark = pytest.mark.browser
+# a clutch is held for 0.3 s without a sign of life: the page needs a machine that gives it that
+pytestmark = [pytest.mark.browser, pytest.mark.realtime]
 expect.set_options(timeout=30_000)
 READY_MS = 120_000
 HOME = {"left": (0.0, 0.35, 0.26), "right": (0.0, -0.35, 0.26)}
