@@ -11,15 +11,13 @@ from pathlib import Path
 import psutil
 import pytest
 
-PATIENCE_S = 280.0  # for a step that takes seconds, on a machine that is busy
-
-
 from rtstack.campaign import crew
 from rtstack.cli.campaign import campaign
 from rtstack.configuration import ConfigurationError
 from rtstack.trials.errors import TrialError
 
 BIN = Path(sys.executable).parent
+PATIENCE_S = 280.0  # for a step that takes seconds, on a machine that is busy
 SCHEDULER = ("127.73.5.1", 18786)
 
 
