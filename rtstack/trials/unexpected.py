@@ -107,7 +107,10 @@ class _Case:
         """Whether the pad pushes something along its own way. The measured one: the reference changes at the impact."""
         before = self._window(first_s - BEFORE_S[0], first_s - BEFORE_S[1])
         velocity = self._position[side, before.stop - 1] - self._position[side, before.start]
-        force = self._force[side, self._window(first_s + FIRST_TOUCH_S[0], first_s + FIRST_TOUCH_S[1])].mean(axis=0)
+        touch = self._force[side, self._window(first_s + FIRST_TOUCH_S[0], first_s + FIRST_TOUCH_S[1])]
+        if not len(touch):
+            return False  # the run ended with the impact
+        force = touch.mean(axis=0)
         size = float(np.linalg.norm(force) * np.linalg.norm(velocity))
         return size > 0.0 and float(force @ velocity) > ALONG_APPROACH * size
 
@@ -125,6 +128,8 @@ class _Case:
             if first is None:
                 continue
             wrench = self._wrench[side, self._window(first + FIRST_TOUCH_S[0], first + FIRST_TOUCH_S[1])]
+            if not len(wrench):
+                continue  # the run ended with the impact
             force = np.maximum(np.linalg.norm(wrench[:, :3], axis=1), 1.0)
             arms.append(float(np.median(np.linalg.norm(wrench[:, 3:], axis=1) / force)))
         return min(arms, default=0.0)
