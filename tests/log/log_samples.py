@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.state import RobotMode
 from rtstack.log.ring import Rings
+from rtstack.log.schema import ENUM_FIELDS
 from rtstack.log.writer import CellFrames, LogProcess, LogSummary
-from rtstack.samples import TOPICS, Mode, QpStatus
+from rtstack.samples import TOPICS
 
 TICKS = 1500
 MS = 1_000_000
@@ -31,12 +31,11 @@ def random_records(topic: str, count: int, seed: int = 0) -> NDArray[Any]:
     records["t_ns"] = np.arange(1, count + 1) * MS
     if "current_errors" in (records.dtype.names or ()):
         records["current_errors"] = np.where(rng.random(count) < 0.1, rng.integers(1, 1 << 41, count), 0)
-        records["robot_mode"] = rng.integers(0, len(RobotMode), count)
         records["O_T_EE"] = np.eye(4)
         records["O_T_EE"][:, :3, 3] = rng.normal(size=(count, 3))
-    if topic.endswith("control"):
-        records["mode"] = rng.integers(0, len(Mode), count)
-        records["qp_status"] = rng.integers(0, len(QpStatus), count)
+    for name, enum in ENUM_FIELDS.items():
+        if name in (records.dtype.names or ()):
+            records[name] = rng.choice([int(member) for member in enum], count)
     if topic == "/object/pose":
         records["seen"] = 1
         records["orientation_wxyz"] /= np.linalg.norm(records["orientation_wxyz"], axis=1, keepdims=True)
