@@ -1,6 +1,7 @@
 """Recordings over HTTP: extracted, accepted, offered to trials, thrown away."""
 
 import shutil
+import time
 
 import pytest
 
@@ -59,12 +60,20 @@ def test_a_discarded_recording_is_gone_with_what_was_said_and_nothing_else_can_b
     arm(client, headers)
     client.post("/api/jobs/teleoperation", json={"object": "rice_box", "recorded": True}, headers=headers)
     served.desk.started("a.mcap")
-    served.parts.watch.learn(served.desk.status())
+    show(served)
     assert client.post(f"/api/recordings/{log_id}/discard", headers=headers).status_code == 409
     served.desk._change(log="b.mcap")
-    served.parts.watch.learn(served.desk.status())
+    show(served)
     assert client.post(f"/api/recordings/{log_id}/discard", headers=headers).json() == {"discarded": True}
     assert not list(served.logs.glob("a.mcap*"))
+
+
+def show(served):
+    """Let the console see the desk's status."""
+    status = served.desk.status()
+    served.parts.watch.learn(status)
+    while served.parts.watch.view.status != status:
+        time.sleep(0.005)
 
 
 def test_the_page_of_a_recording_is_for_recordings_only(recorded):
