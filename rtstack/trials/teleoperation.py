@@ -15,7 +15,7 @@ from rtstack.model.cell_description import CellDescription
 from rtstack.samples import Mode
 from rtstack.teleoperation.guide import Guide
 from rtstack.teleoperation.reach import Reach
-from rtstack.trials.assembly import Parameters, default_parameters
+from rtstack.trials.assembly import Parameters, cell_parameters
 from rtstack.trials.attendant import Attendant
 from rtstack.trials.record import TrialLog
 from rtstack.trials.result import TeleoperationResult
@@ -48,7 +48,7 @@ def run_teleoperation(
     Before the first target the arms hold where they are. clock: the host's monotonic time, ns, that the clutch's signs
     of life carry. See `run_trial` for the rest.
     """
-    parameters = parameters or default_parameters()
+    parameters = parameters or cell_parameters(description)
     check_object(specification.object, description)
     limits = safety_limits(description)
     guide = Guide(mailbox, specification.job, Reach.within(limits), specification.stop_on_release, clock)
