@@ -25,7 +25,7 @@ from rtstack.log.ring import RingReader, Rings
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 from tests.browser.conftest import ARGUMENTS, CHROMIUM, Console
-from tests.browser.test_teleoperation import ARROW_M, HOME, Operator, pixel
+from tests.browser.test_gizmos import ARROW_M, HOME, Operator, pixel
 
 LEAST_M = 1e-7
 PATIENCE_S = 2.0
