@@ -8,8 +8,14 @@ import hashlib
 import os
 import sys
 import tempfile
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+_TYPES: dict[Any, Any] = {}  # of arrays that were bound
 _PREFIX = "rtstack-"
 _ROOT = Path(__file__).resolve().parents[1]
 # the packages in which something is compiled, and what they take constants from
@@ -25,6 +31,30 @@ def keep_compiled_code_by_its_sources() -> None:
     os.environ["NUMBA_CACHE_DIR"] = folder  # read by numba when it is imported, here and in child processes
     if "numba" in sys.modules:
         sys.modules["numba"].config.CACHE_DIR = folder
+
+
+def bound(function: Callable[..., Any], *arguments: Any, later: tuple[Any, ...] = ()) -> Callable[..., Any]:
+    """Return a compiled function with its first arguments bound, compiled now: a call asks nobody for their types.
+
+    later: what the arguments that are still to come look like; those that are arrays have to be contiguous. Such a call
+    costs half of one through numba's dispatcher, which looks at each argument's type. Bind arrays, whose contents may
+    change, and numbers that do not.
+    """
+    compile_for = getattr(function, "compile", None)
+    if compile_for is None:  # NUMBA_DISABLE_JIT
+        return partial(function, *arguments)
+    import numba
+
+    types = []
+    for value in (*arguments, *later):
+        if not isinstance(value, np.ndarray):
+            types.append(numba.typeof(value))
+            continue
+        key = value.dtype, value.ndim, value.flags.num
+        if key not in _TYPES:  # to find the type of a record takes a millisecond
+            _TYPES[key] = numba.typeof(value)
+        types.append(_TYPES[key])
+    return partial(compile_for(tuple(types)), *arguments)
 
 
 def _base() -> Path:

@@ -68,7 +68,7 @@ class SimulatedArm:
             self._refuse_closed()
         if self._box.mode in _REFUSING:
             self._refuse()
-        self._box.take(np.asarray(tau, dtype=np.float64))
+        self._box.take(np.ascontiguousarray(tau, dtype=np.float64))
 
     def stop(self) -> None:
         """End torque control: the arm brakes and holds. A reflex stays latched."""
@@ -112,8 +112,9 @@ class SimulatedCell:
         self.plant, self.clock = plant, clock
         self.sensors = Sensors(plant, parameters.sensors, scene.pad.face_offset_z, seed)
         self.states = self.sensors.states  # both arms' present states, dtype ARM_STATE, (2,)
-        self._tolerances = parameters.reflexes
+        self._shown: list[tuple[RobotMode, int, float] | None] = [None, None]  # of each box
         self._masks = np.zeros(2, dtype=np.int64)
+        self._judge_states = reflexes.judge_of_states(self.states, parameters.reflexes, self._masks)
         timeout_ms = parameters.reflexes.communication_timeout_ms
         self.boxes = tuple(box_kind(plant, side, timeout_ms) for side in range(2))
         self.faults = Injection(faults, plant, self.boxes, scene.pad.size[2]) if faults else None
@@ -145,15 +146,17 @@ class SimulatedCell:
             self.sensors.sense()
             self.faults.plant.enlighten_sensors()
         self.tracker.update()
-        if reflexes.judge_states(self.states, self._tolerances, self._masks):
+        if self._judge_states():
             for side, box in enumerate(self.boxes):
                 if self._masks[side] and box.mode == RobotMode.MOVE:
                     box.trip(int(self._masks[side]))
         if self.faults is not None:
             self.faults.judge()
         for side, box in enumerate(self.boxes):
-            self._modes[side], self._errors[side] = box.mode, box.errors
-            self._rates[side] = box.success_rate
+            shown = (box.mode, box.errors, box.success_rate)
+            if shown != self._shown[side]:
+                self._shown[side] = shown
+                self._modes[side], self._errors[side], self._rates[side] = shown
             if not box.desires_torque:  # what holds the arm is nobody's command
                 self._tau_J_d[side] = 0.0
 

@@ -25,7 +25,7 @@ class ControlBox:
         self._felt = False  # the plant has felt a command of this motion
         self._lost = 0
         self._arrived = _ALL_ARRIVED
-        reflexes.judge_command(self._tau, self._tau)  # compile, or load from the cache, before a clock runs
+        self._judge = reflexes.judge_of_commands(self._tau)
 
     @property
     def error_names(self) -> tuple[str, ...]:
@@ -35,7 +35,9 @@ class ControlBox:
     @property
     def success_rate(self) -> float:
         """Share of the last 100 ms that had a command; 0 when not moving."""
-        return self._arrived.bit_count() / RATE_WINDOW if self.mode == RobotMode.MOVE else 0.0
+        if self.mode != RobotMode.MOVE:
+            return 0.0
+        return 1.0 if self._arrived == _ALL_ARRIVED else self._arrived.bit_count() / RATE_WINDOW
 
     @property
     def desires_torque(self) -> bool:
@@ -49,12 +51,11 @@ class ControlBox:
 
     def take(self, tau: Array) -> None:
         """Take a torque for the next ms, (7,), Nm. A bad one is a reflex and never reaches the plant."""
-        errors = reflexes.judge_command(tau, self._tau)
+        errors = self._judge(tau)
         if errors:
             self.trip(errors)
-            return
-        self._tau[:] = tau
-        self._waiting = True
+        else:
+            self._waiting = True
 
     def begin_millisecond(self, on_time: bool) -> None:
         """Hand the waiting torque to the plant if it came on time; otherwise the last one stays."""

@@ -1,10 +1,10 @@
 """The plant: two arms with flexible joints and an object between them, stepped by the millisecond."""
 
 import mujoco
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.compilation import bound
 from hal.errors import HardwareError
 from hal.limits import FR3
 from sim_robot.arm_description import JOINTS, fr3_description
@@ -98,13 +98,13 @@ class Plant:
         self._hold_inertia = np.zeros((2, JOINTS))
         for side, arm in enumerate(arms):
             self._fill(side, arm, parameters)
-        self._arguments = (
+        # compiled, or loaded from the cache, before a clock runs
+        self._advance_millisecond = bound(
+            advance_millisecond,
             self.model._address, data._address, data.qpos, data.qvel, data.qfrc_applied, data.qfrc_constraint,
             data.xanchor, data.xaxis, data.subtree_com, self.model.body_subtreemass,
             np.array(cell.link1_bodies, dtype=np.int64), self.joints, self.motors,
         )  # fmt: skip
-        # compile, or load from the cache, before a clock runs
-        advance_millisecond.compile(tuple(numba.typeof(argument) for argument in self._arguments))
 
     def _fill(self, side: int, arm: DrawnArm, parameters: PlantParameters) -> None:
         joint, motor, data = self.joints[side], self.motors[side], self.data
@@ -128,7 +128,7 @@ class Plant:
         if self._pad_pushed:
             self._push_pads()
         self.ticks += 1
-        if not advance_millisecond(*self._arguments):
+        if not self._advance_millisecond():
             raise SimulationDiverged(
                 f"the simulation diverged {self.ticks} ms after its start (a velocity beyond reason); "
                 "start a new trial, and look at the last commanded torques"

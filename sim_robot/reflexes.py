@@ -3,12 +3,14 @@
 They judge what the robot can know: the command it was sent and the state it measured.
 """
 
+from collections.abc import Callable
 from math import sqrt
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.compilation import bound
 from hal.limits import CONTROL_PERIOD_S, FR3
 from hal.robot_errors import error_bit
 from sim_robot.arm_description import JOINTS
@@ -30,12 +32,14 @@ _LIMITS = np.array([FR3.q_lower, FR3.q_upper, FR3.dq_max, FR3.velocity_offset, F
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _step_too_large(tau, tau_last, largest):
-    for j in range(JOINTS):  # noqa: SIM110 - compiled
+def _take(tau_last, largest, error, tau):
+    for j in range(JOINTS):
         # written so that NaN is too large as well
         if not abs(tau[j] - tau_last[j]) <= largest:
-            return True
-    return False
+            return error
+    for j in range(JOINTS):
+        tau_last[j] = tau[j]
+    return 0
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -58,16 +62,21 @@ def _judge(states, limits, overload, spare, position, velocity, torque, masks):
     return any_mask
 
 
-def judge_command(tau: Array, tau_last: Array) -> int:
-    """Return the errors of a command after the last one, both (7,), Nm: not finite, or above 1000 Nm/s."""
-    return TORQUE_DISCONTINUITY if _step_too_large(tau, tau_last, _LARGEST_STEP) else 0
+def judge_of_commands(tau_last: Array) -> Callable[[Array], int]:
+    """Return who judges the commands after the last one taken, (7,), Nm: 0, and it is the last one now, or the errors.
+
+    A command that is not finite, or changes by more than 1000 Nm/s, is not taken.
+    """
+    return bound(_take, tau_last, _LARGEST_STEP, TORQUE_DISCONTINUITY, later=(np.zeros(JOINTS),))
 
 
-def judge_states(states: NDArray[np.void], tolerances: ReflexParameters, masks: NDArray[np.int64]) -> int:
-    """Write the errors of both states (2,) into masks (2,): position, velocity, torque beyond limits. Returns either's.
+def judge_of_states(
+    states: NDArray[np.void], tolerances: ReflexParameters, masks: NDArray[np.int64]
+) -> Callable[[], int]:
+    """Return who judges both states (2,): the errors (position, velocity, torque beyond limits) go into masks (2,).
 
-    The velocity limit shrinks to zero towards the position limits, as hal.limits says, and may be passed by
-    `velocity_tolerance`. Torque trips at `tau_J_overload` times the range.
+    It returns either's. The velocity limit shrinks to zero towards the position limits, as hal.limits says, and may be
+    passed by `velocity_tolerance`. Torque trips at `tau_J_overload` times the range.
     """
     overload, spare = tolerances.tau_J_overload, tolerances.velocity_tolerance
-    return _judge(states, _LIMITS, overload, spare, POSITION_LIMITS, VELOCITY, TORQUE_RANGE, masks)
+    return bound(_judge, states, _LIMITS, overload, spare, POSITION_LIMITS, VELOCITY, TORQUE_RANGE, masks)

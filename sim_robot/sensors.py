@@ -9,6 +9,7 @@ from math import exp, floor, pi
 import numba
 import numpy as np
 
+from hal.compilation import bound
 from hal.limits import CONTROL_PERIOD_S
 from hal.state import ARM_STATE
 from sim_robot.arm_description import JOINTS, fr3_description
@@ -42,10 +43,11 @@ def _wire(value):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _sense(qpos, qvel, motors, sensors, kinematics, draws, states):
-    """Fill the measured fields of both states. draws: (2, CHANNELS, 7), standard normal."""
+def _sense(qpos, qvel, motors, sensors, kinematics, draws, states, k, t_ns):
+    """Fill the measured fields of both states. draws[k]: (2, CHANNELS, 7), standard normal; t_ns: of the robot."""
     for arm in range(2):
-        state, sensor, motor, draw = states[arm], sensors[arm], motors[arm], draws[arm]
+        state, sensor, motor, draw = states[arm], sensors[arm], motors[arm], draws[k, arm]
+        state.t_ns = t_ns
         noise = sensor.noise
         for j in range(JOINTS):
             i = arm * JOINTS + j
@@ -104,15 +106,15 @@ class Sensors:
         record["noise"][:, 4], record["noise"][:, 5] = parameters.tau_J_noise, parameters.tau_ext_noise
         record["dtau_J_gain"] = 1.0 - exp(-2.0 * pi * parameters.dtau_J_cutoff_hz * CONTROL_PERIOD_S)
         record["tau_ext_gain"] = 1.0 - exp(-2.0 * pi * parameters.tau_ext_cutoff_hz * CONTROL_PERIOD_S)
-        self._qpos, self._qvel, self._motors = plant.data.qpos, plant.data.qvel, plant.motors
-        self._t_ns = self.states["t_ns"]
+        self._measure = bound(
+            _sense, plant.data.qpos, plant.data.qvel, plant.motors, record, self.kinematics, self._draws, self.states,
+            later=(0, 0),
+        )  # fmt: skip
 
     def sense(self) -> None:
         """Measure the plant now: once a millisecond, since the filters and the noise count the calls."""
         if self._next == BLOCK:
             self._generator.standard_normal(out=self._draws)
             self._next = 0
-        draws = self._draws[self._next]
+        self._measure(self._next, self._plant.ticks * 1_000_000)
         self._next += 1
-        _sense(self._qpos, self._qvel, self._motors, self._records, self.kinematics, draws, self.states)
-        self._t_ns[:] = self._plant.ticks * 1_000_000

@@ -5,6 +5,7 @@ from math import sqrt
 import numba
 import numpy as np
 
+from hal.compilation import bound
 from hal.tracker import ObjectPose
 from sim_robot.arm_description import JOINTS
 from sim_robot.plant import Plant
@@ -14,8 +15,11 @@ BLOCK = 64  # frames of noise drawn at a time
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _see(pose, draws, position_noise, half_angle_noise, record):
-    """Write the pose (7,), position and wxyz, with noise into one OBJECT_POSE: draws (6,) are standard normal."""
+def _see(pose, all_draws, position_noise, half_angle_noise, records, k, t_ns):
+    """Write the pose (7,), position and wxyz, with noise into records[0]. all_draws[k] (6,) are standard normal."""
+    draws, record = all_draws[k], records[0]
+    record.t_ns = t_ns
+    record.seen = 1
     w, x, y, z = pose[3], pose[4], pose[5], pose[6]
     a, b, c = half_angle_noise * draws[3], half_angle_noise * draws[4], half_angle_noise * draws[5]
     # a small rotation (1, e) along the world's axes, from the left, then normalised
@@ -47,10 +51,11 @@ class SimulatedTracker:
         self._seen, self._given = ObjectPose.empty(), ObjectPose.empty()
         # copied as bytes, written through views of single fields: a record is looked up and copied field by field
         self._seen_bytes, self._given_bytes = (pose.record.view(np.uint8) for pose in (self._seen, self._given))
-        self._record, self._t_ns = self._seen.record[0], self._seen.record["t_ns"]
         self._is_new = False
         # compile, or load from the cache, before a clock runs
-        _see(self._pose, self._draws[0], 0.0, 0.0, ObjectPose.empty().record[0])
+        self._see = bound(
+            _see, self._pose, self._draws, self._position_noise, self._half_angle_noise, self._seen.record, later=(0, 0)
+        )
 
     def update(self) -> None:
         """Look at the object when a frame is due. The cell calls it once a millisecond."""
@@ -59,9 +64,7 @@ class SimulatedTracker:
         if self._next == BLOCK:
             self._generator.standard_normal(out=self._draws)
             self._next = 0
-        self._t_ns[0] = self._plant.ticks * 1_000_000
-        _see(self._pose, self._draws[self._next], self._position_noise, self._half_angle_noise, self._record)
-        self._record["seen"] = 1
+        self._see(self._next, self._plant.ticks * 1_000_000)
         self._next += 1
         self._is_new = True
 

@@ -82,6 +82,9 @@ class _Pair:
         for arm in self.arms:
             arm.pursue(self.stiffness, arm.parameters.posture_gain)
         self.points = [np.zeros(1, POINT) for _ in range(2)]
+        self.residuals = [arm.control["momentum_residual"][0] for arm in self.arms]
+        for arm, point in zip(self.arms, self.points, strict=True):
+            arm.follow(point, point)
         self._rng = rng
         self._now_ns = 0
         self._phase = rng.uniform(0.0, 2 * np.pi, (2, 7))
@@ -133,8 +136,8 @@ class _Pair:
         for arm in self.arms:
             worst = max(worst, arm.command(Mode.ANTE_IMPACT))
         self.controller.finish()
-        for arm, judge in zip(self.arms, self.judges, strict=True):
-            judge.judge(arm.sample, residual=arm.control["momentum_residual"][0])
+        for arm, judge, residual in zip(self.arms, self.judges, self.residuals, strict=True):
+            judge.judge(arm.sample, residual=residual)
             arm.applied()
         elapsed = time.perf_counter_ns() - began
         return elapsed, [arm.sample["tau_desired"][0].copy() for arm in self.arms], worst
@@ -146,8 +149,8 @@ class _Pair:
 
     def choose(self) -> None:
         """Make the references of this tick the setpoints of both arms."""
-        for arm, point in zip(self.arms, self.points, strict=True):
-            arm.choose(point, point, 0, self.controller.machine)
+        for arm in self.arms:
+            arm.choose(0, self.controller.machine)
 
     def numpy(self, states: list[PlainState], setpoints: list[PlainSetpoint]) -> tuple[int, list[Array]]:
         """Run the plain tick; return its time in ns and its torques."""
@@ -235,8 +238,8 @@ def _parts(pair: _Pair, ticks: int) -> dict[str, float]:
         for arm in arms:
             arm.command(Mode.ANTE_IMPACT)
         marks.append(time.perf_counter_ns())
-        for arm, judge in zip(arms, pair.judges, strict=True):
-            judge.judge(arm.sample, residual=arm.control["momentum_residual"][0])
+        for arm, judge, residual in zip(arms, pair.judges, pair.residuals, strict=True):
+            judge.judge(arm.sample, residual=residual)
             arm.applied()
         marks.append(time.perf_counter_ns())
         for name, began, ended in zip(parts, marks, marks[1:], strict=False):

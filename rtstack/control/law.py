@@ -1,4 +1,4 @@
-"""The compiled part of an arm's tick, in two calls: observe what is, then find the torque for what is wanted."""
+"""The compiled part of an arm's tick: observe what is, then find the torque for what is wanted."""
 
 import math
 
@@ -11,6 +11,9 @@ from rtstack.control.impedance import desired_posture, desired_wrench, quadratic
 from rtstack.control.kinematics import end_effector
 from rtstack.control.limits import acceleration_bounds, torque_bounds
 from rtstack.control.observer import momentum_residual
+from rtstack.samples import QpStatus
+
+UNCONSTRAINED = int(QpStatus.UNCONSTRAINED)
 
 
 @njit(cache=True, error_model="numpy")
@@ -47,11 +50,24 @@ def observe(
 
 
 @njit(cache=True, error_model="numpy")
+def torque(workspaces, samples, tau_step):
+    """tau = M ddq + C dq + friction (4), gravity excluded, at most tau_step Nm away from the last applied torque."""
+    work = workspaces[0]
+    out = samples[0].tau_desired
+    for i in range(7):
+        tau = work.coriolis[i] + work.friction[i]
+        for j in range(7):
+            tau += work.M[i, j] * work.ddq[j]
+        last = work.tau_previous[i]
+        out[i] = min(max(tau, last - tau_step), last + tau_step)
+
+
+@njit(cache=True, error_model="numpy")
 def pose_problem(
     samples, workspaces, setpoints, controls, joint, weight_impedance, weight_posture, regularisation,
-    limits_table, tau_max, dt,
+    limits_table, tau_max, dt, tau_step,
 ):  # fmt: skip
-    """Write the QP of this tick, and its solution where no limit is active: then True, ddq is the minimiser."""
+    """Write the QP of this tick. Where no limit is active its minimiser is the solution: True, tau_desired is out."""
     sample = samples[0]
     work = workspaces[0]
     control = controls[0]
@@ -75,20 +91,10 @@ def pose_problem(
             tau += work.M[i, j] * work.ddq[j]
         if not (work.tau_lower[i] <= tau <= work.tau_upper[i]):
             return False
+    torque(workspaces, samples, tau_step)
+    control.qp_status = UNCONSTRAINED
+    control.qp_iterations = 0
     return True
-
-
-@njit(cache=True, error_model="numpy")
-def torque(workspaces, samples, tau_step):
-    """tau = M ddq + C dq + friction (4), gravity excluded, at most tau_step Nm away from the last applied torque."""
-    work = workspaces[0]
-    out = samples[0].tau_desired
-    for i in range(7):
-        tau = work.coriolis[i] + work.friction[i]
-        for j in range(7):
-            tau += work.M[i, j] * work.ddq[j]
-        last = work.tau_previous[i]
-        out[i] = min(max(tau, last - tau_step), last + tau_step)
 
 
 @njit(cache=True, error_model="numpy")

@@ -58,7 +58,7 @@ class ModeMachine:
 
     def react(self, mode: Mode) -> None:
         """Hold, or retreat, from any of the paper's modes; what follows is a stop."""
-        if mode in _REACTIONS and self.mode in (Mode.ANTE_IMPACT, Mode.INTERIM, Mode.POST_IMPACT):
+        if mode in _REACTIONS and self.mode in _ON_THE_WAY:
             self.mode = mode
 
     @property
@@ -73,7 +73,7 @@ class ModeMachine:
 
     def update(self, t_s: float, impact: bool, complete: bool = False) -> None:
         """Advance to the time t_s; impact: the detector fired in this tick, on either arm; complete: full contact."""
-        if self.mode not in (Mode.ANTE_IMPACT, Mode.INTERIM, Mode.POST_IMPACT):
+        if self.mode not in _ON_THE_WAY:
             return
         if impact and self.impact_s < 0.0:
             self.impact_s = t_s
@@ -123,5 +123,7 @@ class ModeMachine:
         self.velocity_weight = 1.0
 
 
+# looked up once: an enumeration's member costs 0.1 us
+_ON_THE_WAY = (Mode.ANTE_IMPACT, Mode.INTERIM, Mode.POST_IMPACT)
 _REACTIONS = (Mode.HOLDING, Mode.RETREATING)
 _BY_TIME = (Strategy.NO_REFERENCE_SPREADING, Strategy.NO_VELOCITY_FEEDBACK)

@@ -41,9 +41,15 @@ def blend_points(ante, post, gamma, setpoint, work):
 
 
 @njit(cache=True, error_model="numpy")
-def choose(ante, post, index, blend, gamma, velocity_weight, setpoints, work):
-    """Write setpoints[0] from the points ante[index] and post[index]; blend: 0 ante, 1 interim, 2 post."""
+def choose(setpoints, work, samples, controls, ante, post, index, blend, mode, gamma, velocity_weight):
+    """Write setpoints[0] from the points ante[index] and post[index]; blend: 0 ante, 1 interim, 2 post.
+
+    What was chosen in which mode goes to controls[0], with the time of samples[0].
+    """
     setpoint = setpoints[0]
+    controls[0].t_ns = samples[0].t_ns
+    controls[0].mode = mode
+    controls[0].gamma = gamma
     if blend == 0:
         copy_point(ante[index], setpoint)
     elif blend == 2:

@@ -8,6 +8,7 @@ cannot matter.
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.compilation import bound
 from hal.limits import FR3
 from rtstack.control.completion import CompletionDetector
 from rtstack.control.detector import ImpactDetector
@@ -22,13 +23,16 @@ from rtstack.control.parameters import (
 )
 from rtstack.control.program import program
 from rtstack.control.reaction import ReactionMotion
-from rtstack.control.records import SETPOINT, WORKSPACE
+from rtstack.control.records import POINT, SETPOINT, WORKSPACE
 from rtstack.control.setpoint import choose
 from rtstack.control.watch import TrialMonitor
 from rtstack.model.arm_model import ArmModel
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, Mode, QpSolver, QpStatus, Reaction
 
 ANTE, INTERIM, POST = 0, 1, 2
+_UNCONSTRAINED = QpStatus.UNCONSTRAINED
+_STOPPING = Mode.STOPPING
+_ON_THE_WAY = (Mode.ANTE_IMPACT, Mode.INTERIM, Mode.POST_IMPACT)
 # by mode: which references count, -1 where none do
 _BLEND = tuple(
     {
@@ -83,6 +87,7 @@ class ArmController:
         history = ImpactDetector(detector, parameters.period_s)
         self._history, self._head, self._count = history.memory
         self.completion = CompletionDetector(completion or CompletionParameters())
+        self._blend_interim = parameters.blend_interim
         self._tau_step = FR3.tau_rate_max * parameters.period_s * (1.0 - 2e-4)  # a little inside the judge's line
         # views of single fields: looking a field up costs more than writing it
         sample = self.sample[0]
@@ -94,21 +99,33 @@ class ArmController:
         self._wrench_desired = self.control["wrench_desired"][0]
         work = self.workspace[0]
         self._tau_previous = work["tau_previous"]
+        self.follow(np.zeros(1, POINT), np.zeros(1, POINT))
         self.velocity = work["twist"][:3]
         self._force_world, self._rotation = work["force_world"], work["rotation"]
         self._qp = tuple(work[n] for n in ("H", "gradient", "lower", "upper", "M", "tau_lower", "tau_upper", "ddq"))
+        self._bind()
+
+    def _bind(self) -> None:
+        """Compile the tick, and look up once what it works on."""
+        model, d, p = self.model, self._detector, self.parameters
+        self._observe = bound(
+            observe,
+            self.sample, self.workspace, self.control, model.M, model.C, model.g, model.J0, model.dJ0, model.R7,
+            model.p7, model.face, model.R_joint_ee, self._R_world_base, self._B_theta, self._p1, self._p2, self._p3,
+            self._friction.scale, self._gravity_share, self._inertia.observer_gain_hz, p.period_s,
+            self._history, self._head, self._count, d.force_low_n, d.force_high_n, d.velocity_m_s,
+        )  # fmt: skip
+        self._pose_problem = bound(
+            pose_problem,
+            self.sample, self.workspace, self.setpoint, self.control, p.posture_joint, p.weight_impedance,
+            p.weight_posture, p.regularisation, self.limits_table, self.tau_max, p.period_s, self._tau_step,
+        )  # fmt: skip
+        self._torque = bound(torque, self.workspace, self.sample, self._tau_step)
 
     def observe(self) -> None:
         """Take the state in `sample`: kinematics, dynamics, external force, residual, impact."""
-        model = self.model
-        model.update(self._q, self._dq)
-        d = self._detector
-        self.impact = observe(
-            self.sample, self.workspace, self.control, model.M, model.C, model.g, model.J0, model.dJ0, model.R7,
-            model.p7, model.face, model.R_joint_ee, self._R_world_base, self._B_theta, self._p1, self._p2, self._p3,
-            self._friction.scale, self._gravity_share, self._inertia.observer_gain_hz, self.parameters.period_s,
-            self._history, self._head, self._count, d.force_low_n, d.force_high_n, d.velocity_m_s,
-        )  # fmt: skip
+        self.model.update(self._q, self._dq)
+        self.impact = self._observe()
 
     def in_contact(self, t_s: float, other: "ArmController") -> bool:
         """Whether this arm's pad, as last observed, is in lasting contact. Asked every tick while somebody waits."""
@@ -122,17 +139,11 @@ class ArmController:
             self._wrench_desired[:] = 0.0
             self._tau_desired[:] = self._tau_previous
             return QpStatus.NOT_USED
-        p = self.parameters
-        iterations = 0
-        status = QpStatus.UNCONSTRAINED
-        free = pose_problem(
-            self.sample, self.workspace, self.setpoint, self.control, p.posture_joint, p.weight_impedance,
-            p.weight_posture, p.regularisation, self.limits_table, self.tau_max, p.period_s,
-        )  # fmt: skip
-        if not free:
-            status, iterations = self.program.solve(*self._qp)
+        if self._pose_problem():
+            return _UNCONSTRAINED
+        status, iterations = self.program.solve(*self._qp)
         if status <= QpStatus.SOLVED:
-            torque(self.workspace, self.sample, self._tau_step)
+            self._torque()
         else:
             self._tau_desired[:] = self._tau_previous
         self._qp_status[0] = status
@@ -146,16 +157,21 @@ class ArmController:
         self.setpoint["acceleration_tasks"] = self.parameters.acceleration_tasks
         self.setpoint["posture_gain"][0] = posture_gain
 
-    def choose(self, ante: NDArray, post: NDArray, index: int, machine: ModeMachine) -> None:
-        """Write the setpoint from the references ante and post, (n,) of POINT, at the tick `index`, held at the end."""
-        index = min(index, len(ante) - 1)
-        blend = max(ANTE, _BLEND[machine.mode])
-        if blend == INTERIM and not self.parameters.blend_interim:
+    def choose(self, index: int, machine: ModeMachine) -> None:
+        """Write the setpoint from the references that are followed, at the tick `index`, held at the end."""
+        mode = machine.mode
+        blend = _BLEND[mode]
+        if blend == INTERIM and not self._blend_interim:
             blend = POST
-        choose(ante, post, index, blend, machine.gamma, machine.velocity_weight, self.setpoint, self.workspace)
-        self._mode[0] = machine.mode
-        self._gamma[0] = machine.gamma
-        self._control_t_ns[0] = self._t_ns[0]
+        index = index if index < self._last else self._last
+        self._choose(index, blend if blend > ANTE else ANTE, mode, machine.gamma, machine.velocity_weight)
+
+    def follow(self, ante: NDArray, post: NDArray) -> None:
+        """Follow the references ante and post, (n,) of POINT, from now on. Before a clock runs: they are looked up."""
+        self._last = len(ante) - 1
+        self._choose = bound(
+            choose, self.setpoint, self.workspace, self.sample, self.control, ante, post, later=(0, 0, 0, 0.0, 0.0)
+        )
 
     def pursue_reaction(self, reaction: ReactionMotion, side: int, t_s: float) -> None:
         """Write the setpoint from a reaction to an unexpected impact."""
@@ -189,10 +205,18 @@ class DualArmController:
         self.impact_arm = ""
         self.reaction_over = False
         self._reaction = reaction
+        self._force_norm = bound(force_norm, left.control, right.control)
+
+    def follow(self, ante: NDArray, post: NDArray) -> None:
+        """Look up where the references (2, n) and the monitor's records are, before a clock runs."""
+        for side, arm in enumerate(self.arms):
+            arm.follow(ante[side], post[side])
+            if self.monitor is not None:
+                self.monitor.bind(side, arm.sample, arm.workspace, arm.control)
 
     def watch(self, side: int, elapsed_ns: int) -> None:
         """Let the monitor see what an arm has observed, so long after its start, unless the arms stop."""
-        if self.monitor is not None and self.machine.mode is not Mode.STOPPING:
+        if self.monitor is not None and self.machine.mode is not _STOPPING:
             arm = self.arms[side]
             self.monitor.step(side, arm.sample, arm.workspace, arm.control, elapsed_ns)
 
@@ -213,7 +237,7 @@ class DualArmController:
         """React in the tick of the verdict, once."""
         if self.machine.reacting:
             self.reaction_over = reaction.over(t_s)
-        elif self.machine.mode in (Mode.ANTE_IMPACT, Mode.INTERIM, Mode.POST_IMPACT):
+        elif self.machine.mode in _ON_THE_WAY:
             if reaction.reaction is Reaction.STOP:
                 self.reaction_over = True  # the session brakes, in this tick
             elif reaction.reaction is not Reaction.CONTINUE:
@@ -221,13 +245,13 @@ class DualArmController:
                 for side, arm in enumerate(self.arms):
                     reaction.take_over(side, arm.setpoint)
 
-    def choose(self, side: int, ante: NDArray, post: NDArray, elapsed_ns: int, index: int) -> None:
-        """Write the setpoint of an arm: of the references ante and post at the tick `index`, or of a reaction."""
+    def choose(self, side: int, elapsed_ns: int, index: int) -> None:
+        """Write the setpoint of an arm: of the references at the tick `index`, or of a reaction."""
         arm = self.arms[side]
         if self._reaction is not None and self.machine.reacting:
             arm.pursue_reaction(self._reaction, side, elapsed_ns * 1e-9)
         else:
-            arm.choose(ante, post, index, self.machine)
+            arm.choose(index, self.machine)
 
     def contact_complete(self, t_s: float) -> bool:
         """Whether both pads are in lasting contact; each with the other one's newest state."""
@@ -236,7 +260,7 @@ class DualArmController:
 
     def finish(self) -> None:
         """Write what concerns both arms."""
-        force_norm(self.left.control, self.right.control)
+        self._force_norm()
 
 
 def make_arm_controller(

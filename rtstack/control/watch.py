@@ -1,11 +1,13 @@
 """The aim-aware monitor in the tick: both arms' residuals against the impact that the reference aims at."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from hal.compilation import bound
 from rtstack.monitor.pair import AFTER, IMPACT, PAIR, TARE, PairParameters, pair_expect, pair_step
 from rtstack.monitor.records import Reason, Verdict, monitor_dtype
 from rtstack.references.impact import ExpectedImpact
@@ -13,6 +15,10 @@ from rtstack.references.impact import ExpectedImpact
 FREE_AFTER_S = 0.4  # after the release the pads have let go, and feel nothing again
 _UNEXPECTED = int(Verdict.UNEXPECTED)  # numpy takes 5 us to compare its own with an IntEnum
 UNTIL_BEFORE_S = 0.2  # the nominal impact: where an object that is displaced cannot be met yet
+
+
+def _nobody(_elapsed_ns: int) -> None:
+    """Watch an arm that has not been seen yet."""
 
 
 class TrialMonitor:
@@ -35,6 +41,8 @@ class TrialMonitor:
         self._later_ns = round(parameters.later_s * 1e9)
         self._verdict, self._reason = self.pair["verdict"], self.pair["reason"]
         self._said = int(Verdict.NONE)
+        self._watched: list[NDArray | None] = [None, None]
+        self._watch: list[Callable[[int], None]] = [_nobody, _nobody]
         pair_expect(self.pair, self.arms, round(impact.t_d_s * 1e9), np.array(impact.q_d, dtype=np.float64))
 
     def _net_bounds(self, period_s: float) -> np.ndarray:
@@ -46,10 +54,18 @@ class TrialMonitor:
 
     def step(self, side: int, sample: NDArray, workspace: NDArray, control: NDArray, elapsed_ns: int) -> None:
         """Take the tick that an arm has just observed, so long after the start, and write what its log keeps."""
-        watch(
+        if sample is not self._watched[side]:
+            self.bind(side, sample, workspace, control)
+        self._watch[side](elapsed_ns)
+
+    def bind(self, side: int, sample: NDArray, workspace: NDArray, control: NDArray) -> None:
+        """Look up where an arm's records (1,) are, before a clock runs: a loop shows the same ones every tick."""
+        self._watched[side] = sample
+        self._watch[side] = bound(
+            watch,
             self.pair, self.arms, side, self._record, sample, workspace, control, self._dq_post, self._net,
-            self._bounds, elapsed_ns, self._period_ns, self._tare_ticks, self._until, self._decided_ns,
-            self._later_ns, self.parameters.net_force.patience,
+            self._bounds, self._period_ns, self._tare_ticks, self._until, self._decided_ns, self._later_ns,
+            self.parameters.net_force.patience, later=(0,),
         )  # fmt: skip
 
     @property
@@ -103,8 +119,8 @@ class TrialMonitor:
 
 @njit(cache=True, error_model="numpy")
 def watch(
-    pairs, states, side, parameters, samples, workspaces, controls, dq_post, net, bounds, t_ns, period_ns, tare_ticks,
-    until, decided_ns, later_ns, patience,
+    pairs, states, side, parameters, samples, workspaces, controls, dq_post, net, bounds, period_ns, tare_ticks,
+    until, decided_ns, later_ns, patience, t_ns,
 ):  # fmt: skip
     """Let the pair's monitor see one arm's tick; write verdict, reason and margin into its control record."""
     sample, work, control = samples[0], workspaces[0], controls[0]

@@ -3,13 +3,14 @@
 import numpy as np
 from numba import njit
 
+from hal.compilation import bound
 from rtstack.control.tick import ArmController
 from rtstack.safety.judge import SafetyJudge
 
 SAME_TORQUE_NM = 1e-3  # the wire rounds to float32: 4e-6 Nm at 87 Nm
 
 
-@njit("float64(float64[::1], float64[::1])", cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy")
 def largest_difference(tau_J_d, tau_applied):
     """Return the largest difference of two torques (7,), Nm; NaN where one of them is no number."""
     largest = 0.0
@@ -31,6 +32,7 @@ class Echo:
         self._applied, self._tau_J_d = sample["tau_applied"], sample["tau_J_d"]
         self._desired = sample["tau_desired"]
         self._previous = arm.workspace["tau_previous"][0]  # what the controller starts from
+        self._differ = bound(largest_difference, self._tau_J_d, self._judged)
         self._seen = False  # the robot has shown a torque of ours
         self.lost = 0
 
@@ -40,7 +42,7 @@ class Echo:
         Torque control begins at zero. Until our first torque has come back, tau_J_d is what the robot's own controller
         held the arm with: no start for ours. begun: the arm has shown a state before this one.
         """
-        difference = largest_difference(self._tau_J_d, self._judged)
+        difference = self._differ()
         if not SAME_TORQUE_NM < difference < np.inf:  # the same, or no number at all
             self._seen = self._seen or begun
             return

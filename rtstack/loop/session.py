@@ -29,6 +29,9 @@ from rtstack.safety.judge import Reason, SafetyJudge
 from rtstack.samples import ARM_SAMPLE, SIDES, Level, Mode, QpStatus
 
 _OF_THE_OTHER = (Reason.PAIR_SKEW, Reason.OTHER_ARM)  # the other arm's own reason says more
+# looked up once: an enumeration's member costs 0.1 us
+_STOPPING, _NOT_USED, _SOLVED = Mode.STOPPING, QpStatus.NOT_USED, QpStatus.SOLVED
+_NO_REASON, _COMMANDED, _CONTROLLER = Reason.NONE, Reason.COMMANDED, Reason.CONTROLLER
 _FIRST = ((), (0,), (1,), (0,))  # the arm to serve of a mask of LEFT and RIGHT
 _MASK = {(): 0, (0,): LEFT, (1,): RIGHT, (0, 1): LEFT | RIGHT}  # of the arms that were served
 
@@ -108,7 +111,7 @@ class Session:
         watchdogs: Sequence[Watchdog] = (),
     ) -> None:
         self._cell = cell
-        self._controller = controller
+        self._controller, self._machine, self._controlled = controller, controller.machine, controller.arms
         self._judges = judges
         self._publisher = publisher
         self._plan = plan
@@ -130,7 +133,9 @@ class Session:
         self._residuals = tuple(a.control["momentum_residual"][0] for a in controller.arms)
         # views of single fields: what is looked up once costs a tick nothing
         self._stopping = tuple(judge.memory["stopping"] for judge in judges)
-        self._references = tuple(zip(plan.ante, plan.post, strict=True))
+        controller.follow(plan.ante, plan.post)
+        for judge, (sample, _), residual in zip(judges, self._records, self._residuals, strict=True):
+            judge.bind(sample, residual)
         self._last_index = plan.ticks
         self._own_clocks = cell.own_clocks
         self._time = Timeline(publisher.timing, cell.own_clocks)
@@ -165,7 +170,7 @@ class Session:
             if collecting:
                 gc.enable()
         self._tell_end()
-        self._controller.machine.rest()
+        self._machine.rest()
         self._say_mode()
         self._say_link()
         trip = self._notes.trip
@@ -201,7 +206,7 @@ class Session:
         left, right = self._judges
         if left.blind or right.blind:
             return False  # by a state that does not change nobody can brake but the robot itself
-        return not (self._controller.machine.mode is Mode.STOPPING and 0 in sides and self._at_rest())
+        return not (self._machine.mode is _STOPPING and 0 in sides and self._at_rest())
 
     def _pause(self) -> None:
         """Between two ticks, with the answers out."""
@@ -226,7 +231,7 @@ class Session:
 
     def _take_time(self, sides: tuple[int, ...], host_ns: int) -> None:
         if self._time.start_ns < 0:
-            self._controller.machine.begin(self._plan.mode)
+            self._machine.begin(self._plan.mode)
         for k in sides:
             self._time.take(k, self._stamps[k], host_ns)
             if self._own_clocks:
@@ -243,30 +248,30 @@ class Session:
             sample, control = self._records[k]
             self._echoes[k].desire_nothing_new()
             control["t_ns"] = sample["t_ns"]
-            control["mode"] = self._controller.machine.mode
+            control["mode"] = self._machine.mode
         return QpStatus.NOT_USED
 
     def _control(self, sides: tuple[int, ...]) -> QpStatus:
-        controller, machine = self._controller, self._controller.machine
+        controller, machine, arms, elapsed = self._controller, self._machine, self._controlled, self._time.elapsed_ns
         for k in sides:
-            controller.arms[k].observe()
-            controller.watch(k, self._time.elapsed_ns[k])
+            arms[k].observe()
+            controller.watch(k, elapsed[k])
         now_ns = self._time.now_ns
         controller.decide(now_ns * 1e-9)
         if self._look_for_an_end(now_ns // TICK_NS):
             return self._ask_for_torques(sides)
-        status = QpStatus.NOT_USED
+        status, guide = _NOT_USED, self._plan.guide
         for k in sides:
-            arm = controller.arms[k]
-            if self._plan.guide is not None:
-                self._plan.guide.step(k, arm)
-            ante, post = self._references[k]
-            elapsed_ns = self._time.elapsed_ns[k]
-            controller.choose(k, ante, post, elapsed_ns, elapsed_ns // TICK_NS)
+            arm = arms[k]
+            if guide is not None:
+                guide.step(k, arm)
+            elapsed_ns = elapsed[k]
+            controller.choose(k, elapsed_ns, elapsed_ns // TICK_NS)
             found = arm.command(machine.mode)
-            if found > QpStatus.SOLVED:
-                self._notes.take_qp(k, arm)
-            status = max(status, found)
+            if found > status:
+                status = found
+                if found > _SOLVED:
+                    self._notes.take_qp(k, arm)
             if self._share < 1.0:
                 low_pass(arm.sample, arm.workspace, self._share)
         controller.finish()
@@ -293,8 +298,8 @@ class Session:
 
     def _look_for_an_end(self, index: int) -> bool:
         """Ask everybody who may end the session. Returns whether the controller must not be asked any more."""
-        machine = self._controller.machine
-        if machine.mode is Mode.STOPPING:
+        machine = self._machine
+        if machine.mode is _STOPPING:
             return False
         for watchdog in self._watchdogs:
             trip = watchdog.trip()
@@ -318,14 +323,14 @@ class Session:
         """Stop from now on, for this reason unless there was one before."""
         if self._notes.take(trip, self._time.t_ns, self._time.now_ns):
             self._speaker = speaker
-        self._controller.machine.stop()
+        self._machine.stop()
 
     def _judge(self, sides: tuple[int, ...], status: QpStatus) -> None:
         """Let the judges see their arms; where one of them stops, the other one's next tick stops too."""
-        stopping = self._controller.machine.mode is Mode.STOPPING
-        demand = Reason.COMMANDED if stopping else Reason.NONE
-        if status > QpStatus.SOLVED and not stopping:
-            demand = Reason.CONTROLLER
+        stopping = self._machine.mode is _STOPPING
+        demand = _COMMANDED if stopping else _NO_REASON
+        if status > _SOLVED and not stopping:
+            demand = _CONTROLLER
         for k in sides:
             self._judges[k].judge(self._records[k][0], demand, self._residuals[k])
             self._echoes[k].sent()
@@ -336,7 +341,7 @@ class Session:
         if not left[0] and not right[0]:
             return
         stopping = [judge.stopping for judge in self._judges]
-        if self._controller.machine.mode is not Mode.STOPPING:
+        if self._machine.mode is not Mode.STOPPING:
             k = next((k for k in (0, 1) if stopping[k] and self._judges[k].reason not in _OF_THE_OTHER), None)
             k = stopping.index(True) if k is None else k
             judge = self._judges[k]
@@ -365,7 +370,7 @@ class Session:
             self._publisher.event(self._notes.t_ns, trip.level, speaker, trip.text)
 
     def _say_mode(self) -> None:
-        machine = self._controller.machine
+        machine = self._machine
         if machine.mode is self._mode and machine.waiting is self._waiting:
             return
         if self._waiting and not machine.waiting:
@@ -390,7 +395,7 @@ class Session:
         self._mode = machine.mode
 
     def _say_contact(self) -> None:
-        machine = self._controller.machine
+        machine = self._machine
         if machine.completion_s >= 0.0:
             level, text = Level.INFO, f"complete at {machine.completion_s:.3f} s"
         else:

@@ -4,10 +4,13 @@ A stop latches until it is recovered from. The judge imports the hardware contra
 hal's own description, and allocates, logs, waits and raises nowhere in `judge`.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from hal.compilation import bound
 from rtstack.safety.body import Base, Tool, arm_body
 from rtstack.safety.checks import find_arm, find_joint, find_not_finite, take_time
 from rtstack.safety.geometry import place_arm
@@ -22,6 +25,7 @@ OTHER_ARM = int(Reason.OTHER_ARM)
 # A controller that keeps inside its limits may be limited once, by rounding or by chance; one that goes on wanting what
 # is impossible has failed. At the robot's rate its torque is 2 Nm astray by then.
 LIMITED_TICKS = 3
+_PASS, _LIMITED = Verdict.PASS, Verdict.LIMITED
 NEVER_NS = 2**62
 
 
@@ -93,6 +97,8 @@ class SafetyJudge:
             self._rules["skew_max_ns"] = NEVER_NS
             self._rules.flags.writeable = False
         self._no_residual = np.zeros(7)
+        self._sample = self._residual = None
+        self._judge: Callable[[int], tuple[int, int]] = lambda _demand: (0, 0)
         self._stopping, self._reason = self.memory["stopping"], self.memory["reason"]
         self._stale_ns, self._gap_max_ns = self.memory["stale_ns"], int(self._rules["gap_max_ns"][0])
         self.interventions = 0
@@ -134,20 +140,25 @@ class SafetyJudge:
         residual: the controller's momentum residual (7,), Nm, to be judged beside the robot's own estimate. A stop that
         was commanded is no intervention; everything else that changed a torque is, once a stop and once a limited tick.
         """
-        was_stopping = self.stopping
-        verdict, reason = judge(
-            sample, self._no_residual if residual is None else residual, self.memory, self._other, self._rules,
-            int(demand),
-        )  # fmt: skip
+        was_stopping = self._stopping[0]
+        look = self._no_residual if residual is None else residual
+        if sample is not self._sample or look is not self._residual:
+            self.bind(sample, look)
+        verdict, reason = self._judge(demand)
         if verdict == 0:
-            return Verdict.PASS
-        if verdict == Verdict.LIMITED:
+            return _PASS
+        if verdict == _LIMITED:
             self.limited += 1
             self.interventions += 1
-            return Verdict.LIMITED
+            return _LIMITED
         if not was_stopping and reason not in NO_INTERVENTION:
             self.interventions += 1
         return Verdict.STOPPING
+
+    def bind(self, sample: NDArray[np.void], residual: NDArray[np.float64]) -> None:
+        """Look up where sample (1,) and residual (7,) are, before a clock runs: a loop shows the same each tick."""
+        self._sample, self._residual = sample, residual
+        self._judge = bound(judge, sample, residual, self.memory, self._other, self._rules, later=(0,))
 
     def recover(self, sample: NDArray[np.void], residual: NDArray[np.float64] | None = None) -> Reason:
         """Forget a latched stop and start anew from no torque. Returns NONE, or the reason that persists in the state

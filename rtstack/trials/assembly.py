@@ -35,6 +35,7 @@ STRATEGIES = {
     Controller.NO_INTERIM: Strategy.NO_INTERIM,
     Controller.CONTACT_COMPLETION: Strategy.CONTACT_COMPLETION,
 }
+_WARM: set[bool] = set()  # whether the code has run in this process, without and with a monitor
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +108,7 @@ def dual_arm_controller(
     cell: CellDescription, parameters: Parameters, strategy: Strategy, nominal_impact_s: float,
     watched: Watched | None = None,
 ) -> DualArmController:  # fmt: skip
-    """Return a fresh controller, warm: its compiled code has run once, on a state that is then forgotten."""
+    """Return a fresh controller, warm: its code has run once in this process, on another one that is then forgotten."""
     period_s = parameters.control.period_s
 
     def controller(impact_s: float) -> DualArmController:
@@ -118,7 +119,9 @@ def dual_arm_controller(
         monitor = TrialMonitor(watched.tuning, watched.impact, period_s)
         return DualArmController(*arms, machine, monitor, ReactionMotion(watched.reaction, watched.approach))
 
-    _warm_up(controller(0.0), cell)
+    if (watched is None) not in _WARM:
+        _warm_up(controller(0.0), cell)
+        _WARM.add(watched is None)
     return controller(nominal_impact_s)
 
 
@@ -129,11 +132,12 @@ def _warm_up(controller: DualArmController, cell: CellDescription) -> None:
         arm.sample["q"][0] = mounting.home
         arm.observe()
         controller.watch(0, 0)
+        arm.follow(point, point)
         point["position"][0] = arm.workspace["position"][0]
         point["rotation"][0] = arm.workspace["rotation"][0]
         controller.machine.mode = Mode.ANTE_IMPACT
         arm.pursue(arm.parameters.stiffness, arm.parameters.posture_gain)
-        arm.choose(point, point, 0, controller.machine)
+        arm.choose(0, controller.machine)
         arm.command(Mode.ANTE_IMPACT)
         # the solver's first call allocates: have it done, with limits that cannot hold
         arm.tau_max[:] = 1e-3

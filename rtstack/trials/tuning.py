@@ -21,6 +21,7 @@ from rtstack.monitor.monitor import Monitor
 from rtstack.monitor.pair import TARE_FROM_NS, NetForceParameters, PairParameters
 from rtstack.monitor.parameters import MonitorParameters
 from rtstack.references.impact import ExpectedImpact
+from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE
 from rtstack.trials.errors import TrialError
 
 Array = NDArray[np.float64]
@@ -108,14 +109,19 @@ def check(runs: Sequence[GoodRun], parameters: PairParameters) -> Check:
 def replay(run: GoodRun, parameters: PairParameters) -> TrialMonitor:
     """Let a fresh monitor see a recorded trial, tick by tick as in the loop. Returns it as it is at the end."""
     monitor = TrialMonitor(parameters, run.impact, PERIOD_S)
-    arm, control = run.columns.arm, run.columns.control.copy()
+    arms, controls = run.columns.arm.view(np.uint8), run.columns.control.view(np.uint8)
+    samples, written = np.zeros((2, 1), ARM_SAMPLE), np.zeros((2, 1), CONTROL_SAMPLE)
     work = np.zeros(1, WORKSPACE)
-    t_ns = arm[0]["t_ns"] - arm[0]["t_ns"][0]
+    sides = tuple(zip(samples, written, samples.view(np.uint8), written.view(np.uint8), strict=True))
+    t_ns = run.columns.arm[0]["t_ns"] - run.columns.arm[0]["t_ns"][0]
     force = -run.force
+    sample_size, control_size = ARM_SAMPLE.itemsize, CONTROL_SAMPLE.itemsize
     for k in range(len(t_ns)):
-        for side in range(2):
+        for side, (sample, control, sample_bytes, control_bytes) in enumerate(sides):
+            sample_bytes[:] = arms[side, k * sample_size : (k + 1) * sample_size]
+            control_bytes[:] = controls[side, k * control_size : (k + 1) * control_size]
             work["force_world"][0] = force[side, k]
-            monitor.step(side, arm[side, k : k + 1], work, control[side, k : k + 1], int(t_ns[k]))
+            monitor.step(side, sample, work, control, int(t_ns[k]))
     return monitor
 
 

@@ -225,6 +225,7 @@ def test_desired_wrench_at_the_switches(cell, strategy):
     # ante-impact velocity, so that the interim mode's missing velocity feedback is no step
     ante["twist"] = left.workspace["twist"][0]
     left.pursue(np.array(parameters.stiffness), 500.0)
+    left.follow(ante, post)
     wrench = np.zeros((n, 6))
     modes = np.zeros(n, int)
     for k in range(n):
@@ -235,7 +236,7 @@ def test_desired_wrench_at_the_switches(cell, strategy):
             for arm in (left, right):
                 arm.workspace["force_world"][0] = -10.0 * arm.workspace["rotation"][0, :, 2]
         controller.decide(k * 1e-3)
-        left.choose(ante, post, k, machine)
+        left.choose(k, machine)
         left.command(machine.mode)
         wrench[k] = left.control["wrench_desired"][0]
         modes[k] = machine.mode
