@@ -3,6 +3,7 @@
 Everything that trials share (cell, references, what is compiled) is kept from one to the next.
 """
 
+import gc
 import hashlib
 import os
 import time
@@ -71,6 +72,7 @@ def check_sources(sources: Sequence[tuple[Path, str]]) -> None:
 def _description(bench: Bench) -> CellDescription:
     """The cell, once it is clear that this process would compute the same as all others."""
     check_sources(bench.sources)
+    gc.freeze()  # what is imported stays: collections need not look at it after every log
     return load_cell_description(bench.cell_file)
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 PACKAGES = ("rtstack", "numpy", "numba", "pin", "mujoco", "proxsuite", "daqp", "foxglove-sdk")
 
 
+@lru_cache(maxsize=1)
 def package_versions() -> dict[str, str]:
     """Return the versions of everything that shapes a result."""
     versions = {"python": platform.python_version()}
