@@ -196,6 +196,28 @@ def check(
     run(left, right, json)
 
 
+@app.command("host-setup")
+def host_setup(
+    user: Annotated[list[str] | None, typer.Option(help="Who may run the stack at a terminal; repeat it.")] = None,
+    nic: Annotated[
+        list[str] | None, typer.Option(metavar="NAME=ADDR/PREFIX", help="Interface for the arms; repeat it.")
+    ] = None,
+    isolate: Annotated[
+        int | None, typer.Option(help="CPUs for the loop alone; by default one, where there are four.", min=0)
+    ] = None,
+    kernel: Annotated[str, typer.Option(help="rt (PREEMPT_RT) or generic.")] = "generic",
+    units: Annotated[bool, typer.Option("--units", help="Install the systemd units too.")] = False,
+    root: Annotated[Path, typer.Option(metavar="DIR", help="Another machine's files.", readable=False)] = Path("/"),
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Show every change, and make none.")] = False,
+    undo: Annotated[bool, typer.Option("--undo", help="Put back exactly what was there.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Undo also what somebody has changed since.")] = False,
+) -> None:
+    """Set this PC up for two arms: limits, CPU isolation, governor, network; as root."""
+    from rtstack.cli.host_setup import host_setup as run
+
+    run(user or [], nic or [], isolate, kernel, units, root, dry_run, undo, force)
+
+
 @app.command()
 def campaign(
     name: Annotated[

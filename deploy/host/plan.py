@@ -1,0 +1,256 @@
+"""From what a machine is to what has to change, in order. What is as it should be is not in the plan."""
+
+import ipaddress
+import re
+from dataclasses import dataclass, field
+
+from deploy.host.changes import Change, Command, File, Knob
+from deploy.host.machine import HostSetupError, Machine, cpu_text
+
+ACCOUNT = "rtstack"  # the user and the group of the stack
+# above the loop's 70 and a simulated robot's 80 (hal/realtime.py), below the kernel's own threads at 99
+PRIORITY = 90
+MTU = 1500  # what the arm's control box speaks: larger frames do not arrive
+LIMITS = "/etc/security/limits.d/90-rtstack.conf"
+GRUB = "/etc/default/grub.d/90-rtstack.cfg"
+BOOT = "/usr/local/sbin/rtstack-host-boot"
+UNIT = "/etc/systemd/system/rtstack-host.service"
+CPUS = "/etc/systemd/system/rtstack-robot.service.d/cpus.conf"
+_KERNEL = {"debian": "linux-image-rt-amd64"}  # what the distribution calls it
+_OURS = "# Written by `rtstack host-setup`; `rtstack host-setup --undo` takes it back.\n"
+GENERIC_COST = (
+    "kernel: generic. Where a driver does not let go, a tick is late by milliseconds: the robot bridges single lost "
+    "packets, and stops after 20 in a row (communication_constraints_violation). Good for the simulated robot and for "
+    "commissioning; for experiments: --kernel rt"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Interface:
+    """A network interface for the arms, with this PC's own address on it, such as 172.16.0.1/24."""
+
+    name: str
+    address: str
+
+    @classmethod
+    def parse(cls, text: str) -> "Interface":
+        """Read NAME=ADDRESS/PREFIX. Raises HostSetupError."""
+        name, _, address = text.partition("=")
+        try:
+            if not re.fullmatch(r"[A-Za-z0-9_.-]{1,15}", name) or "/" not in address:
+                raise ValueError
+            ipaddress.IPv4Interface(address)
+        except ValueError:
+            raise HostSetupError(f"--nic {text}: write it as enp3s0=172.16.0.1/24") from None
+        return cls(name, address)
+
+
+@dataclass(frozen=True, slots=True)
+class Wishes:
+    """What is asked for. users: who may run the stack by hand; isolate: how many CPUs are kept for the loop, None: one,
+    where there are four or more; kernel: rt or generic; units: the units' texts by name, to be installed."""
+
+    users: tuple[str, ...] = ()
+    interfaces: tuple[Interface, ...] = ()
+    isolate: int | None = None
+    kernel: str = "generic"
+    units: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """changes: in the order in which they are applied. notes: what a person has to know or to do."""
+
+    changes: tuple[Change, ...]
+    notes: tuple[str, ...]
+
+
+def make_plan(machine: Machine, wishes: Wishes) -> Plan:
+    """Return what has to change. Raises HostSetupError where a wish cannot be met."""
+    cpus = machine.cpus
+    count = (1 if len(cpus) >= 4 else 0) if wishes.isolate is None else wishes.isolate
+    if count < 0 or count > len(cpus) - 2:
+        raise HostSetupError(f"--isolate {count}: this machine has {len(cpus)} CPUs, and needs two for everything else")
+    kept, isolated = cpus[: len(cpus) - count], cpus[len(cpus) - count :]
+    notes: list[str] = []
+    changes = [
+        *_account(machine, wishes),
+        *_kernel(machine, wishes, notes),
+        *_isolation(machine, kept, isolated, wishes.kernel == "generic", notes),
+        *_interfaces(machine, wishes, notes),
+        *_boot(machine, wishes, kept[-1]),
+        *_units(machine, wishes, cpus, isolated),
+    ]
+    if machine.run is None and any(isinstance(change, Command) for change in changes):
+        notes.append(f"{machine.root} is not the running machine: files are written, commands are left to you")
+    return Plan(tuple(changes), tuple(notes))
+
+
+def _account(machine: Machine, wishes: Wishes) -> list[Change]:
+    changes: list[Change] = []
+    if ACCOUNT not in machine.users:
+        create = ("useradd", "--system", "--user-group", "--home-dir", "/var/lib/rtstack", "--no-create-home",
+                  "--shell", "/usr/sbin/nologin", ACCOUNT)  # fmt: skip
+        changes.append(Command(create, ("userdel", ACCOUNT), "the stack runs as a user without any privilege"))
+    for user in wishes.users:
+        if user not in machine.users:
+            raise HostSetupError(f"--user {user}: there is no such user on this machine")
+        if user not in machine.groups.get(ACCOUNT, []):
+            changes.append(
+                Command(("gpasswd", "--add", user, ACCOUNT), ("gpasswd", "--delete", user, ACCOUNT),
+                        f"{user} may run the stack at a terminal, after the next login")
+            )  # fmt: skip
+    limits = f"{_OURS}@{ACCOUNT} - rtprio {PRIORITY}\n@{ACCOUNT} - memlock unlimited\n"
+    return changes + _file(machine, LIMITS, limits, "SCHED_FIFO and mlockall for the group: late ticks without them")
+
+
+def _kernel(machine: Machine, wishes: Wishes, notes: list[str]) -> list[Change]:
+    if machine.realtime_kernel:
+        return []
+    if wishes.kernel == "generic":
+        notes.append(GENERIC_COST)
+        return []
+    package = _KERNEL.get(_distribution(machine))
+    if package is None:
+        notes.append("kernel: only Debian's package is known here; install your distribution's PREEMPT_RT kernel")
+        return []
+    if machine.names(f"/var/lib/dpkg/info/{package}.list"):
+        notes.append("kernel: PREEMPT_RT is installed and does not run: restart, and choose it in the boot menu")
+        return []
+    notes.append("kernel: PREEMPT_RT runs after a restart; it costs some throughput, and drivers outside Debian's")
+    return [Command(("apt-get", "install", "--yes", package), ("apt-get", "remove", "--yes", package),
+                    "PREEMPT_RT: nothing but hardware keeps the loop waiting for long")]  # fmt: skip
+
+
+def _isolation(machine: Machine, kept: list[int], isolated: list[int], generic: bool, notes: list[str]) -> list[Change]:
+    options = ["preempt=full"] if generic and not machine.realtime_kernel else []
+    if isolated:
+        mine = cpu_text(isolated)
+        options += [f"isolcpus=managed_irq,domain,{mine}", f"nohz_full={mine}", f"rcu_nocbs={mine}"]
+        options.append(f"irqaffinity={cpu_text(kept)}")
+    else:
+        notes.append("CPU isolation: none; on a busy machine the loop shares its CPU")
+    if not options:
+        return []
+    if not machine.at("/etc/default/grub").exists():
+        notes.append(f"no GRUB here: add to the kernel's command line: {' '.join(options)}")
+        return []
+    line = f'{_OURS}GRUB_CMDLINE_LINUX_DEFAULT="$GRUB_CMDLINE_LINUX_DEFAULT {" ".join(options)}"\n'
+    why = f"CPU {cpu_text(isolated)} is for the loop alone" if isolated else "a tick waits less for the kernel"
+    written = _file(machine, GRUB, line, f"{why}; everything else has {cpu_text(kept)}; from the next start on")
+    if not written:
+        return []
+    notes.append("restart the machine for the kernel's command line")
+    return [
+        Command((), ("update-grub",), "the boot menu, once the file is gone"),
+        *written,
+        Command(("update-grub",), (), "the boot menu"),
+    ]
+
+
+def _interfaces(machine: Machine, wishes: Wishes, notes: list[str]) -> list[Change]:
+    changes: list[Change] = []
+    by_manager = machine.at("/etc/NetworkManager").is_dir()
+    for nic in wishes.interfaces:
+        if not machine.at(f"/sys/class/net/{nic.name}").exists():
+            there = ", ".join(name.rpartition("/")[2] for name in machine.names("/sys/class/net/*"))
+            raise HostSetupError(f"--nic {nic.name}: there is no such interface; there are {there or 'none'}")
+        if re.search(rf"\b{re.escape(nic.name)}\b", machine.text("/etc/network/interfaces")):
+            notes.append(f"/etc/network/interfaces names {nic.name} too: take it out there")
+        if by_manager:
+            path, text = _manager_file(nic)
+            reload, mode = ("nmcli", "connection", "reload"), 0o600  # NetworkManager ignores what others can read
+        else:
+            path, text = _networkd_file(nic)
+            reload, mode = ("networkctl", "reload"), 0o644
+        written = _file(machine, path, text, f"{nic.name}: a fixed address, no route, MTU {MTU}", mode)
+        if written:
+            changes += [Command((), reload, "the network, once the file is gone"), *written]
+            changes.append(Command(reload, (), "the network"))
+        if machine.run is not None:
+            former = re.search(r"^rx-usecs:\s*(\d+)", machine.run(("ethtool", "--show-coalesce", nic.name)), re.M)
+            if former and former[1] != "0":
+                base = ("ethtool", "--coalesce", nic.name, "rx-usecs")
+                changes.append(Command((*base, "0"), (*base, former[1]),
+                                       "a packet is told about at once: more interrupts, less delay"))  # fmt: skip
+    return changes
+
+
+def _boot(machine: Machine, wishes: Wishes, irq_cpu: int) -> list[Change]:
+    """Governor and interrupts: now by knobs, and after each start by a unit."""
+    why = "no CPU has to speed up first; costs power"
+    knobs = [
+        (path, "performance", why) for path in machine.names("/sys/devices/system/cpu/cpu*/cpufreq/scaling_governor")
+    ]
+    lines = ["for governor in /sys/devices/system/cpu/cpu*/cpufreq/scaling_governor; do",
+             '    [ -w "$governor" ] && echo performance > "$governor"', "done"]  # fmt: skip
+    for nic in wishes.interfaces:
+        # not the loop's CPU: it looks for packets without sleeping, and would keep their interrupts waiting
+        irqs = machine.names(f"/sys/class/net/{nic.name}/device/msi_irqs/*")
+        paths = [f"/proc/irq/{irq.rpartition('/')[2]}/smp_affinity_list" for irq in irqs]
+        knobs += [(path, str(irq_cpu), f"interrupts of {nic.name} beside the loop's CPU") for path in paths]
+        lines += [f"for irq in /sys/class/net/{nic.name}/device/msi_irqs/*; do",
+                  f'    echo {irq_cpu} > "/proc/irq/${{irq##*/}}/smp_affinity_list"', "done",
+                  f"ethtool --coalesce {nic.name} rx-usecs 0"]  # fmt: skip
+    changes: list[Change] = [Knob(*knob) for knob in knobs if machine.at(knob[0]).exists()]
+    changes = [knob for knob in changes if isinstance(knob, Knob) and machine.text(knob.path) != knob.value]
+    script = "#!/bin/sh\n" + _OURS + "\n".join([*lines, "exit 0"]) + "\n"
+    unit = (
+        f"{_OURS}[Unit]\nDescription=CPU governor and network interrupts for rtstack\nAfter=network.target\n\n"
+        f"[Service]\nType=oneshot\nExecStart={BOOT}\n\n[Install]\nWantedBy=multi-user.target\n"
+    )
+    written = _file(machine, BOOT, script, "the same after each start", 0o755)
+    written += _file(machine, UNIT, unit, "runs it")
+    if written:
+        changes += [Command((), ("systemctl", "daemon-reload"), "systemd, once the unit is gone"), *written]
+        changes.append(Command(("systemctl", "daemon-reload"), (), "systemd"))
+    if not machine.names("/etc/systemd/system/multi-user.target.wants/rtstack-host.service"):
+        name = "rtstack-host.service"
+        changes.append(Command(("systemctl", "enable", name), ("systemctl", "disable", name), "at each start"))
+    if wishes.interfaces and machine.names("/etc/systemd/system/*.wants/irqbalance.service"):
+        switch = ("systemctl", "disable", "--now", "irqbalance"), ("systemctl", "enable", "--now", "irqbalance")
+        changes.append(Command(*switch, "it would move the interrupts away again"))
+    return changes
+
+
+def _units(machine: Machine, wishes: Wishes, cpus: list[int], isolated: list[int]) -> list[Change]:
+    written: list[Change] = []
+    for name, text in wishes.units.items():
+        written += _file(machine, f"/etc/systemd/system/{name}", text, "a unit of the stack; not started by this")
+    if isolated and (wishes.units or machine.at(CPUS).exists()):
+        text = f"{_OURS}[Service]\nCPUAffinity={cpu_text(cpus)}\n"
+        written += _file(
+            machine, CPUS, text, "nobody may use an isolated CPU who is not told to: the loop takes the last"
+        )
+    if not written:
+        return []
+    reload = ("systemctl", "daemon-reload")
+    return [Command((), reload, "systemd, once they are gone"), *written, Command(reload, (), "systemd")]
+
+
+def _manager_file(nic: Interface) -> tuple[str, str]:
+    path = f"/etc/NetworkManager/system-connections/rtstack-{nic.name}.nmconnection"
+    return path, (
+        f"{_OURS}[connection]\nid=rtstack-{nic.name}\ntype=ethernet\ninterface-name={nic.name}\n\n"
+        f"[ethernet]\nmtu={MTU}\n\n[ipv4]\nmethod=manual\naddress1={nic.address}\nnever-default=true\n\n"
+        "[ipv6]\nmethod=disabled\n"
+    )
+
+
+def _networkd_file(nic: Interface) -> tuple[str, str]:
+    return f"/etc/systemd/network/10-rtstack-{nic.name}.network", (
+        f"{_OURS}[Match]\nName={nic.name}\n\n[Link]\nMTUBytes={MTU}\n\n"
+        f"[Network]\nAddress={nic.address}\nDHCP=no\nLinkLocalAddressing=no\n"
+    )
+
+
+def _file(machine: Machine, path: str, content: str, why: str, mode: int = 0o644) -> list[Change]:
+    place = machine.at(path)
+    if place.is_file() and place.read_text(errors="replace") == content and place.stat().st_mode & 0o7777 == mode:
+        return []
+    return [File(path, content, why, mode)]
+
+
+def _distribution(machine: Machine) -> str:
+    found = re.search(r"^ID=\"?([a-z]+)", machine.text("/etc/os-release"), re.MULTILINE)
+    return found[1] if found else ""
