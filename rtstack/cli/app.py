@@ -188,12 +188,14 @@ def sim(
 def check(
     left: Annotated[str | None, typer.Option(help="Address of the left arm.")] = None,
     right: Annotated[str | None, typer.Option(help="Address of the right arm.")] = None,
+    cell_file: Annotated[Path | None, typer.Option("--cell", help="TOML description of the cell.")] = None,
+    logs: Annotated[Path, typer.Option(help="Where logs are to be written.")] = Path("logs"),
     json: Json = False,
 ) -> None:
-    """Say what this host allows; with both addresses also hold the arms for ten seconds and judge the link."""
+    """Say what this machine lacks, and what that costs; with both addresses hold the arms and judge the link."""
     from rtstack.cli.check import check as run
 
-    run(left, right, json)
+    run(left, right, cell_file, logs, json)
 
 
 @app.command("host-setup")

@@ -1,52 +1,91 @@
-"""`rtstack check`: what this host allows, and with two addresses whether the link to the arms is good enough."""
+"""`rtstack check`: what is missing on this machine and what it costs; with two addresses also the link."""
 
+import json as json_module
 from dataclasses import asdict
+from pathlib import Path
 
 import typer
 
 from hal.cell import Cell
 from hal.errors import HardwareError
-from rtstack.bench.host import Finding, host_findings
 from rtstack.bench.link import GOOD_SUCCESS, bench_link
-from rtstack.cli.cells import open_cell
+from rtstack.check.finding import Finding
+from rtstack.check.host import host_findings
+from rtstack.check.network import arm_finding, interface_finding
+from rtstack.check.software import software_findings
+from rtstack.cli.cells import load_description, open_cell
+from rtstack.configuration import ConfigurationError
+from rtstack.model.cell_description import CellDescription
 from rtstack.trials.errors import TrialError
 
 FAILED = 1
 LINK_TICKS = 10_000
 
 
-def check(left: str | None, right: str | None, json: bool) -> None:
-    """Report, one line a finding; exit status 1 when something failed."""
+def check(left: str | None, right: str | None, cell_file: Path | None, logs: Path, json: bool) -> None:
+    """Report, one line a finding; exit status 1 when something that is required is missing. Raises TrialError."""
     if (left is None) != (right is None):
         raise TrialError("a link test needs both arms: give --left and --right")
-    findings = host_findings()
-    if left is not None:
-        findings += link_findings(f"fci:{left},{right}")
+    findings = host_findings() + software_findings(logs)
+    cell, description = _cell(cell_file)
+    findings.append(cell)
+    if left is not None and right is not None:
+        findings += _arm_findings(left, right, description)
     if json:
-        import json as json_module
-
         typer.echo(json_module.dumps({"findings": [asdict(finding) for finding in findings]}))
     else:
-        for finding in findings:
-            advice = f" ({finding.advice})" if finding.advice else ""
-            typer.echo(f"{finding.verdict:<4}  {finding.name:<14}  {finding.value}{advice}")
+        for line in table(findings):
+            typer.echo(line)
     if any(finding.verdict == "fail" for finding in findings):
         raise typer.Exit(FAILED)
 
 
-def link_findings(kind: str, ticks: int = LINK_TICKS) -> list[Finding]:
+def table(findings: list[Finding]) -> list[str]:
+    """Return the lines that a person reads: the facts, then what is missing, with what it costs and what to do."""
+    width = max(len(finding.name) for finding in findings)
+    lines = []
+    for f in findings:
+        lines.append(f"{f.verdict:<4}  {f.name:<{width}}  {f.value}")
+        lines += [f"{'':<{width + 8}}costs: {f.cost}"] * bool(f.cost)
+        lines += [f"{'':<{width + 8}}do:    {f.advice}"] * bool(f.advice)
+    failed = [f.name for f in findings if f.verdict == "fail"]
+    warned = sum(f.verdict == "warn" for f in findings)
+    lines.append(f"missing: {', '.join(failed)}" if failed else f"all that is required is there; {warned} warnings")
+    return lines
+
+
+def _cell(path: Path | None) -> tuple[Finding, CellDescription | None]:
+    try:
+        description, source = load_description(path)
+    except ConfigurationError as error:
+        return Finding("cell", str(error), "fail", "correct the file", "nothing starts with it"), None
+    return Finding("cell", f"{description.name}, {source}", "pass"), description
+
+
+def _arm_findings(left: str, right: str, description: CellDescription | None) -> list[Finding]:
+    arms = {"left": left, "right": right}
+    findings = [interface_finding(f"way to {side}", address) for side, address in arms.items()]
+    findings += [arm_finding(f"{side} arm", address) for side, address in arms.items()]
+    if any(finding.verdict == "fail" for finding in findings):
+        return findings
+    return findings + link_findings(f"fci:{left},{right}", description)
+
+
+def link_findings(kind: str, description: CellDescription | None = None, ticks: int = LINK_TICKS) -> list[Finding]:
     """Hold both arms of a cell without a torque of ours for `ticks` ms, and judge the link."""
     cell: Cell | None = None
     try:
-        cell = open_cell(kind, "", 0.0, 0)
+        cell = open_cell(kind, "", 0.0, 0, description)
         figures = bench_link(cell, ticks)
     except HardwareError as error:
-        return [Finding("link", "broken", "fail", str(error))]
+        return [Finding("link", "broken", "fail", str(error), "no motion")]
     finally:
         if cell is not None:
             cell.close()
     means, lows = figures.success_rate_mean, figures.success_rate_min
     value = f"success rate {means[0]:.3f} left, {means[1]:.3f} right, at least {min(lows):.2f}"
     value += f"; answered within {max(figures.answer_us_p99):.0f} us at p99"
-    advice = "" if figures.verdict == "pass" else f"below {GOOD_SUCCESS}: a network and a host for the arms alone"
-    return [Finding("link", value, figures.verdict, advice)]
+    if figures.verdict == "pass":
+        return [Finding("link", value, "pass")]
+    advice = f"below {GOOD_SUCCESS}: a network and a host for the arms alone"
+    return [Finding("link", value, figures.verdict, advice, "a lost packet is a torque that comes too late")]

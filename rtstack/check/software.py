@@ -1,0 +1,85 @@
+"""Whether the packages are the ones that rtstack asks for, and the ones that it was tested with; and room for logs."""
+
+import platform
+import shutil
+from collections.abc import Iterator
+from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.resources import files
+from pathlib import Path
+
+from packaging.requirements import Requirement
+
+from rtstack.check.finding import Finding, finding
+
+_LOG_BYTES = 1e6  # a second of a log, and a trial has some ten of them
+_ENOUGH_BYTES = 10e9
+_LEAST_BYTES = 1e9
+_SHARED_BYTES = 64e6  # rings and mailbox of a stack, with room
+_IMPORTANT = ("mujoco", "pin", "proxsuite", "pylibfranka", "numba", "numpy")  # a result may depend on these
+
+
+def software_findings(logs: Path) -> list[Finding]:
+    """Look at Python, packages, the folder of logs and shared memory."""
+    return [_python(), _packages(), *(_tested(name) for name in _IMPORTANT), _disk(logs), _shared_memory()]
+
+
+def _python() -> Finding:
+    now = platform.python_version()
+    good = tuple(map(int, platform.python_version_tuple()[:2])) >= (3, 11)
+    return finding("Python", now, good, "nothing starts", "install Python 3.11 or newer", required=True)
+
+
+def _packages() -> Finding:
+    missing = list(_unmet())
+    value = "all there" if not missing else ", ".join(missing)
+    return finding("packages", value, not missing, "what needs them fails when it is used",
+                   "`pip install --constraint constraints.txt rtstack`", required=True)  # fmt: skip
+
+
+def _unmet() -> Iterator[str]:
+    for line in requires("rtstack") or ():
+        wanted = Requirement(line)
+        if wanted.marker is None or wanted.marker.evaluate({"extra": ""}):
+            try:
+                found = version(wanted.name)
+            except PackageNotFoundError:
+                yield f"{wanted.name} is missing"
+                continue
+            if not wanted.specifier.contains(found, prereleases=True):
+                yield f"{wanted.name} {found} is not {wanted.specifier}"
+
+
+def _tested(name: str) -> Finding:
+    tested = versions_tested().get(name, "")
+    try:
+        now = version(name)
+    except PackageNotFoundError:
+        now = "missing"
+    return finding(name, now, now == tested, f"tested with {tested}: results may differ",
+                   f"`pip install {name}=={tested}`")  # fmt: skip
+
+
+def versions_tested() -> dict[str, str]:
+    """Return the version of each package that the tests ran with, by its name in small letters."""
+    lines = files("deploy").joinpath("constraints.txt").read_text().splitlines()
+    pairs = (line.partition("==") for line in lines if "==" in line)
+    return {name.strip().lower(): number.strip() for name, _, number in pairs}
+
+
+def _disk(logs: Path) -> Finding:
+    there = next(folder for folder in (logs.resolve(), *logs.resolve().parents) if folder.is_dir())
+    free = shutil.disk_usage(there).free
+    value = f"{free / 1e9:.0f} GB at {there}, {free / _LOG_BYTES / 3600:.0f} h of logs"
+    advice = "another folder with --logs, or `rtstack logs prune`"
+    if free < _LEAST_BYTES:
+        return finding("disk", value, False, "a full disk stops the arms", advice, required=True)
+    return finding("disk", value, free > _ENOUGH_BYTES, "a full disk stops the arms", advice)
+
+
+def _shared_memory() -> Finding:
+    try:
+        free = shutil.disk_usage("/dev/shm").free
+    except OSError:
+        free = 0
+    return finding("shared memory", f"{free / 1e6:.0f} MB", free > _SHARED_BYTES, "loop, log and console cannot meet",
+                   "mount a tmpfs of 256 MB at /dev/shm (a container: --shm-size=256m)", required=True)  # fmt: skip

@@ -1,0 +1,85 @@
+"""`rtstack check`: what it finds, what it calls required, and what it says that a lack costs."""
+
+import json
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from rtstack.check.host import host_findings
+from rtstack.check.software import software_findings, versions_tested
+from rtstack.cli.cells import default_cell_file
+
+COMMAND = Path(sys.executable).with_name("rtstack")
+
+
+def check(*arguments: object) -> subprocess.CompletedProcess:
+    """Run the command as a user would."""
+    return subprocess.run([str(COMMAND), "check", *map(str, arguments)], capture_output=True, text=True, timeout=120)
+
+
+def test_what_is_required_is_here_and_every_lack_has_its_cost(tmp_path):
+    done = check("--json", "--logs", tmp_path / "logs")
+    findings = json.loads(done.stdout)["findings"]
+    names = [finding["name"] for finding in findings]
+    for name in ("scheduler", "memory lock", "kernel", "CPU governor", "isolated CPUs", "clock", "Python", "packages",
+                 "mujoco", "disk", "shared memory", "cell"):  # fmt: skip
+        assert name in names
+    for finding in findings:
+        lacking = finding["verdict"] != "pass"
+        assert bool(finding["cost"]) == bool(finding["advice"]) == lacking
+    assert done.returncode == any(finding["verdict"] == "fail" for finding in findings)
+    assert not (tmp_path / "logs").exists()
+
+
+def test_an_arm_that_does_not_answer_and_a_bad_cell_fail(tmp_path):
+    cell = tmp_path / "cell.toml"
+    cell.write_text(default_cell_file().read_text().replace("mass = 0.35", "weight = 0.35"))
+    with socket.socket() as arm:  # something listens at one address only
+        arm.bind(("127.0.97.41", 1337))
+        arm.listen()
+        done = check("--left", "127.0.97.41", "--right", "127.0.97.42", "--cell", cell)
+    assert done.returncode == 1
+    lines = done.stdout.splitlines()
+    assert any(line.startswith("pass  left arm") for line in lines)
+    assert any(line.startswith("fail  right arm") and "Connection refused" in line for line in lines)
+    assert any(line.startswith("fail  cell") and "pad.mass" in line for line in lines)
+    assert lines[-1] == "missing: cell, right arm"
+
+
+def test_a_machine_made_for_it_has_no_warning_about_its_kernel(tmp_path):
+    cpu = tmp_path / "devices/system/cpu"
+    for path, text in (
+        (tmp_path / "kernel/realtime", "1"), (cpu / "isolated", "0"),
+        (cpu / "cpu0/cpufreq/scaling_governor", "powersave"),
+        (tmp_path / "devices/system/clocksource/clocksource0/current_clocksource", "tsc"),
+    ):  # fmt: skip
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text + "\n")
+    found = {finding.name: finding for finding in host_findings(tmp_path)}
+    assert [found[name].verdict for name in ("kernel", "isolated CPUs", "clock")] == ["pass"] * 3
+    assert found["CPU governor"].verdict == "warn"
+    (cpu / "isolated").write_text("9000-9007\n")
+    isolated = next(f for f in host_findings(tmp_path) if f.name == "isolated CPUs")
+    assert (isolated.verdict, "taskset --cpu-list 0-9007" in isolated.advice) == ("warn", True)
+
+
+def test_a_package_that_is_not_the_tested_one_is_told(monkeypatch, tmp_path):
+    from rtstack.check import software
+
+    assert versions_tested()["mujoco"].count(".") == 2
+    found = {finding.name: finding for finding in software_findings(tmp_path)}
+    assert found["packages"].verdict == "pass"
+    monkeypatch.setattr(software, "version", lambda name: "0.0.1")
+    found = {finding.name: finding for finding in software_findings(tmp_path)}
+    assert found["mujoco"].verdict == "warn"
+    assert found["packages"].verdict == "fail"
+    assert "pylibfranka 0.0.1 is not ==" in found["packages"].value
+
+
+@pytest.mark.parametrize("arguments", [("--left", "127.0.97.41"), ("--cell",)])
+def test_bad_input_is_one_line(arguments):
+    done = check(*arguments)
+    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
