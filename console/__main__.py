@@ -60,6 +60,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--cell", type=Path, required=True, help="cell description")
     parser.add_argument("--kind", default="direct", help="kind of cell, as the command line spells it")
     parser.add_argument("--listener", type=int, required=True, help="file descriptor of the listening socket")
+    parser.add_argument("--alone", action="store_true", help="without a supervisor: a service of its own")
     asked = parser.parse_args(arguments)
 
     ready = os.dup(sys.stdout.fileno())
@@ -85,7 +86,8 @@ def main(arguments: list[str] | None = None) -> int:
             timeout_graceful_shutdown=2,
         )
         server = _Server(config, f"http://127.0.0.1:{port}/?token={parts.sign_in.token}", ready)
-        hold_lifeline(lambda: setattr(server, "should_exit", True))
+        if not asked.alone:
+            hold_lifeline(lambda: setattr(server, "should_exit", True))
         asyncio.run(server.serve([listener]))
     return 0
 

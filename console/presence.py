@@ -8,6 +8,7 @@ import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
+from rtstack.live.notify import Notifier
 from rtstack.loop.mailbox import Mailbox
 
 BEAT_S = 0.1
@@ -34,9 +35,12 @@ class Presence:
 async def heartbeat(mailbox: Mailbox) -> AsyncIterator[None]:
     """Give the console's sign of life every BEAT_S for as long as this event loop turns."""
 
+    notifier = Notifier()
+
     async def beat() -> None:
         while True:
             mailbox.console_beat(time.monotonic_ns())
+            notifier.alive()
             await asyncio.sleep(BEAT_S)
 
     task = asyncio.create_task(beat())
@@ -44,3 +48,4 @@ async def heartbeat(mailbox: Mailbox) -> AsyncIterator[None]:
         yield
     finally:
         task.cancel()
+        notifier.close()

@@ -147,6 +147,38 @@ def up(
     run(port, logs, cell_file, left, right)
 
 
+RunFolder = Annotated[Path, typer.Option("--run", metavar="DIR", help="Where robot process and console meet.")]
+
+
+@app.command()
+def robot(
+    run_folder: RunFolder = Path("/run/rtstack"),
+    logs: Annotated[Path, typer.Option(help="Where logs are written.")] = Path("logs"),
+    cell_file: Annotated[Path | None, typer.Option("--cell", help="TOML description of the cell.")] = None,
+    left: Annotated[str | None, typer.Option(help="Address of the left arm.")] = None,
+    right: Annotated[str | None, typer.Option(help="Address of the right arm.")] = None,
+) -> None:
+    """Run the robot process alone, as a service does: cell, loop and logs; disarmed, until somebody arms."""
+    from rtstack.cli.service import robot as run
+
+    run(run_folder, logs, cell_file, left, right)
+
+
+@app.command()
+def console(
+    run_folder: RunFolder = Path("/run/rtstack"),
+    port: Annotated[int, typer.Option(help="Port of the console, on the loopback address.", min=0, max=65535)] = 8080,
+    logs: Annotated[Path, typer.Option(help="Where logs are written.")] = Path("logs"),
+    cell_file: Annotated[Path | None, typer.Option("--cell", help="TOML description of the cell.")] = None,
+    left: Annotated[str | None, typer.Option(help="Address of the left arm.")] = None,
+    right: Annotated[str | None, typer.Option(help="Address of the right arm.")] = None,
+) -> None:
+    """Run the console alone, beside `rtstack robot`, with the same options."""
+    from rtstack.cli.service import console as run
+
+    run(run_folder, port, logs, cell_file, left, right)
+
+
 @app.command()
 def sim(
     scene: Annotated[str, typer.Option(metavar="NAME", help="The scene to simulate: grab.")] = "grab",

@@ -27,12 +27,14 @@ from rtstack.live.protocol import (
 
 RUN_PREFIX = "rtstack-"  # of the folder of a running stack, among the temporary files
 SOCKET_NAME = "robot.sock"
+SERVICE_SOCKET = Path("/run/rtstack") / SOCKET_NAME  # of the unit rtstack-robot.service
 
 
 def running_stacks() -> list[Path]:
     """Return the sockets of this user's robot processes that listen."""
     found = sorted(Path(tempfile.gettempdir()).glob(f"{RUN_PREFIX}*/{SOCKET_NAME}"))
-    return [path for path in found if _ours(path) and _listens(path)]
+    found.append(SERVICE_SOCKET)
+    return [path for path in found if _ours(path) and listens(path)]
 
 
 def _ours(path: Path) -> bool:
@@ -43,7 +45,8 @@ def _ours(path: Path) -> bool:
     return stat.S_ISSOCK(status.st_mode) and status.st_uid == os.getuid()
 
 
-def _listens(path: Path) -> bool:
+def listens(path: Path) -> bool:
+    """Whether a robot process listens at a socket."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
         return probe.connect_ex(str(path)) == 0
 

@@ -24,11 +24,13 @@ from hal.cell import Cell
 from hal.errors import HardwareError, ObjectOutOfReach, RecoveryRefused, UnknownObject
 from hal.state import ARM_STATE
 from rtstack.configuration import ConfigurationError
+from rtstack.live.alone import claim, publish_rings, withdraw_rings
 from rtstack.live.audit import FILE_NAME, AuditTrail
 from rtstack.live.client import SOCKET_NAME
 from rtstack.live.desk import Desk
 from rtstack.live.idle import IdleView
 from rtstack.live.lifeline import hold_lifeline
+from rtstack.live.notify import Notifier, Pulse
 from rtstack.live.protocol import JobRequest, JobState, TeleoperationRequest, TrialRequest
 from rtstack.live.service import Service
 from rtstack.live.source import CellSource, SourceError, load_source
@@ -63,7 +65,9 @@ _NOT_PLACED = (UnknownObject, ObjectOutOfReach)  # refused before anything moves
 class Robot:
     """The main thread: idles, carries out orders, recovers. The attendant (rtstack.trials.attendant) of its runs."""
 
-    def __init__(self, source: CellSource, desk: Desk, rings: Rings, mailbox: Mailbox, logs: Path) -> None:
+    def __init__(
+        self, source: CellSource, desk: Desk, rings: Rings, mailbox: Mailbox, logs: Path, pulse: Pulse | None = None
+    ) -> None:
         self._source = source
         self._desk = desk
         self._rings = rings
@@ -73,8 +77,10 @@ class Robot:
         self._idle = IdleView(rings)
         self._first_object = next(iter(source.description.objects))
         self._end: End | None = None  # of the last session
+        self._pulse = pulse or Pulse(Notifier())
         self._watchdogs = (
             desk,
+            self._pulse,
             Heartbeat(lambda: mailbox.console_beat_ns, CONSOLE_S, End.CONSOLE_GONE),
             Heartbeat(lambda: mailbox.operator_beat_ns, OPERATOR_S, End.OPERATOR_GONE),
         )
@@ -95,6 +101,7 @@ class Robot:
 
     def remarks(self) -> Iterable[Remark]:
         """See Attendant."""
+        self._pulse.beat()
         return self._desk.helm.remarks()
 
     def ended(self, end: End, detail: str) -> None:
@@ -283,8 +290,11 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--source", required=True, help="module:function that gives the cell")
     parser.add_argument("--cell", type=Path, required=True, help="cell description")
     parser.add_argument("--kind", default="direct", help="kind of cell, as the command line spells it")
+    parser.add_argument("--alone", action="store_true", help="without a supervisor: a service of its own")
     asked = parser.parse_args(arguments)
     try:
+        if asked.alone:
+            claim(asked.run, asked.name)
         source = load_source(asked.source, asked.cell, asked.kind)
         asked.logs.mkdir(parents=True, exist_ok=True)
         audit = AuditTrail(asked.logs / FILE_NAME)
@@ -296,16 +306,25 @@ def main(arguments: list[str] | None = None) -> int:
     for number, (end, detail) in _ENDS.items():
         # in a thread: a signal may come while this thread holds one of the desk's locks
         signal.signal(number, lambda *_, why=(end, detail): threading.Thread(target=desk.end, args=why).start())
-    hold_lifeline(lambda: desk.end(End.PARENT_GONE, "the supervisor has died"))
+    if not asked.alone:
+        hold_lifeline(lambda: desk.end(End.PARENT_GONE, "the supervisor has died"))
     rings = Rings.create()
+    notifier = Notifier()
+    pulse = Pulse(notifier)
     try:
-        service = Service(desk, asked.run / SOCKET_NAME)
+        service = Service(desk, asked.run / SOCKET_NAME, pulse)
         try:
-            print(rings.name, flush=True)  # the supervisor waits for this line
-            Robot(source, desk, rings, mailbox, asked.logs).run()
+            if asked.alone:
+                publish_rings(asked.run, rings.name)
+            else:
+                print(rings.name, flush=True)  # the supervisor waits for this line
+            Robot(source, desk, rings, mailbox, asked.logs, pulse).run()
         finally:
             service.close()
     finally:
+        notifier.close()
+        if asked.alone:
+            withdraw_rings(asked.run)
         rings.close()
         mailbox.close()
         audit.close()

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from hal.errors import HardwareError
 from rtstack.live.desk import Desk
+from rtstack.live.notify import Pulse
 from rtstack.live.protocol import (
     MAX_LINE_BYTES,
     Answer,
@@ -39,7 +40,7 @@ _WATCH_S = 0.05  # how often the helm is looked after
 class Service:
     """Serves a desk at a Unix-domain socket that only this user can open."""
 
-    def __init__(self, desk: Desk, path: Path) -> None:
+    def __init__(self, desk: Desk, path: Path, pulse: Pulse | None = None) -> None:
         self._path = path
         mask = os.umask(0o177)  # the socket is ours alone from the first moment on
         try:
@@ -47,6 +48,7 @@ class Service:
         finally:
             os.umask(mask)
         self._server.desk = desk
+        self._server.pulse = pulse
         self._thread = threading.Thread(
             target=self._server.serve_forever, args=(_WATCH_S,), daemon=True, name="service"
         )
@@ -62,10 +64,13 @@ class Service:
 class _Server(socketserver.ThreadingUnixStreamServer):
     daemon_threads = True
     desk: Desk
+    pulse: Pulse | None
 
     def service_actions(self) -> None:
         """Called by serve_forever about once in _WATCH_S, whatever is asked."""
         self.desk.helm.watch()
+        if self.pulse is not None:
+            self.pulse.look()
 
 
 class _Handler(socketserver.StreamRequestHandler):

@@ -73,7 +73,7 @@ def _raise_ended(_number: int, _frame: FrameType | None) -> None:
 
 
 def _supervise(settings: StackSettings, stack: ExitStack) -> None:
-    listener = stack.enter_context(_listen(settings.port))
+    listener = stack.enter_context(listen(settings.port))
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix=RUN_PREFIX)))
     name = f"rtstack-{os.getpid()}"
     stack.callback(remove_mailbox, f"{name}-mailbox")
@@ -109,7 +109,8 @@ def _supervise(settings: StackSettings, stack: ExitStack) -> None:
         time.sleep(POLL_S)
 
 
-def _listen(port: int) -> socket.socket:
+def listen(port: int) -> socket.socket:
+    """Return the console's listening socket. Raises StackError."""
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:

@@ -1,0 +1,42 @@
+"""Robot process and console as services of their own: what the supervisor would hand over is in the run folder."""
+
+from pathlib import Path
+
+from rtstack.live.client import SERVICE_SOCKET, SOCKET_NAME, listens
+from rtstack.log.errors import LogError
+from rtstack.loop.mailbox import remove_mailbox
+
+RUN_FOLDER = SERVICE_SOCKET.parent
+MAILBOX = "rtstack-service"
+_RINGS = "rings"
+
+
+def claim(folder: Path, name: str) -> None:
+    """Make the run folder ours: clear away what a robot process that was killed has left.
+
+    Raises LogError where one runs there, OSError where the folder cannot be written.
+    """
+    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    path = folder / SOCKET_NAME
+    if listens(path):
+        raise LogError(f"{folder}: a robot process is running there; end it, or choose another folder with --run")
+    path.unlink(missing_ok=True)
+    remove_mailbox(f"{name}-mailbox")
+
+
+def publish_rings(folder: Path, rings: str) -> None:
+    """Tell the console where the live rings are."""
+    (folder / _RINGS).write_text(rings)
+
+
+def withdraw_rings(folder: Path) -> None:
+    """The rings are gone."""
+    (folder / _RINGS).unlink(missing_ok=True)
+
+
+def find_rings(folder: Path) -> str:
+    """Return the name of the live rings. Raises LogError where no robot process runs."""
+    try:
+        return (folder / _RINGS).read_text()
+    except OSError as error:
+        raise LogError(f"{folder}: no robot process runs there ({error.strerror}): start `rtstack robot`") from None
