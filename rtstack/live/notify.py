@@ -19,13 +19,13 @@ class Notifier:
     def __init__(self) -> None:
         name = os.environ.get("NOTIFY_SOCKET", "")
         self._address = "\0" + name[1:] if name.startswith("@") else name  # an abstract one
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) if name else None
         self._due_s: float | None = None
 
     def alive(self) -> None:
         """Pass on a sign of life."""
         now_s = time.monotonic()
-        if not self._address or (self._due_s is not None and now_s < self._due_s):
+        if self._socket is None or (self._due_s is not None and now_s < self._due_s):
             return
         with suppress(OSError):
             self._socket.sendto(b"READY=1" if self._due_s is None else b"WATCHDOG=1", self._address)
@@ -33,7 +33,8 @@ class Notifier:
 
     def close(self) -> None:
         """Let go of the socket."""
-        self._socket.close()
+        if self._socket is not None:
+            self._socket.close()
 
 
 class Pulse:

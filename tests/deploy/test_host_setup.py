@@ -84,7 +84,8 @@ def test_a_dry_run_shows_every_change_and_writes_nothing(root):
         "-# an older one, by hand", "+@rtstack - rtprio 90", "isolcpus=managed_irq,domain,3", "preempt=full",
         "$ gpasswd --add anna rtstack", "--undo: gpasswd --delete anna rtstack", "powersave -> performance",
         "+Address=172.16.0.1/24", "smp_affinity_list: 0-3 -> 2",
-        "+++ /etc/systemd/system/rtstack-robot.service", "+CPUAffinity=0-3", "none of them made", "note: kernel: generic",
+        "+++ /etc/systemd/system/rtstack-robot.service", "+CPUAffinity=0-3",
+        "none of them made", "note: kernel: generic",
     ):  # fmt: skip
         assert line in done.stdout
 
