@@ -22,10 +22,13 @@ from console.presence import Presence
 from console.review.cache import ReviewCache
 from console.review.scene import ReviewScenes
 from console.scenes import Scenes
+from console.server import server_settings
 from console.sign_in import SignIn
 from console.teleoperation.hand import Hand
+from console.tokens import Tokens
 from console.watch import STATUS_TIMEOUT_S, Watch
 from rtstack.configuration import ConfigurationError
+from rtstack.live.audit import FILE_NAME, AuditTrail
 from rtstack.live.client import SOCKET_NAME, RobotClient
 from rtstack.live.lifeline import hold_lifeline
 from rtstack.live.source import described_as
@@ -71,20 +74,10 @@ def main(arguments: list[str] | None = None) -> int:
         stack.enter_context(listener)
         try:
             parts = _parts(asked, port, stack)
-        except (ConfigurationError, MailboxError, LogError) as error:
+        except (ConfigurationError, MailboxError, LogError, OSError) as error:
             print(f"console: {error}", file=sys.stderr)
             return 2
-        config = uvicorn.Config(
-            create_app(parts, port),
-            lifespan="on",
-            log_level="warning",
-            access_log=False,
-            ws="websockets-sansio",
-            ws_max_size=1 << 20,
-            server_header=False,
-            proxy_headers=False,
-            timeout_graceful_shutdown=2,
-        )
+        config = server_settings(create_app(parts, port))
         server = _Server(config, f"http://127.0.0.1:{port}/?token={parts.sign_in.token}", ready)
         if not asked.alone:
             hold_lifeline(lambda: setattr(server, "should_exit", True))
@@ -93,6 +86,8 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _parts(asked: argparse.Namespace, port: int, stack: ExitStack) -> Parts:
+    audit = AuditTrail(asked.logs / FILE_NAME)
+    stack.callback(audit.close)
     cell = described_as(load_cell_description(asked.cell), asked.kind)
     mailbox = Mailbox.attach(f"{asked.name}-mailbox")
     stack.callback(mailbox.close)
@@ -112,7 +107,8 @@ def _parts(asked: argparse.Namespace, port: int, stack: ExitStack) -> Parts:
     review_scenes = ReviewScenes(cell)
     stack.callback(review_scenes.close)
     return Parts(
-        sign_in=SignIn(port),
+        sign_in=SignIn(port, Tokens(asked.logs), audit),
+        audit=audit,
         cell=cell,
         client=client,
         mailbox=mailbox,

@@ -15,7 +15,20 @@ from console.parts import Parts
 from console.presence import heartbeat
 from console.review.columns import ColumnsGone
 from console.review.logs import NotReviewable
-from console.routes import control, foxglove, jobs, live, logs, pages, recordings, review, robot, scene, teleoperation
+from console.routes import (
+    access,
+    control,
+    foxglove,
+    jobs,
+    live,
+    logs,
+    pages,
+    recordings,
+    review,
+    robot,
+    scene,
+    teleoperation,
+)
 from console.sign_in import NameTaken
 from rtstack.live.client import RobotRefused, RobotUnreachable
 from rtstack.log.errors import LogError
@@ -32,7 +45,7 @@ def create_app(parts: Parts, port: int) -> FastAPI:
 
     app = FastAPI(title="rtstack console", docs_url=None, redoc_url=None, openapi_url=None, lifespan=alive)
     app.state.parts = parts
-    for module in (pages, robot, control, jobs, logs, live, review, scene, teleoperation, recordings, foxglove):
+    for module in (pages, access, robot, control, jobs, logs, live, review, scene, teleoperation, recordings, foxglove):
         app.include_router(module.router)
     app.mount("/static", StaticFiles(directory=Path(__file__).parent / "static"))
     app.add_exception_handler(HTTPException, _http_error)

@@ -1,18 +1,27 @@
-"""The guard in front of every request: Host, Origin, session, CSRF word, security headers. Plain ASGI, so that it
-also stands in front of WebSockets.
+"""The guard in front of every request: Host, Origin, session, CSRF word, scope, size, security headers. Plain ASGI, so
+that it also stands in front of WebSockets.
+
+A browser has a cookie, and has to show that a change comes from our own page: Origin, and the session's word. A program
+has a bearer token, which no browser sends by itself, and needs neither.
 """
 
 from http.cookies import CookieError, SimpleCookie
 from urllib.parse import parse_qs
 
+from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers, MutableHeaders
+from starlette.exceptions import HTTPException
 from starlette.responses import JSONResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from console.sign_in import Session, SignIn, csrf_matches
+from console.tokens import Scope as Right
 
 CSRF_HEADER = "x-csrf-token"
+MAX_BODY_BYTES = 256 << 10  # orders are a few hundred bytes, and nothing is uploaded
 _SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
+_FOR_VIEWERS = ("/api/stop", "/api/sign-out")  # changes that somebody who may only look may ask for
+_STREAMS_FOR_VIEWERS = ("/live", "/viser/", "/api/logs/")
 _OPEN_PREFIX = "/static/"  # style and script, the same for everybody
 
 # our pages: nothing inline, nothing from elsewhere; the scene's page brings its script inside itself (viser's client
@@ -26,6 +35,7 @@ _SCENE_POLICY = (
     "style-src 'self' 'unsafe-inline'; worker-src 'self' blob: data:; connect-src 'self' data: blob:; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'self'"
 )
+_TOO_LONG = f"a request may have {MAX_BODY_BYTES >> 10} KiB"
 SCENE_PREFIX = "/viser/"
 FEED_PREFIX = "/foxglove/"
 
@@ -45,7 +55,12 @@ class Guard:
             await self._app(scope, receive, send)
             return
         headers = Headers(scope=scope)
-        session = self._sign_in.session(_cookie(headers, self._sign_in.cookie))
+        bearer = headers.get("authorization")
+        if bearer is None:
+            session = self._sign_in.browser(_cookie(headers, self._sign_in.cookie))
+        else:
+            kind, _, word = bearer.partition(" ")
+            session = self._sign_in.program(word.strip()) if kind.lower() == "bearer" else None
         scope.setdefault("state", {})["session"] = session
         refusal = self._refusal(scope, headers, session)
         if scope["type"] == "websocket":
@@ -54,47 +69,54 @@ class Guard:
                 return
             await self._app(scope, receive, send)
             return
-        answer = refusal if refusal is not None else self._signing_in(scope, session)
-        await (answer or self._app)(scope, receive, _with_security_headers(scope, send))
+        answer = refusal if refusal is not None else await self._signing_in(scope, session)
+        await (answer or self._app)(scope, _capped(receive), _with_security_headers(scope, send))
 
     def _refusal(self, scope: Scope, headers: Headers, session: Session | None) -> Response | None:
         if headers.get("host") not in self._hosts:
             return _refuse(400, "this console does not answer to that host name")
-        origin = headers.get("origin")
-        websocket = scope["type"] == "websocket"
-        if websocket and scope["path"].startswith(FEED_PREFIX):
+        origin, path = headers.get("origin"), scope["path"]
+        websocket, bearer = scope["type"] == "websocket", "authorization" in headers
+        if websocket and path.startswith(FEED_PREFIX):
             # Foxglove has no cookie and an origin of its own: the word in the address lets it in, to watch only
-            known = self._sign_in.may_watch(scope["path"].removeprefix(FEED_PREFIX))
+            known = self._sign_in.may_watch(path.removeprefix(FEED_PREFIX))
             return None if known else _refuse(403, "this is not the address of the live feed")
-        if (websocket or origin is not None) and origin not in self._origins:
+        if origin not in self._origins and (origin is not None or (websocket and not bearer)):
             return _refuse(403, "this request comes from another site")
-        path = scope["path"]
+        changes = not websocket and scope["method"] not in _SAFE_METHODS
         if session is None:
+            if bearer:
+                return _refuse(401, "this bearer token is not known, or was revoked")
             # the front page says itself how to sign in
-            if not websocket and (path == "/" or path.startswith(_OPEN_PREFIX)) and scope["method"] in _SAFE_METHODS:
+            if not websocket and not changes and (path == "/" or path.startswith(_OPEN_PREFIX)):
                 return None
-            return _refuse(401, "not signed in: open the address that `rtstack up` printed")
-        if (
-            not websocket
-            and scope["method"] not in _SAFE_METHODS
-            and not csrf_matches(session, headers.get(CSRF_HEADER))
-        ):
+            return _refuse(401, "not signed in: open the address that `rtstack up` printed, or bring a bearer token")
+        if changes and not bearer and not csrf_matches(session, headers.get(CSRF_HEADER)):
             return _refuse(403, f"the header {CSRF_HEADER} is missing or wrong: reload the page")
+        if session.scope is not Right.OPERATE and (
+            (changes and path not in _FOR_VIEWERS) or (websocket and not path.startswith(_STREAMS_FOR_VIEWERS))
+        ):
+            return _refuse(403, "this session may only look: its scope is `view`")
+        length = headers.get("content-length", "0")
+        if changes and length.isdecimal() and int(length) > MAX_BODY_BYTES:
+            return _refuse(413, _TOO_LONG)
         return None
 
-    def _signing_in(self, scope: Scope, session: Session | None) -> Response | None:
+    async def _signing_in(self, scope: Scope, session: Session | None) -> Response | None:
         tokens = parse_qs(scope["query_string"].decode("ascii", "replace")).get("token")
-        if scope["path"] != "/" or tokens is None:
+        if scope["path"] != "/" or scope["method"] != "GET" or tokens is None:
             return None
         clean = RedirectResponse("/", status_code=303)  # the token stays in no address bar and in no history
+        if session is not None and session.token is not None:
+            return clean  # a program needs no cookie
+        new = await run_in_threadpool(self._sign_in.redeem, tokens[0], session)  # writes to the audit trail
+        if new is not None:
+            clean.set_cookie(self._sign_in.cookie, new.key, httponly=True, samesite="strict", path="/")
+            return clean
         if session is not None:
             return clean
-        new = self._sign_in.redeem(tokens[0])
-        if new is None:
-            scope["state"]["refused_token"] = True
-            return None
-        clean.set_cookie(self._sign_in.cookie, new.key, httponly=True, samesite="strict", path="/")
-        return clean
+        scope["state"]["refused_token"] = True
+        return None
 
 
 def _cookie(headers: Headers, name: str) -> str | None:
@@ -106,7 +128,23 @@ def _cookie(headers: Headers, name: str) -> str | None:
 
 
 def _refuse(status: int, reason: str) -> Response:
-    return JSONResponse({"error": reason}, status_code=status)
+    headers = {"www-authenticate": "Bearer"} if status == 401 else None
+    return JSONResponse({"error": reason}, status_code=status, headers=headers)
+
+
+def _capped(receive: Receive) -> Receive:
+    """Receive no body that is too long, although nobody said how long it is."""
+    received = 0
+
+    async def receive_capped() -> Message:
+        nonlocal received
+        message = await receive()
+        received += len(message.get("body", b""))
+        if received > MAX_BODY_BYTES:
+            raise HTTPException(413, _TOO_LONG)
+        return message
+
+    return receive_capped
 
 
 def _with_security_headers(scope: Scope, send: Send) -> Send:

@@ -13,6 +13,7 @@ from console.scenes import Scenes
 from console.sign_in import Session, SignIn
 from console.teleoperation.hand import Hand
 from console.watch import Watch
+from rtstack.live.audit import AuditTrail
 from rtstack.live.client import RobotClient
 from rtstack.log.catalogue import Catalogue
 from rtstack.loop.mailbox import Mailbox
@@ -24,6 +25,7 @@ class Parts:
     """The console's parts. Whoever makes them closes them."""
 
     sign_in: SignIn
+    audit: AuditTrail
     cell: CellDescription
     client: RobotClient
     mailbox: Mailbox
@@ -39,6 +41,11 @@ class Parts:
 def parts_of(connection: HTTPConnection) -> Parts:
     """Return the parts of the application that serves this request or WebSocket."""
     return connection.app.state.parts
+
+
+def session_now(connection: HTTPConnection) -> Session | None:
+    """Return the session of a WebSocket as it is now: it may have ended, or got another name, since it was opened."""
+    return parts_of(connection).sign_in.session(connection.scope["state"]["session"].key)
 
 
 def _get_parts(request: Request) -> Parts:

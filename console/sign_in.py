@@ -1,4 +1,6 @@
-"""Who may use the console: one-time token -> session cookie. Kept in memory: a restart signs everybody out."""
+"""Who is there: sessions. A browser's begins with a one-time token and goes on with a cookie, a program's comes with
+its bearer token. Kept in memory: a restart signs every browser out.
+"""
 
 import hmac
 import secrets
@@ -6,8 +8,13 @@ import threading
 import time
 from dataclasses import dataclass, replace
 
+from console.tokens import Scope, Token, Tokens
+from rtstack.live.audit import AuditTrail
+
 _SESSION_S = 12 * 3600.0  # a shift
-_MAX_SESSIONS = 64
+_MAX_SESSIONS = 64  # of browsers
+INVITATION_S = 600.0
+_MAX_INVITATIONS = 32
 
 
 class NameTaken(Exception):
@@ -16,72 +23,153 @@ class NameTaken(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """A signed-in browser: its cookie, and the word that every change-making request has to repeat.
+    """A signed-in browser or program. No two sessions have the same name at the same time.
 
-    `operator`: what it calls itself. No two sessions have the same name at the same time.
+    `key`: a browser's cookie, of a program a word that never leaves this process; `csrf`: what every change that a
+    browser asks for has to repeat; `operator`: what it calls itself; `token`: id of a program's token.
     """
 
     key: str
     csrf: str
     ends_s: float
     operator: str
+    scope: Scope
+    token: str | None = None
 
 
 class SignIn:
-    """The one-time token and the sessions. `cookie` is the cookie's name: cookies do not know ports, so it does."""
+    """The one-time tokens and the sessions. `cookie` is the cookie's name: cookies do not know ports, so it does."""
 
-    def __init__(self, port: int) -> None:
+    def __init__(self, port: int, tokens: Tokens, audit: AuditTrail) -> None:
         self.cookie = f"rtstack-{port}"
+        self.tokens = tokens
+        self._audit = audit
         self._lock = threading.Lock()
-        self._token: str | None = secrets.token_urlsafe(24)
+        self._token = secrets.token_urlsafe(24)
+        self._open: dict[str, tuple[Scope, float]] = {self._token: (Scope.OPERATE, float("inf"))}
         self.feed = secrets.token_urlsafe(24)  # part of the live feed's address: who has it may watch, no more
         self._sessions: dict[str, Session] = {}
+        self._programs: dict[str, str] = {}  # token's id -> session's key
         self._redeemed = 0
 
     @property
     def token(self) -> str | None:
-        """The one-time token, None once it was used."""
-        return self._token
+        """The first one-time token, None once it was used."""
+        return self._token if self._token in self._open else None
 
     def may_watch(self, feed: str) -> bool:
         """Whether this is the word of the live feed's address."""
         return _same(feed, self.feed)
 
-    def redeem(self, token: str) -> Session | None:
-        """Exchange the token for a session. Returns None for a wrong or used one."""
+    def invite(self, scope: Scope) -> str:
+        """Return a further one-time token, which lasts for INVITATION_S; the oldest ones make room."""
+        token = secrets.token_urlsafe(24)
         with self._lock:
-            if self._token is None or not _same(token, self._token):
+            self._drop_old_invitations()
+            invited = [other for other in self._open if other != self._token]
+            for oldest in invited[: max(0, len(invited) - _MAX_INVITATIONS + 1)]:
+                del self._open[oldest]
+            self._open[token] = scope, _now_s() + INVITATION_S
+        return token
+
+    def redeem(self, token: str, instead_of: Session | None = None) -> Session | None:
+        """Exchange a one-time token for a browser's session. Returns None for a wrong, old or used one.
+
+        instead_of: what the browser was signed in as; it ends.
+        """
+        with self._lock:
+            self._drop_old_invitations()
+            known = next((own for own in self._open if _same(token, own)), None)
+            if known is None:
                 return None
-            self._token = None
+            scope, _ = self._open.pop(known)
             self._redeemed += 1
-            key, csrf = secrets.token_urlsafe(32), secrets.token_urlsafe(32)
-            session = Session(key, csrf, time.monotonic() + _SESSION_S, f"operator {self._redeemed}")
-            while len(self._sessions) >= _MAX_SESSIONS:
-                self._sessions.pop(next(iter(self._sessions)))
+            name = self._free_name(f"{'operator' if scope is Scope.OPERATE else 'viewer'} {self._redeemed}")
+            session = Session(secrets.token_urlsafe(32), secrets.token_urlsafe(32), _now_s() + _SESSION_S, name, scope)
+            if instead_of is not None:
+                self._forget(instead_of)
+            browsers = [key for key, other in self._sessions.items() if other.token is None]
+            for key in browsers[: max(0, len(browsers) - _MAX_SESSIONS + 1)]:
+                del self._sessions[key]
             self._sessions[session.key] = session
+        self._audit.note("sign in", session.operator, f"{session.operator} signed in in a browser: {scope}")
+        return session
+
+    def program(self, word: str) -> Session | None:
+        """Return the session of a bearer token, None where it is none of ours. Waits for no disk to write."""
+        token = self.tokens.match(word)
+        if token is None:
+            return None
+        with self._lock:
+            session = self._sessions.get(self._programs.get(token.id, ""))
+            if session is None:
+                session = self._admit(token)
             return session
 
     def session(self, key: str | None) -> Session | None:
-        """Return the session of a cookie, None where there is none or it has ended."""
+        """Return a session as it is now, by its key; None where it has ended, or its token was revoked."""
         if not key:
             return None
         with self._lock:
             session = self._sessions.get(key)
-            if session is not None and session.ends_s < time.monotonic():
-                del self._sessions[key]
+            if session is None:
+                return None
+            if session.ends_s < _now_s() or not self._may_go_on(session):
+                self._forget(session)
                 return None
             return session
+
+    def browser(self, cookie: str | None) -> Session | None:
+        """Return the session of a cookie; no program's can be reached this way."""
+        session = self.session(cookie)
+        return session if session is not None and session.token is None else None
+
+    def end(self, session: Session) -> None:
+        """Sign a browser out: its cookie is worth nothing any more."""
+        with self._lock:
+            self._forget(session)
+        self._audit.note("sign out", session.operator, f"{session.operator} signed out")
 
     def rename(self, session: Session, operator: str) -> Session:
         """Return the session under the name that it gives itself. Raises NameTaken while another session has it."""
         with self._lock:
-            others = (other for key, other in self._sessions.items() if key != session.key)
-            if any(other.operator == operator and other.ends_s >= time.monotonic() for other in others):
+            if self._has(operator, but=session.key):
                 raise NameTaken(f"another session calls itself {operator}; choose another name")
             renamed = replace(session, operator=operator)
             if session.key in self._sessions:
                 self._sessions[session.key] = renamed
             return renamed
+
+    def _admit(self, token: Token) -> Session:
+        key, name = secrets.token_urlsafe(32), self._free_name(token.name)
+        session = Session(key, "", float("inf"), name, token.scope, token.id)
+        self._sessions[session.key] = session
+        self._programs[token.id] = session.key
+        return session
+
+    def _may_go_on(self, session: Session) -> bool:
+        return session.token is None or self.tokens.get(session.token) is not None
+
+    def _forget(self, session: Session) -> None:
+        self._sessions.pop(session.key, None)
+        if session.token is not None:
+            self._programs.pop(session.token, None)
+
+    def _drop_old_invitations(self) -> None:
+        now_s = _now_s()
+        self._open = {token: (scope, ends_s) for token, (scope, ends_s) in self._open.items() if ends_s >= now_s}
+
+    def _has(self, operator: str, but: str = "") -> bool:
+        now_s = _now_s()
+        others = (other for key, other in self._sessions.items() if key != but and other.operator == operator)
+        return any(other.ends_s >= now_s and self._may_go_on(other) for other in others)
+
+    def _free_name(self, wanted: str) -> str:
+        name, number = wanted, 1
+        while self._has(name):
+            number += 1
+            name = f"{wanted} ({number})"
+        return name
 
 
 def csrf_matches(session: Session, word: str | None) -> bool:
@@ -89,5 +177,9 @@ def csrf_matches(session: Session, word: str | None) -> bool:
     return word is not None and _same(word, session.csrf)
 
 
+def _now_s() -> float:
+    return time.monotonic()
+
+
 def _same(left: str, right: str) -> bool:
-    return hmac.compare_digest(left.encode(), right.encode())
+    return hmac.compare_digest(left.encode(errors="replace"), right.encode())

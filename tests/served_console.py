@@ -12,6 +12,7 @@ from pathlib import Path
 
 import httpx
 import uvicorn
+from fastapi import FastAPI
 
 from console.app import create_app
 from console.parts import Parts
@@ -19,8 +20,10 @@ from console.presence import Presence
 from console.review.cache import ReviewCache
 from console.review.scene import ReviewScenes
 from console.scenes import Scenes
+from console.server import server_settings
 from console.sign_in import SignIn
 from console.teleoperation.hand import Hand
+from console.tokens import Scope, Tokens
 from console.watch import Watch
 from deploy import cells
 from rtstack.cli.cells import live_source
@@ -48,6 +51,7 @@ class ServedConsole:
     desk: Desk
     service: Service
     logs: Path
+    application: FastAPI
 
     def trail(self) -> list[tuple[str, str | None]]:
         """Return what the audit trail has: action and operator."""
@@ -64,11 +68,10 @@ class ServedConsole:
             assert session is not None
             yield client, {"x-csrf-token": session.csrf}
 
-    def second_session(self) -> tuple[dict[str, str], dict[str, str]]:
-        """Sign somebody else in, as another token would; return cookies and headers."""
+    def second_session(self, scope: Scope = Scope.OPERATE) -> tuple[dict[str, str], dict[str, str]]:
+        """Sign somebody else in, by an invitation; return cookies and headers."""
         sign_in = self.parts.sign_in
-        sign_in._token = "another"
-        session = sign_in.redeem("another")
+        session = sign_in.redeem(sign_in.invite(scope))
         assert session is not None
         return {sign_in.cookie: session.key}, {"x-csrf-token": session.csrf}
 
@@ -112,7 +115,8 @@ def serve_console(logs: Path) -> Iterator[ServedConsole]:
         stack.callback(listener.close)
         port = listener.getsockname()[1]
         parts = Parts(
-            SignIn(port),
+            SignIn(port, Tokens(logs), audit),
+            audit,
             cell,
             client,
             mailbox,
@@ -124,10 +128,10 @@ def serve_console(logs: Path) -> Iterator[ServedConsole]:
             review_cache,
             review_scenes,
         )
-        config = uvicorn.Config(create_app(parts, port), log_level="warning", ws="websockets-sansio", lifespan="on")
-        server = uvicorn.Server(config)
+        application = create_app(parts, port)
+        server = uvicorn.Server(server_settings(application))
         thread = threading.Thread(target=server.run, args=([listener],))
         thread.start()
         stack.callback(thread.join)
         stack.callback(setattr, server, "should_exit", True)
-        yield ServedConsole(f"http://127.0.0.1:{port}", port, parts, rings, mailbox, desk, service, logs)
+        yield ServedConsole(f"http://127.0.0.1:{port}", port, parts, rings, mailbox, desk, service, logs, application)

@@ -11,8 +11,7 @@ from typing import Any
 
 from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 
-from console.parts import NeedsParts, parts_of
-from console.sign_in import Session
+from console.parts import NeedsParts, parts_of, session_now
 
 router = APIRouter()
 
@@ -28,7 +27,7 @@ async def live(websocket: WebSocket) -> None:
     await websocket.accept()
     listening = asyncio.create_task(_listen(websocket))
     try:
-        while (session := _session(websocket)) is not None:
+        while (session := session_now(websocket)) is not None:
             own = {"you": session.operator, "hand": asdict(parts.hand.view)}
             await websocket.send_json(watch.view.as_document() | own)
             await asyncio.sleep(_PERIOD_S)
@@ -43,14 +42,9 @@ async def _listen(websocket: WebSocket) -> None:
     presence = parts_of(websocket).presence
     with contextlib.suppress(WebSocketDisconnect, RuntimeError):
         async for message in websocket.iter_text():
-            session = _session(websocket)
+            session = session_now(websocket)
             if message == BEAT and session is not None:
                 presence.note(session.operator)
-
-
-def _session(websocket: WebSocket) -> Session | None:
-    """Return the session as it is now: it may have ended, or got another name, since the socket was opened."""
-    return parts_of(websocket).sign_in.session(websocket.scope["state"]["session"].key)
 
 
 @router.get("/api/events")

@@ -11,7 +11,7 @@ from fastapi.responses import FileResponse, Response
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.concurrency import run_in_threadpool
 
-from console.parts import NeedsParts, Parts, parts_of
+from console.parts import NeedsParts, Parts, parts_of, session_now
 from console.review.columns import ColumnsGone
 from console.review.logs import NotReviewable, ReadLog, opened, wanted_signals
 from console.review.plotting import PLOTLY_FILE, PLOTLY_PATH
@@ -79,6 +79,9 @@ async def scrub(websocket: WebSocket, log_id: str, view: str) -> None:
             text = waiting.result()
             while not newest.empty():
                 text = newest.get_nowait()
+            if session_now(websocket) is None:
+                await websocket.close(1008, "not signed in any more")
+                return
             answer, read = await run_in_threadpool(_answer, parts, log_id, view, text, read)
             await websocket.send_json(answer)
     except (WebSocketDisconnect, RuntimeError):

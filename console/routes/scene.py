@@ -5,23 +5,27 @@ HTTP at /viser/DETAIL/, WebSocket at /viser/DETAIL: viser's client finds the one
 
 import asyncio
 import contextlib
+from urllib.parse import quote
 
 import httpx
 from fastapi import APIRouter, Request, WebSocket, WebSocketDisconnect
+from fastapi.exceptions import HTTPException
 from fastapi.responses import RedirectResponse, Response
 from starlette.concurrency import run_in_threadpool
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed, WebSocketException
 from websockets.typing import Subprotocol
 
-from console.parts import NeedsParts, Parts, parts_of
+from console.parts import NeedsParts, Parts, parts_of, session_now
 from console.scene_gate import lets_through
 from console.scene_server import SECRET_HEADER, VIEW_HEADER, SceneServer
 from console.scenes import Detail
+from console.tokens import Scope
 
 router = APIRouter(prefix="/viser")
 
 _PASSED_ON = ("content-type", "content-encoding", "content-length")
+_LONGEST_NAME = 255  # of a file
 _MAX_MESSAGE_BYTES = 1 << 20  # from a page: camera poses and clicks are far smaller
 
 
@@ -49,9 +53,12 @@ async def pass_on_page(server: SceneServer, path: str, request: Request) -> Resp
         SECRET_HEADER: server.secret,
         "accept-encoding": request.headers.get("accept-encoding", "identity"),
     }
+    name = quote(path)
+    if not path.isprintable() or len(name) > _LONGEST_NAME:
+        raise HTTPException(404, "the scene has no such file")
     async with (
-        httpx.AsyncClient(trust_env=False) as client,
-        client.stream("GET", f"http://127.0.0.1:{server.port}/{path}", headers=headers) as answer,
+        httpx.AsyncClient(trust_env=False, verify=False) as client,  # plain HTTP: no certificates to load
+        client.stream("GET", f"http://127.0.0.1:{server.port}/{name}", headers=headers) as answer,
     ):
         body = b"".join([part async for part in answer.aiter_raw()])  # as it was packed
         passed_on = {name: answer.headers[name] for name in _PASSED_ON if name in answer.headers}
@@ -86,12 +93,13 @@ async def pass_on_stream(server: SceneServer, websocket: WebSocket, view: str = 
 
 
 async def _to_scene(page: WebSocket, scene: ClientConnection, parts: Parts) -> None:
-    key = page.scope["state"]["session"].key
     with contextlib.suppress(WebSocketDisconnect, ConnectionClosed, KeyError):
         while True:
             message = await page.receive_bytes()
-            session, status = parts.sign_in.session(key), parts.watch.view.status
-            holder = session is not None and status is not None and session.operator == status.holder
+            session, status = session_now(page), parts.watch.view.status
+            if session is None:
+                return
+            holder = status is not None and session.operator == status.holder and session.scope is Scope.OPERATE
             if len(message) <= _MAX_MESSAGE_BYTES and lets_through(message, holder):
                 await scene.send(message)
 
@@ -99,4 +107,6 @@ async def _to_scene(page: WebSocket, scene: ClientConnection, parts: Parts) -> N
 async def _to_page(scene: ClientConnection, page: WebSocket) -> None:
     with contextlib.suppress(WebSocketDisconnect, ConnectionClosed, RuntimeError):
         async for message in scene:
+            if session_now(page) is None:
+                return
             await page.send_bytes(message if isinstance(message, bytes) else message.encode())

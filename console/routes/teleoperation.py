@@ -14,7 +14,7 @@ from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 from pydantic import ConfigDict, Field, StrictBool, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
 
-from console.parts import NeedsParts, NeedsSession, Parts, parts_of
+from console.parts import NeedsParts, NeedsSession, Parts, parts_of, session_now
 from console.teleoperation.devices import Placed
 from console.teleoperation.pair import Coupling
 from rtstack.live.client import RobotRefused
@@ -81,11 +81,13 @@ async def hands(websocket: WebSocket) -> None:
     """Take messages until the page closes; it has let go then, whatever it said before."""
     parts = parts_of(websocket)
     await websocket.accept()
-    key = websocket.scope["state"]["session"].key
     operator = ""
     try:
-        while (session := parts.sign_in.session(key)) is not None:
+        while True:
             text = await websocket.receive_text()
+            session = session_now(websocket)
+            if session is None:
+                break
             operator = session.operator
             answer: dict[str, Any] = {"error": None}
             try:

@@ -19,6 +19,8 @@ app = typer.Typer(
 )
 bench_app = typer.Typer(help="Measure the stack on this machine.")
 app.add_typer(bench_app, name="bench")
+token_app = typer.Typer(help="Let programs use the console: bearer tokens.")
+app.add_typer(token_app, name="token")
 
 BAD_INPUT = 2
 FAILED = 1
@@ -26,6 +28,7 @@ FAILED = 1
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else.")]
 CellFile = Annotated[Path | None, typer.Option("--cell-file", help="TOML description of the cell.")]
 ObjectName = Annotated[str, typer.Option("--object", help="An object of the cell.")]
+Logs = Annotated[Path, typer.Option(help="The folder of logs that `rtstack up` was given.")]
 Seed = Annotated[int, typer.Option(help="Seed of noise, plant and placement.", min=0)]
 
 
@@ -365,6 +368,37 @@ def bench_link(
     from rtstack.cli.bench import link as run
 
     run(cell, ticks, json)
+
+
+@token_app.command("create")
+def token_create(
+    name: Annotated[str, typer.Option(help="What the program is called, in the audit trail too.")],
+    scope: Annotated[str, typer.Option(help="view: look, and press STOP; operate: everything.")] = "view",
+    logs: Logs = Path("logs"),
+) -> None:
+    """Make a token for a program and print it, once."""
+    from rtstack.cli.token import create as run
+
+    run(name, scope, logs)
+
+
+@token_app.command("list")
+def token_list(logs: Logs = Path("logs")) -> None:
+    """List the tokens, without what makes them tokens."""
+    from rtstack.cli.token import list_all as run
+
+    run(logs)
+
+
+@token_app.command("revoke")
+def token_revoke(
+    token_id: Annotated[str, typer.Argument(metavar="ID", help="As `rtstack token list` has it.")],
+    logs: Logs = Path("logs"),
+) -> None:
+    """Revoke a token: a running console does not know it any more from now on."""
+    from rtstack.cli.token import revoke as run
+
+    run(token_id, logs)
 
 
 def main() -> None:

@@ -49,7 +49,8 @@ def test_taking_arming_and_releasing_say_what_they_did(served):
         status = post(client, headers, "release").json()
         assert (status["holder"], status["phase"]) == (None, "disarmed")
     zoe = "Zoë <b>K</b>"
-    assert served.trail() == [(act, zoe) for act in ("take", "arm", "disarm", "arm", "release")]
+    done = [(act, zoe) for act in ("take", "arm", "disarm", "arm", "release")]
+    assert served.trail() == [("sign in", "operator 1"), *done]
 
 
 def test_a_second_operator_is_refused_with_the_name_and_may_take_over(served):
