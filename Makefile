@@ -7,7 +7,7 @@ STAMP := $(VENV)/.installed
 SAFETY_TESTS := $(filter-out %_plant.py,$(wildcard tests/safety/test_*.py))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test realtime check bench coverage mutate explore faults soak good-trials recompute kill-campaign clean
+.PHONY: help setup run test realtime check bench coverage mutate explore faults fuzz-api soak good-trials recompute kill-campaign clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -47,6 +47,9 @@ explore: setup  ## 10000 sequences of events: no motion without arming, no way o
 
 faults: setup  ## each fault at each moment, kill -9 of each process: what happens, in a table (resumes, out/faults/)
 	@status=0; $(BIN)/python tests/faults/matrix.py || status=$$?; $(BIN)/python tests/faults/kills.py && exit $$status
+
+fuzz-api: setup  ## ten minutes of made-up requests to a console of its own: no 5xx, every answer as described
+	RTSTACK_FUZZ_SECONDS=600 $(BIN)/python -m pytest -s tests/console/test_api_schema.py
 
 soak: setup  ## half an hour of the whole stack at work: memory, descriptors, missed deadlines
 	@$(BIN)/python tests/bench/soak.py --minutes 30

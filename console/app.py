@@ -1,7 +1,8 @@
 """The FastAPI application: routes, one JSON line for every error, and the guard in front of all of it."""
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
+from importlib.metadata import version
 from pathlib import Path
 
 from fastapi import FastAPI, Request
@@ -10,6 +11,7 @@ from fastapi.responses import JSONResponse
 from fastapi.staticfiles import StaticFiles
 from starlette.exceptions import HTTPException
 
+from console.description import OPENAPI_PATH, describe, operation_id
 from console.guard import Guard
 from console.parts import Parts
 from console.presence import heartbeat
@@ -18,6 +20,7 @@ from console.review.logs import NotReviewable
 from console.routes import (
     access,
     control,
+    description,
     foxglove,
     jobs,
     live,
@@ -29,10 +32,15 @@ from console.routes import (
     scene,
     teleoperation,
 )
+from console.routes.problems import problems
 from console.sign_in import NameTaken
 from rtstack.live.client import RobotRefused, RobotUnreachable
 from rtstack.log.errors import LogError
 from rtstack.references.acceptance import AcceptanceError
+
+_ROUTES = (
+    pages, description, access, robot, control, jobs, logs, live, review, scene, teleoperation, recordings, foxglove,
+)  # fmt: skip
 
 
 def create_app(parts: Parts, port: int) -> FastAPI:
@@ -43,10 +51,20 @@ def create_app(parts: Parts, port: int) -> FastAPI:
         async with heartbeat(parts.mailbox):
             yield
 
-    app = FastAPI(title="rtstack console", docs_url=None, redoc_url=None, openapi_url=None, lifespan=alive)
+    app = FastAPI(
+        title="rtstack console",
+        version=version("rtstack"),
+        docs_url=None,
+        redoc_url=None,
+        openapi_url=OPENAPI_PATH,
+        generate_unique_id_function=operation_id,
+        responses=problems(400, 401, 403),
+        lifespan=alive,
+    )
     app.state.parts = parts
-    for module in (pages, access, robot, control, jobs, logs, live, review, scene, teleoperation, recordings, foxglove):
+    for module in _ROUTES:
         app.include_router(module.router)
+    describe(app)
     app.mount("/static", StaticFiles(directory=Path(__file__).parent / "static"))
     app.add_exception_handler(HTTPException, _http_error)
     app.add_exception_handler(RequestValidationError, _bad_request)
@@ -61,13 +79,13 @@ def create_app(parts: Parts, port: int) -> FastAPI:
     return app
 
 
-def _line(status: int, text: str) -> JSONResponse:
-    return JSONResponse({"error": text}, status_code=status)
+def _line(status: int, text: str, headers: Mapping[str, str] | None = None) -> JSONResponse:
+    return JSONResponse({"error": text}, status_code=status, headers=headers)
 
 
 def _http_error(_: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, HTTPException)
-    return _line(error.status_code, str(error.detail))
+    return _line(error.status_code, str(error.detail), error.headers)
 
 
 def _bad_request(_: Request, error: Exception) -> JSONResponse:

@@ -98,7 +98,7 @@ class Guard:
         ):
             return _refuse(403, "this session may only look: its scope is `view`")
         length = headers.get("content-length", "0")
-        if changes and length.isdecimal() and int(length) > MAX_BODY_BYTES:
+        if length.isdecimal() and int(length) > MAX_BODY_BYTES:
             return _refuse(413, _TOO_LONG)
         return None
 
@@ -133,7 +133,10 @@ def _refuse(status: int, reason: str) -> Response:
 
 
 def _capped(receive: Receive) -> Receive:
-    """Receive no body that is too long, although nobody said how long it is."""
+    """Receive no body that is too long, although nobody said how long it is.
+
+    FastAPI's own limit would answer in front of the guard, in another form.
+    """
     received = 0
 
     async def receive_capped() -> Message:

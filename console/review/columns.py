@@ -62,8 +62,9 @@ def read_index(folder: Path) -> Index | None:
         if values.get("version") != VERSION:
             return None
         values["events"] = [Mark(**mark) for mark in values["events"]]
+        values["modes"] = {side: [tuple(span) for span in spans] for side, spans in values["modes"].items()}
         return Index(**values)
-    except (OSError, ValueError, TypeError, KeyError):
+    except (OSError, ValueError, TypeError, KeyError, AttributeError):
         return None
 
 

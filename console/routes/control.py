@@ -2,18 +2,19 @@
 
 import asyncio
 import contextlib
-from typing import Any
+from dataclasses import dataclass
 
 from fastapi import APIRouter, BackgroundTasks
 from pydantic import ConfigDict
 from pydantic.dataclasses import dataclass as checked
 
 from console.parts import NeedsParts, NeedsSession, Parts
+from console.routes.problems import problems
 from console.sign_in import Session
 from rtstack.live.client import RobotRefused, RobotUnreachable
-from rtstack.live.protocol import Operator, Status, status_document
+from rtstack.live.protocol import Operator, Status
 
-router = APIRouter(prefix="/api")
+router = APIRouter(prefix="/api", tags=["control"], responses=problems(409, 503))
 
 
 @checked(frozen=True, slots=True, config=ConfigDict(extra="forbid"))
@@ -24,8 +25,15 @@ class TakeOrder:
     over_from: Operator | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class StopRequested:
+    """Says that STOP has reached the loop's memory."""
+
+    stop_requested: bool
+
+
 @router.post("/take")
-def take(order: TakeOrder, session: NeedsSession, parts: NeedsParts) -> dict[str, Any]:
+def take(order: TakeOrder, session: NeedsSession, parts: NeedsParts) -> Status:
     """Take control, under the name that the session has or gives itself. It lasts while there are signs of life."""
     named = parts.sign_in.rename(session, order.operator or session.operator)
     try:
@@ -36,13 +44,13 @@ def take(order: TakeOrder, session: NeedsSession, parts: NeedsParts) -> dict[str
 
 
 @router.post("/release")
-def release(session: NeedsSession, parts: NeedsParts) -> dict[str, Any]:
+def release(session: NeedsSession, parts: NeedsParts) -> Status:
     """Give control back; what moves stops."""
     return _learn(parts, parts.client.release(session.operator))
 
 
 @router.post("/beat")
-async def beat(session: NeedsSession, parts: NeedsParts) -> dict[str, Any]:
+async def beat(session: NeedsSession, parts: NeedsParts) -> Status:
     """Give a sign of life: a program's way. Pages answer what the live socket sends them."""
     view = parts.watch.view
     if view.status is None or view.unreachable is not None:
@@ -50,31 +58,31 @@ async def beat(session: NeedsSession, parts: NeedsParts) -> dict[str, Any]:
     if view.status.holder != session.operator:
         raise RobotRefused(f"{view.status.holder or 'nobody'} has the robot; take control first")
     parts.presence.note(session.operator)
-    return status_document(view.status)
+    return view.status
 
 
 @router.post("/arm")
-def arm(session: NeedsSession, parts: NeedsParts) -> dict[str, Any]:
+def arm(session: NeedsSession, parts: NeedsParts) -> Status:
     """Allow motion."""
     return _learn(parts, parts.client.arm(session.operator))
 
 
 @router.post("/disarm")
-def disarm(session: NeedsSession, parts: NeedsParts) -> dict[str, Any]:
+def disarm(session: NeedsSession, parts: NeedsParts) -> Status:
     """Allow no motion any more; what moves stops."""
     return _learn(parts, parts.client.disarm(session.operator))
 
 
 @router.post("/stop")
-async def stop(session: NeedsSession, parts: NeedsParts, afterwards: BackgroundTasks) -> dict[str, bool]:
+async def stop(session: NeedsSession, parts: NeedsParts, afterwards: BackgroundTasks) -> StopRequested:
     """Ask for a controlled stop. One word in shared memory: it waits for nobody, whatever else hangs."""
     parts.mailbox.request_stop()
     afterwards.add_task(_report_stop, parts, session)
-    return {"stop_requested": True}
+    return StopRequested(True)
 
 
 @router.post("/recover")
-def recover(session: NeedsSession, parts: NeedsParts) -> dict[str, Any]:
+def recover(session: NeedsSession, parts: NeedsParts) -> Status:
     """In a fault: ask both arms to clear what they have latched; the answer says why they refuse."""
     return _learn(parts, parts.client.recover(session.operator))
 
@@ -85,6 +93,6 @@ async def _report_stop(parts: Parts, session: Session) -> None:
         await asyncio.to_thread(parts.client.stop, session.operator)
 
 
-def _learn(parts: Parts, status: Status) -> dict[str, Any]:
+def _learn(parts: Parts, status: Status) -> Status:
     parts.watch.learn(status)
-    return status_document(status)
+    return status

@@ -2,7 +2,7 @@
 
 import asyncio
 import contextlib
-from typing import Any
+from dataclasses import dataclass
 
 from fastapi import APIRouter, Request, WebSocket, WebSocketDisconnect
 from starlette.concurrency import run_in_threadpool
@@ -12,16 +12,23 @@ from console.guard import FEED_PREFIX
 from console.parts import NeedsParts, parts_of
 from rtstack.trials.record import frames
 
-router = APIRouter()
+router = APIRouter(tags=["robot"])
 
 _MAX_CLIENTS = 4
 _clients: set[WebSocket] = set()
 
 
+@dataclass(frozen=True, slots=True)
+class FeedAddress:
+    """What Foxglove is told to open."""
+
+    address: str
+
+
 @router.get("/api/foxglove")
-def address(request: Request, parts: NeedsParts) -> dict[str, Any]:
+def address(request: Request, parts: NeedsParts) -> FeedAddress:
     """Return the address that Foxglove connects to. Whoever has it may watch, until the console ends."""
-    return {"address": f"ws://{request.headers['host']}{FEED_PREFIX}{parts.sign_in.feed}"}
+    return FeedAddress(f"ws://{request.headers['host']}{FEED_PREFIX}{parts.sign_in.feed}")
 
 
 @router.websocket(FEED_PREFIX + "{feed}")

@@ -1,6 +1,6 @@
 """Jobs: a scripted demonstration or a trial, one at a time."""
 
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter
 from fastapi.exceptions import HTTPException
@@ -9,18 +9,19 @@ from pydantic.dataclasses import dataclass as checked
 
 from console.log_rows import log_path
 from console.parts import NeedsParts, NeedsSession, Parts
+from console.routes.problems import problems
 from rtstack.live.protocol import (
     DemonstrationRequest,
     JobRequest,
     ObjectName,
     Seed,
+    Status,
     TeleoperationRequest,
     TrialRequest,
-    status_document,
 )
 from rtstack.trials.specification import Controller
 
-router = APIRouter(prefix="/api/jobs")
+router = APIRouter(prefix="/api/jobs", tags=["jobs"], responses=problems(409, 503))
 
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 
@@ -56,7 +57,7 @@ class TeleoperationOrder:
 
 
 @router.post("/teleoperation", status_code=202)
-def teleoperation(order: TeleoperationOrder, session: NeedsSession, parts: NeedsParts) -> dict[str, Any]:
+def teleoperation(order: TeleoperationOrder, session: NeedsSession, parts: NeedsParts) -> Status:
     """Start a teleoperation: the arms hold where they are until the clutch is held."""
     request = TeleoperationRequest(
         order.object, order.seed, order.recorded, order.stop_on_release, operator=session.operator
@@ -65,13 +66,13 @@ def teleoperation(order: TeleoperationOrder, session: NeedsSession, parts: Needs
 
 
 @router.post("/demonstration", status_code=202)
-def demonstration(order: DemonstrationOrder, session: NeedsSession, parts: NeedsParts) -> dict[str, Any]:
+def demonstration(order: DemonstrationOrder, session: NeedsSession, parts: NeedsParts) -> Status:
     """Start a scripted demonstration."""
     return _start(parts, DemonstrationRequest(order.object, order.variation, order.seed, operator=session.operator))
 
 
-@router.post("/trial", status_code=202)
-def trial(order: TrialOrder, session: NeedsSession, parts: NeedsParts) -> dict[str, Any]:
+@router.post("/trial", status_code=202, responses=problems(404))
+def trial(order: TrialOrder, session: NeedsSession, parts: NeedsParts) -> Status:
     """Start a trial against a recording."""
     path = log_path(parts.catalogue, order.reference)
     if path is None:
@@ -89,7 +90,7 @@ def trial(order: TrialOrder, session: NeedsSession, parts: NeedsParts) -> dict[s
     )
 
 
-def _start(parts: Parts, request: JobRequest) -> dict[str, Any]:
+def _start(parts: Parts, request: JobRequest) -> Status:
     status = parts.client.start(request)
     parts.watch.learn(status)
-    return status_document(status)
+    return status

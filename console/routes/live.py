@@ -7,13 +7,13 @@ slows down in a hidden tab, and a page that is closed, frozen or broken gives no
 import asyncio
 import contextlib
 from dataclasses import asdict
-from typing import Any
 
 from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 
 from console.parts import NeedsParts, parts_of, session_now
+from console.watch import EventView
 
-router = APIRouter()
+router = APIRouter(tags=["robot"])
 
 _PERIOD_S = 0.05
 BEAT = "beat"
@@ -48,6 +48,6 @@ async def _listen(websocket: WebSocket) -> None:
 
 
 @router.get("/api/events")
-def events(parts: NeedsParts) -> list[dict[str, Any]]:
+def events(parts: NeedsParts) -> list[EventView]:
     """Return the newest events, oldest first."""
-    return [asdict(event) for event in parts.watch.events()]
+    return list(parts.watch.events())

@@ -1,27 +1,37 @@
 """Logs: the list with its search, the download, and what the review asks of one log. All by opaque ids."""
 
-from dataclasses import asdict
-from typing import Annotated, Any
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query
 from fastapi.exceptions import HTTPException
 from fastapi.responses import FileResponse, Response, StreamingResponse
 
-from console.log_rows import log_path, log_row
+from console.log_rows import LogRow, log_path, log_row
 from console.parts import NeedsParts, Parts
+from console.review.columns import Mark
 from console.review.difference import differences
 from console.review.logs import NotReviewable, ReadLog, entry_of, opened, read_share, wanted_signals
 from console.review.search import Outcome, SortKey, found, ordered
 from console.review.series import Window, csv_lines, curves, moment, packed
-from console.review.signals import signals
+from console.review.signals import Signal, signals
+from console.routes.problems import problems
+from rtstack.log.catalogue import LogCondition
 from rtstack.log.reader import read_log
 from rtstack.samples import Level
 
-router = APIRouter(prefix="/api/logs")
+router = APIRouter(prefix="/api/logs", tags=["logs"], responses=problems(500))
+
+_OF_A_LOG = problems(404, 409)
 
 Seconds = Annotated[float, Query(ge=-1e9, le=1e9, allow_inf_nan=False)]
 Names = Annotated[str, Query(max_length=8192)]
+LevelName = Literal["DEBUG", "INFO", "WARNING", "ERROR", "FATAL"]
 Width = Annotated[int, Query(ge=16, le=8192)]
+
+
+def _file(media_type: str) -> dict[int | str, dict[str, Any]]:
+    return {200: {"content": {media_type: {"schema": {"type": "string", "format": "binary"}}}}}
 
 
 def _log(parts: Parts, log_id: str) -> ReadLog:
@@ -38,6 +48,45 @@ def _being_written(parts: Parts) -> str | None:
     return job.log if job is not None and job.active else None
 
 
+@dataclass(frozen=True, slots=True)
+class LogReview:
+    """A log as far as it has been read. trial and result: its metadata; topics: samples of each.
+
+    share: how much of it, 0 to 1; start_ns: of its first sample; modes: (from s, to s, mode) of each side.
+    """
+
+    row: LogRow
+    trial: dict[str, str] | None
+    result: dict[str, str] | None
+    condition: LogCondition
+    share: float
+    done: bool
+    start_ns: str | None
+    duration_s: float | None
+    topics: dict[str, int]
+    modes: dict[str, list[tuple[float, float, str]]]
+    events: list[Mark]
+
+
+@dataclass(frozen=True, slots=True)
+class ValuesAt:
+    """What a log says about a moment: see console.review.series.Moment."""
+
+    t_s: float
+    values: dict[str, float | None]
+    q: list[list[float]] | None
+    object: list[float] | None
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """One setting that two logs do not share; None where a log does not have it."""
+
+    key: str
+    this: str | None
+    other: str | None
+
+
 @router.get("")
 def logs(
     parts: NeedsParts,
@@ -46,22 +95,22 @@ def logs(
     outcome: Outcome = Outcome.ANY,
     sort: SortKey = SortKey.WHEN,
     descending: bool = True,
-) -> list[dict[str, Any]]:
+) -> list[LogRow]:
     """Return the logs that have every word of `q` somewhere in what is known of them, the newest first."""
     being_written = _being_written(parts)
     pairs = [(entry, log_row(entry, being_written)) for entry in parts.catalogue.entries()]
     rows = [row for entry, row in pairs if kind in ("", row.kind) and found(entry, row, q, outcome)]
-    return [asdict(row) for row in ordered(rows, sort, descending)]
+    return ordered(rows, sort, descending)
 
 
 @router.get("/signals")
-def signal_tree() -> list[dict[str, Any]]:
+def signal_tree() -> list[Signal]:
     """Return every signal that a log can have: name, topic, group, field, component, unit."""
-    return [asdict(signal) for signal in signals().values()]
+    return list(signals().values())
 
 
-@router.get("/{log_id}")
-def log(log_id: str, parts: NeedsParts) -> dict[str, Any]:
+@router.get("/{log_id}", responses=_OF_A_LOG)
+def log(log_id: str, parts: NeedsParts) -> LogReview:
     """Return a log's row, metadata, modes and events, and how far it has been read: `share`, 0 to 1.
 
     The first request has the log read, in a process of its own.
@@ -69,35 +118,38 @@ def log(log_id: str, parts: NeedsParts) -> dict[str, Any]:
     entry = entry_of(parts.catalogue, log_id)
     read = opened(parts.catalogue, parts.review_cache, log_id)
     index = None if read is None else read.index
-    return {
-        "row": asdict(log_row(entry, _being_written(parts))),
-        "trial": entry.trial,
-        "result": entry.result,
-        "condition": entry.condition,
-        "share": read_share(read),
-        "done": index is not None and index.done,
-        "start_ns": None if index is None else str(index.start_ns),  # beyond what a browser's numbers can hold
-        "duration_s": None if index is None else index.duration_s,
-        "topics": {} if index is None else index.rows,
-        "modes": {} if index is None else index.modes,
-        "events": [] if index is None else [asdict(mark) for mark in index.events],
-    }
+    return LogReview(
+        row=log_row(entry, _being_written(parts)),
+        trial=None if entry.trial is None else dict(entry.trial),
+        result=None if entry.result is None else dict(entry.result),
+        condition=entry.condition,
+        share=read_share(read),
+        done=index is not None and index.done,
+        start_ns=None if index is None else str(index.start_ns),  # beyond what a browser's numbers can hold
+        duration_s=None if index is None else index.duration_s,
+        topics={} if index is None else index.rows,
+        modes={} if index is None else index.modes,
+        events=[] if index is None else index.events,
+    )
 
 
-@router.get("/{log_id}/events")
-def events(log_id: str, parts: NeedsParts, level: str = "DEBUG") -> list[dict[str, Any]]:
+@router.get("/{log_id}/events", responses=_OF_A_LOG)
+def events(log_id: str, parts: NeedsParts, level: LevelName = "DEBUG") -> list[Mark]:
     """Return a log's events of this severity or a higher one, in order of time."""
-    if level not in Level.__members__:
-        raise HTTPException(422, f"level: one of {', '.join(Level.__members__)}")
     marks = _log(parts, log_id).index.events
-    return [asdict(mark) for mark in marks if Level[mark.level] >= Level[level]]
+    return [mark for mark in marks if Level[mark.level] >= Level[level]]
 
 
-@router.get("/{log_id}/series")
+@router.get("/{log_id}/series", response_class=Response, responses=_OF_A_LOG | _file("application/octet-stream"))
 def series(
     log_id: str, parts: NeedsParts, signals: Names, start: Seconds, end: Seconds, width: Width = 1000
 ) -> Response:
-    """Return curves in binary form: see console.review.series.packed. Times s after the log's first sample."""
+    """Return curves in binary form. Times s after the log's first sample.
+
+    Little-endian: the length of a header (uint32), the header as JSON (topic, signals, bucket, points of each group),
+    then for each group its times (float64) and for each of its signals the values (float32), twice, smallest and
+    largest, where a bucket has more than one sample. Header and arrays start at multiples of eight bytes.
+    """
     wanted = wanted_signals(signals)
     read = _log(parts, log_id)
     if not start < end:
@@ -106,20 +158,20 @@ def series(
     return Response(data, media_type="application/octet-stream")
 
 
-@router.get("/{log_id}/values")
-def values(log_id: str, parts: NeedsParts, t: Seconds, signals: Names = "") -> dict[str, Any]:
+@router.get("/{log_id}/values", responses=_OF_A_LOG)
+def values(log_id: str, parts: NeedsParts, t: Seconds, signals: Names = "") -> ValuesAt:
     """Return the newest samples at a moment: values of signals, joints of both arms, the object's pose."""
     read = _log(parts, log_id)
     found = moment(read.folder, read.index, wanted_signals(signals), t)
-    return {
-        "t_s": found.t_s,
-        "values": found.values,
-        "q": None if found.q is None else found.q.tolist(),
-        "object": None if found.object is None else found.object.tolist(),
-    }
+    return ValuesAt(
+        t_s=found.t_s,
+        values=found.values,
+        q=None if found.q is None else found.q.tolist(),
+        object=None if found.object is None else found.object.tolist(),
+    )
 
 
-@router.get("/{log_id}/csv")
+@router.get("/{log_id}/csv", response_class=StreamingResponse, responses=_OF_A_LOG | _file("text/csv"))
 def csv(log_id: str, parts: NeedsParts, signals: Names, start: Seconds, end: Seconds) -> StreamingResponse:
     """Send every sample of the signals in a window as a table."""
     wanted = wanted_signals(signals)
@@ -132,16 +184,16 @@ def csv(log_id: str, parts: NeedsParts, signals: Names, start: Seconds, end: Sec
     )
 
 
-@router.get("/{log_id}/difference")
-def difference(log_id: str, other: str, parts: NeedsParts) -> list[dict[str, str | None]]:
+@router.get("/{log_id}/difference", responses=_OF_A_LOG)
+def difference(log_id: str, other: str, parts: NeedsParts) -> list[Difference]:
     """Return what was set differently for two logs: metadata, cell, parameters."""
     ours, others = (
         read_log(entry_of(parts.catalogue, one).path, truncated=True) for one in (log_id, other)
     )  # fmt: skip
-    return [{"key": key, "this": left, "other": right} for key, left, right in differences(ours, others)]
+    return [Difference(*row) for row in differences(ours, others)]
 
 
-@router.get("/{log_id}/download")
+@router.get("/{log_id}/download", response_class=FileResponse, responses=_OF_A_LOG | _file("application/octet-stream"))
 def download(log_id: str, parts: NeedsParts) -> FileResponse:
     """Send the file of a log."""
     path = log_path(parts.catalogue, log_id)

@@ -21,7 +21,7 @@ from rtstack.teleoperation.reach import (
 )
 from rtstack.trials.specification import Controller
 
-router = APIRouter()
+router = APIRouter(include_in_schema=False)
 
 _REACH = {
     "slowest": SLOWEST_M_S,
@@ -32,7 +32,7 @@ _REACH = {
     "stiffness": STIFFNESS_N_M,
 }
 
-_TEMPLATES = Environment(
+TEMPLATES = Environment(
     loader=FileSystemLoader(Path(__file__).parents[1] / "pages"), autoescape=True, undefined=StrictUndefined
 )
 
@@ -43,9 +43,9 @@ def operate(request: Request, parts: NeedsParts) -> HTMLResponse:
     session = request.state.session
     if session is None:
         refused = getattr(request.state, "refused_token", False)
-        page = _TEMPLATES.get_template("sign_in.html").render(csrf=None, refused=refused)
+        page = TEMPLATES.get_template("sign_in.html").render(csrf=None, refused=refused)
         return HTMLResponse(page, status_code=403 if refused else 401)
-    page = _TEMPLATES.get_template("operate.html").render(
+    page = TEMPLATES.get_template("operate.html").render(
         csrf=session.csrf, page="operate", cell=parts.cell, controllers=[str(name) for name in Controller], reach=_REACH
     )
     return HTMLResponse(page)
@@ -55,7 +55,7 @@ def operate(request: Request, parts: NeedsParts) -> HTMLResponse:
 def recording(log_id: str, request: Request, parts: NeedsParts) -> HTMLResponse:
     """Return the page on which a recording is looked at and decided about."""
     entry = recording_entry(parts, log_id)
-    page = _TEMPLATES.get_template("recording.html")
+    page = TEMPLATES.get_template("recording.html")
     return HTMLResponse(
         page.render(
             csrf=request.state.session.csrf,
@@ -71,7 +71,7 @@ def recording(log_id: str, request: Request, parts: NeedsParts) -> HTMLResponse:
 @router.get("/logs", response_class=HTMLResponse)
 def log_list(request: Request, parts: NeedsParts) -> HTMLResponse:
     """Return the page of all logs."""
-    page = _TEMPLATES.get_template("logs.html")
+    page = TEMPLATES.get_template("logs.html")
     return HTMLResponse(page.render(csrf=request.state.session.csrf, page="logs", cell=parts.cell))
 
 
@@ -79,7 +79,7 @@ def log_list(request: Request, parts: NeedsParts) -> HTMLResponse:
 def log_review(log_id: str, request: Request, parts: NeedsParts) -> HTMLResponse:
     """Return the review of one log."""
     entry = entry_of(parts.catalogue, log_id)
-    page = _TEMPLATES.get_template("log.html")
+    page = TEMPLATES.get_template("log.html")
     return HTMLResponse(
         page.render(
             csrf=request.state.session.csrf,

@@ -1,20 +1,36 @@
 """Recordings: what can be extracted from one, what a person thinks of it, and throwing it away."""
 
-from dataclasses import asdict, replace
-from typing import Annotated, Any
+from dataclasses import dataclass, replace
+from typing import Annotated
 
 from fastapi import APIRouter, Query
 from fastapi.exceptions import HTTPException
 
 from console.log_rows import RECORDINGS
 from console.parts import NeedsParts, NeedsSession, Parts
+from console.routes.problems import problems
 from rtstack.log.catalogue import LogEntry
 from rtstack.log.errors import LogError
 from rtstack.references.acceptance import Acceptance, acceptance_file, load_acceptance, save_acceptance
 from rtstack.references.recording import ReferenceError
-from rtstack.trials.extraction import extract
+from rtstack.trials.extraction import Extraction, extract
 
-router = APIRouter(prefix="/api/recordings")
+router = APIRouter(prefix="/api/recordings", tags=["recordings"], responses=problems(404, 409, 500))
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingView:
+    """What was said about a recording, and what is extracted from it."""
+
+    acceptance: Acceptance
+    extraction: Extraction
+
+
+@dataclass(frozen=True, slots=True)
+class Discarded:
+    """Says that the file is gone."""
+
+    discarded: bool
 
 
 @router.get("/{log_id}")
@@ -22,7 +38,7 @@ def recording(
     log_id: str,
     parts: NeedsParts,
     nominal_impact_s: Annotated[float | None, Query(ge=0.0, le=3600.0, allow_inf_nan=False)] = None,
-) -> dict[str, Any]:
+) -> RecordingView:
     """Return what was said about a recording and what is extracted from it; nominal_impact_s: as if it were there."""
     entry = recording_entry(parts, log_id)
     acceptance = load_acceptance(entry.path)
@@ -32,11 +48,11 @@ def recording(
     except ReferenceError as error:
         raise HTTPException(409, str(error).replace(f"{entry.path}: ", "")) from None
     problem = extraction.problem and extraction.problem.replace(f"{entry.path}: ", "")
-    return {"acceptance": asdict(acceptance), "extraction": asdict(replace(extraction, problem=problem))}
+    return RecordingView(acceptance, replace(extraction, problem=problem))
 
 
 @router.post("/{log_id}")
-def accept(log_id: str, acceptance: Acceptance, parts: NeedsParts) -> dict[str, Any]:
+def accept(log_id: str, acceptance: Acceptance, parts: NeedsParts) -> Acceptance:
     """Say what a recording is called, and whether it may be followed. An accepted one has to give a reference."""
     entry = recording_entry(parts, log_id)
     if acceptance.verdict == "accepted":
@@ -47,11 +63,11 @@ def accept(log_id: str, acceptance: Acceptance, parts: NeedsParts) -> dict[str, 
         if problem is not None:
             raise HTTPException(409, problem.replace(f"{entry.path}: ", ""))
     save_acceptance(entry.path, acceptance)
-    return asdict(acceptance)
+    return acceptance
 
 
 @router.post("/{log_id}/discard")
-def discard(log_id: str, session: NeedsSession, parts: NeedsParts) -> dict[str, bool]:
+def discard(log_id: str, session: NeedsSession, parts: NeedsParts) -> Discarded:
     """Throw a recording away: its file is removed. Only a recording, and not the one that is being written."""
     entry = recording_entry(parts, log_id)
     status = parts.watch.view.status
@@ -62,7 +78,7 @@ def discard(log_id: str, session: NeedsSession, parts: NeedsParts) -> dict[str, 
         acceptance_file(entry.path).unlink(missing_ok=True)
     except OSError as error:
         raise HTTPException(409, f"it cannot be removed: {error.strerror}") from None
-    return {"discarded": True}
+    return Discarded(True)
 
 
 def recording_entry(parts: Parts, log_id: str) -> LogEntry:

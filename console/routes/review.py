@@ -20,7 +20,7 @@ from console.review.series import moment
 from console.routes.scene import pass_on_page, pass_on_stream
 from console.scenes import Detail
 
-router = APIRouter()
+router = APIRouter(include_in_schema=False)  # files and streams
 
 _VIEW = re.compile(r"[A-Za-z0-9-]{8,64}")
 

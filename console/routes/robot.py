@@ -1,16 +1,15 @@
 """The robot: its status."""
 
-from typing import Any
-
 from fastapi import APIRouter
 
 from console.parts import NeedsParts
-from rtstack.live.protocol import status_document
+from console.routes.problems import problems
+from rtstack.live.protocol import Status
 
-router = APIRouter(prefix="/api")
+router = APIRouter(prefix="/api", tags=["robot"], responses=problems(503))
 
 
 @router.get("/status")
-def status(parts: NeedsParts) -> dict[str, Any]:
+def status(parts: NeedsParts) -> Status:
     """Return how the robot process is."""
-    return status_document(parts.client.status())
+    return parts.client.status()

@@ -22,7 +22,7 @@ from console.scene_server import SECRET_HEADER, VIEW_HEADER, SceneServer
 from console.scenes import Detail
 from console.tokens import Scope
 
-router = APIRouter(prefix="/viser")
+router = APIRouter(prefix="/viser", include_in_schema=False)
 
 _PASSED_ON = ("content-type", "content-encoding", "content-length")
 _LONGEST_NAME = 255  # of a file

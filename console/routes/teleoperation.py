@@ -15,13 +15,15 @@ from pydantic import ConfigDict, Field, StrictBool, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
 
 from console.parts import NeedsParts, NeedsSession, Parts, parts_of, session_now
+from console.routes.problems import problems
 from console.teleoperation.devices import Placed
+from console.teleoperation.hand import HandView
 from console.teleoperation.pair import Coupling
 from rtstack.live.client import RobotRefused
 from rtstack.loop.target import Letting
 from rtstack.teleoperation.reach import FASTEST_M_S, HARDEST_N_M, SLOWEST_M_S, SOFTEST_N_M
 
-router = APIRouter(prefix="/api/teleoperation")
+router = APIRouter(prefix="/api/teleoperation", tags=["teleoperation"], responses=problems(409))
 
 BEAT_S = 0.05
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
@@ -63,17 +65,17 @@ _MESSAGES = TypeAdapter(HandMessage)
 
 
 @router.post("/hand")
-def hand(message: HandMessage, session: NeedsSession, parts: NeedsParts) -> dict[str, Any]:
+def hand(message: HandMessage, session: NeedsSession, parts: NeedsParts) -> HandView:
     """Do what a message says, once. The clutch goes quiet unless it is said again."""
     _act(parts, session.operator, message)
-    return asdict(parts.hand.view)
+    return parts.hand.view
 
 
 @router.post("/finish")
-def finish(session: NeedsSession, parts: NeedsParts) -> dict[str, Any]:
+def finish(session: NeedsSession, parts: NeedsParts) -> HandView:
     """End the teleoperation: the arms stop, and the log is finished."""
     parts.hand.finish(session.operator)
-    return asdict(parts.hand.view)
+    return parts.hand.view
 
 
 @router.websocket("/hand")

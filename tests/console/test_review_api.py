@@ -144,7 +144,7 @@ def test_a_log_is_read_and_its_spike_comes_down(served, logs):
         ("series?signals=left.q.1&start=nan&end=1", 422, "start"),
         ("series?signals=left.q.1&start=0&end=1&width=100000", 422, "width"),
         ("values?t=inf", 422, "t:"),
-        ("events?level=LOUD", 422, "level: one of DEBUG"),
+        ("events?level=LOUD", 422, "level: Input should be 'DEBUG'"),
         ("csv?start=0&end=1", 422, "signals"),
         ("difference?other=..%2f..%2fetc", 404, "no such log"),
     ],

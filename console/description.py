@@ -1,0 +1,92 @@
+"""How the console describes itself: OpenAPI, from the routes' types and docstrings, and what does not stand there.
+
+A route's summary is the first sentence of its docstring.
+"""
+
+import re
+from typing import Any
+
+from fastapi import FastAPI
+from fastapi.openapi.utils import get_openapi
+from fastapi.routing import APIRoute
+
+from console.guard import CSRF_HEADER, MAX_BODY_BYTES
+from console.routes.problems import problems
+
+OPENAPI_PATH = "/api/openapi.json"
+
+_TEXT = f"""\
+The operator's console as programs see it. The page uses nothing else.
+
+Bring a token as `Authorization: Bearer TOKEN`; `rtstack token create` makes one. A browser has a session cookie
+instead, and repeats the session's word in `{CSRF_HEADER}` with every change. Whoever wants to move the arms takes
+control (`/api/take`), arms (`/api/arm`), and gives a sign of life at least every second (`/api/beat`, or the message
+`beat` on `/live`). Everything that is refused is answered with one line, `error`. A body has at most
+{MAX_BODY_BYTES >> 10} KiB.
+
+Streams, which OpenAPI has no words for (WebSockets, with the same token or cookie):
+
+- `/live`: the state of arms, loop, job and hand, 20 times a second, as JSON.
+- `/api/teleoperation/hand`: the messages of `POST /api/teleoperation/hand`, each answered; closing it lets go.
+- `/api/logs/ID/scrub?view=NAME`: a cursor `{{"t": s, "signals": "a,b"}}`, answered with the values there.
+- `/foxglove/WORD`: the live topics for Foxglove; `GET /api/foxglove` has the address.
+"""
+
+_TAGS = {
+    "access": "Sessions, invitations, tokens, and the trail of who did what.",
+    "robot": "What the robot says.",
+    "control": "The lease, arming, STOP, recovery.",
+    "jobs": "What the robot is asked to carry out.",
+    "teleoperation": "A hand that moves both arms.",
+    "recordings": "Demonstrations: extracted, accepted, thrown away.",
+    "logs": "The list of logs, and what the review reads of one.",
+}
+
+
+def operation_id(route: APIRoute) -> str:
+    """Return a route's name for programs: its group and what it does."""
+    return "_".join([*(str(tag) for tag in route.tags[:1]), route.name])
+
+
+def describe(app: FastAPI) -> None:
+    """Have the application answer for itself at OPENAPI_PATH."""
+
+    def openapi() -> dict[str, Any]:
+        if app.openapi_schema is None:
+            document = get_openapi(title=app.title, version=app.version, description=_TEXT, routes=app.routes)
+            app.openapi_schema = _completed(document)
+        return app.openapi_schema
+
+    app.openapi = openapi  # type: ignore[method-assign]
+
+
+def _completed(document: dict[str, Any]) -> dict[str, Any]:
+    refused = document["components"]["schemas"]
+    for name in ("HTTPValidationError", "ValidationError"):  # FastAPI's own form, which nobody is answered with
+        refused.pop(name, None)
+    for operations in document["paths"].values():
+        for method, operation in operations.items():
+            paragraph, _, rest = operation.get("description", "").partition("\n\n")
+            sentence, _, more = re.sub(r"\s+", " ", paragraph).partition(". ")
+            operation["summary"] = sentence.rstrip(".")
+            operation["description"] = "\n\n".join(part for part in (more, rest) if part)
+            responses = operation["responses"]
+            if "422" in responses:
+                responses["422"] = _problem(422)
+            if method != "get":
+                responses["413"] = _problem(413)
+    document["components"]["securitySchemes"] = {
+        "bearer": {"type": "http", "scheme": "bearer"},
+        "word": {"type": "apiKey", "in": "header", "name": CSRF_HEADER, "description": "with the session's cookie"},
+    }
+    document["security"] = [{"bearer": []}, {"word": []}]
+    used = {tag for operations in document["paths"].values() for one in operations.values() for tag in one["tags"]}
+    document["tags"] = [{"name": name, "description": text} for name, text in _TAGS.items() if name in used]
+    return document
+
+
+def _problem(status: int) -> dict[str, Any]:
+    schema = {"$ref": "#/components/schemas/Problem"}
+    return {
+        "description": problems(status)[status]["description"], "content": {"application/json": {"schema": schema}}
+    }  # fmt: skip

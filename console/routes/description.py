@@ -1,0 +1,47 @@
+"""The page of the HTTP interface. Swagger UI comes from an installed package: nothing of it is kept here or fetched."""
+
+from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
+
+from fastapi import APIRouter
+from fastapi.exceptions import HTTPException
+from fastapi.responses import FileResponse, HTMLResponse
+
+from console.description import OPENAPI_PATH
+from console.parts import NeedsParts, NeedsSession
+from console.routes.pages import TEMPLATES
+
+router = APIRouter(include_in_schema=False)
+
+_PACKAGE = "fastapi-offline"
+_ASSETS = f"/assets/swagger-ui-{version(_PACKAGE)}"
+_TYPES = {"swagger-ui-bundle.js": "text/javascript", "swagger-ui.css": "text/css"}
+
+
+def _installed() -> Path:
+    spec = find_spec("fastapi_offline")  # found, not imported: we want two of its files
+    assert spec is not None
+    assert spec.origin is not None
+    return Path(spec.origin).parent / "static"
+
+
+_FOLDER = _installed()
+
+
+@router.get("/api", response_class=HTMLResponse)
+def interface(session: NeedsSession, parts: NeedsParts) -> HTMLResponse:
+    """Return the page on which every request can be read about and tried out."""
+    page = TEMPLATES.get_template("api.html")
+    return HTMLResponse(
+        page.render(csrf=session.csrf, page="api", cell=parts.cell, assets=_ASSETS, description=OPENAPI_PATH)
+    )
+
+
+@router.get(_ASSETS + "/{name}")
+def asset(name: str) -> FileResponse:
+    """Send a file of Swagger UI; the version is in its address, so that it may be kept."""
+    if name not in _TYPES:
+        raise HTTPException(404, "there is no such file")
+    cached = {"cache-control": "private, max-age=31536000, immutable"}
+    return FileResponse(_FOLDER / name, media_type=_TYPES[name], headers=cached)

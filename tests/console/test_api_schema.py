@@ -1,0 +1,94 @@
+"""The HTTP interface against its own description: schemathesis asks a console that really serves, with arms that do
+each order at once. `make fuzz-api` asks for longer (RTSTACK_FUZZ_SECONDS).
+"""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import threading
+from contextlib import contextmanager
+
+import httpx
+import pytest
+
+from console.description import OPENAPI_PATH
+from console.tokens import Scope
+from rtstack.live.protocol import JobState
+from tests.console.test_review_api import read, write_log
+
+SECONDS = int(os.environ.get("RTSTACK_FUZZ_SECONDS", "20"))
+REVOKE = "/api/tokens/{token_id}"
+
+# what a schema cannot say: a window that ends before it begins, a signal that there is not, both lines of 422
+SETTINGS = """
+[dictionaries.logs]
+values = {logs}
+[dictionaries.signals]
+values = ["left.tau_J.4", "timing.period_us,right.q.1", "left.force_norm"]
+[dictionaries.objects]
+values = ["rice_box", "parcel"]
+[parameters]
+log_id = {{ dictionary = "logs", probability = 0.7 }}
+other = {{ dictionary = "logs", probability = 0.7 }}
+reference = {{ dictionary = "logs", probability = 0.7 }}
+signals = {{ dictionary = "signals", probability = 0.7 }}
+object = {{ dictionary = "objects", probability = 0.7 }}
+[[operations]]
+include-path-regex = "/api/logs/.*"
+[operations.checks]
+positive_data_acceptance.expected-statuses = ["2xx", 401, 403, 404, 409, 422]
+"""
+
+
+@contextmanager
+def obliging_arms(desk):
+    """Carry every order out at once."""
+    ending = threading.Event()
+
+    def work():
+        while not ending.wait(0.02):
+            order, _ = desk.collect()
+            if order is not None:
+                desk.started("x.mcap")
+                desk.finished(JobState.DONE, None, True, "x.mcap")
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    try:
+        yield
+    finally:
+        ending.set()
+        thread.join()
+
+
+@pytest.mark.timeout(SECONDS + 280)
+def test_no_request_breaks_the_console_and_every_answer_is_as_described(served, demonstration, tmp_path):
+    for number in range(2):
+        write_log(served.logs / f"log{number}.mcap", {"object": "rice_box", "seed": str(number)}, {"success": "true"})
+    shutil.copy(demonstration.path, served.logs / "recording.mcap")
+    (served.logs / "none.mcap").write_bytes(b"no log")
+    _, word = served.parts.sign_in.tokens.create("fuzzer", Scope.OPERATE)
+    headers = {"authorization": f"Bearer {word}"}
+    settings = tmp_path / "schemathesis.toml"
+    with httpx.Client(base_url=served.base, headers=headers, trust_env=False) as client, obliging_arms(served.desk):
+        rows = client.get("/api/logs").raise_for_status().json()
+        for row in rows:
+            if row["name"].startswith("log"):
+                read(client, row["id"])
+        settings.write_text(SETTINGS.format(logs=json.dumps([row["id"] for row in rows])))
+
+        def ask(*options):
+            command = [sys.executable, "-m", "schemathesis.cli", "--config-file", str(settings), "--no-color", "run"]
+            command += [served.base + OPENAPI_PATH, "--header", f"Authorization: Bearer {word}", "--checks", "all"]
+            command += ["--generation-deterministic", "--continue-on-failure", "--warnings", "off", *options]
+            return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+
+        # without the request by which it might take its own token away; that one comes last, by itself
+        asked = ask("--exclude-path", REVOKE, "--max-time", str(SECONDS))
+        assert (asked.returncode, "No issues found" in asked.stdout) == (0, True), asked.stdout[-6000:]
+        assert client.get("/api/me").status_code == 200  # or all that it asked was refused
+        revoked = ask("--include-path", REVOKE, "--phases", "coverage")
+        assert revoked.returncode == 0, revoked.stdout[-6000:]
+    print(asked.stdout)
