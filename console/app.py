@@ -26,6 +26,7 @@ from console.routes import (
     live,
     logs,
     pages,
+    playback,
     recordings,
     review,
     robot,
@@ -39,7 +40,8 @@ from rtstack.log.errors import LogError
 from rtstack.references.acceptance import AcceptanceError
 
 _ROUTES = (
-    pages, description, access, robot, control, jobs, logs, live, review, scene, teleoperation, recordings, foxglove,
+    pages, description, access, robot, control, jobs, playback, logs, live, review, scene, teleoperation, recordings,
+    foxglove,
 )  # fmt: skip
 
 

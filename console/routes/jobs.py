@@ -62,13 +62,13 @@ def teleoperation(order: TeleoperationOrder, session: NeedsSession, parts: Needs
     request = TeleoperationRequest(
         order.object, order.seed, order.recorded, order.stop_on_release, operator=session.operator
     )
-    return _start(parts, request)
+    return start_job(parts, request)
 
 
 @router.post("/demonstration", status_code=202)
 def demonstration(order: DemonstrationOrder, session: NeedsSession, parts: NeedsParts) -> Status:
     """Start a scripted demonstration."""
-    return _start(parts, DemonstrationRequest(order.object, order.variation, order.seed, operator=session.operator))
+    return start_job(parts, DemonstrationRequest(order.object, order.variation, order.seed, operator=session.operator))
 
 
 @router.post("/trial", status_code=202, responses=problems(404))
@@ -77,7 +77,7 @@ def trial(order: TrialOrder, session: NeedsSession, parts: NeedsParts) -> Status
     path = log_path(parts.catalogue, order.reference)
     if path is None:
         raise HTTPException(404, "there is no such recording; choose one from the list")
-    return _start(
+    return start_job(
         parts,
         TrialRequest(
             reference=str(path),
@@ -90,7 +90,8 @@ def trial(order: TrialOrder, session: NeedsSession, parts: NeedsParts) -> Status
     )
 
 
-def _start(parts: Parts, request: JobRequest) -> Status:
+def start_job(parts: Parts, request: JobRequest) -> Status:
+    """Order a job and return the status that answers. Raises RobotRefused, RobotUnreachable."""
     status = parts.client.start(request)
     parts.watch.learn(status)
     return status

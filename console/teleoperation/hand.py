@@ -133,12 +133,12 @@ class Hand:
             self._write()
 
     def finish(self, operator: str) -> None:
-        """End the teleoperation: the arms stop. Raises RobotRefused for anybody but the holder."""
+        """End the teleoperation or the playback softly. Raises RobotRefused for anybody but the holder."""
         with self._lock:
             self._check_holder(operator)
-            job = self._job()
+            job = self._job(JobKind.TELEOPERATION, JobKind.PLAYBACK)
             if job is None:
-                raise RobotRefused("no teleoperation runs")
+                raise RobotRefused("neither a teleoperation nor a playback runs")
             self._by = None
             self._target["job"], self._target["clutch_ns"], self._target["finish"] = job.number, 0, 1
             self._write()
@@ -207,8 +207,9 @@ class Hand:
         if holder != operator:
             raise RobotRefused(f"{holder or 'nobody'} has the robot; take control first")
 
-    def _job(self) -> Job | None:
+    def _job(self, *kinds: JobKind) -> Job | None:
         status = self._watch.view.status
         job = None if status is None else status.job
-        runs = job is not None and job.kind is JobKind.TELEOPERATION and job.state is JobState.RUNNING
+        kinds = kinds or (JobKind.TELEOPERATION,)
+        runs = job is not None and job.kind in kinds and job.state is JobState.RUNNING
         return job if runs else None

@@ -90,6 +90,22 @@ def trial(
     )  # fmt: skip
 
 
+@app.command()
+def play(
+    source: Annotated[Path, typer.Argument(metavar="LOG.mcap", help="A recording, or any other log of both arms.")],
+    speed: Annotated[float, typer.Option(help="Times the log's own speed: 0.1 to 4, as far as limits allow.")] = 1.0,
+    seed: Seed = 0,
+    log: Annotated[Path | None, typer.Option(metavar="OUT.mcap", help="The log to write.")] = None,
+    cell: Annotated[str, typer.Option(help="direct, lockstep, realtime or fci:LEFT,RIGHT.")] = "direct",
+    cell_file: CellFile = None,
+    json: Json = False,
+) -> None:
+    """Play a log on the arms themselves, with a soft start and a soft stop; Ctrl-C brakes along the path."""
+    from rtstack.cli.playback import play as run
+
+    run(source, speed, seed, log, cell, cell_file, json)
+
+
 @app.command("identify-friction")
 def identify_friction(
     output: Annotated[Path, typer.Argument(metavar="OUT.toml", help="The file to write; logs go beside it.")],

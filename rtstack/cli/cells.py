@@ -13,6 +13,7 @@ from rtstack.live.source import CellSource, described_as
 from rtstack.model.cell_description import CellDescription, TrackerAddress, load_cell_description
 from rtstack.trials.errors import TrialError
 
+_WITHOUT_OBJECT = files("deploy.cells") / "without_object.toml"  # faults that take the object away
 KINDS = "direct, lockstep, realtime, fci:LEFT,RIGHT"
 
 
@@ -36,12 +37,16 @@ def open_cell(
 
     kind: direct (the plant in this process, deterministic); lockstep and realtime (a simulated robot in a process of
     its own, over the wire: it waits for answers, or keeps 1 kHz); fci:LEFT,RIGHT (robots at these addresses).
+    object_name: empty for a cell without an object; at given addresses a person takes it away.
     faults: a script for a simulated robot, as for `rtstack sim --faults`. noise_seed: of placement and noise in the
     direct cell, where the same arms are to be met again.
     """
+    description = description or load_description(None)[0]
+    if not object_name and not kind.startswith("fci:"):
+        with as_file(_WITHOUT_OBJECT) as empty:
+            return open_cell(kind, next(iter(description.objects)), 0.0, seed, description, empty, noise_seed)
     if kind == "direct":
         return _direct_cell(object_name, displacement_m, seed, faults, noise_seed)
-    description = description or load_description(None)[0]
     if kind in ("lockstep", "realtime"):
         return _simulator_cell(kind, object_name, displacement_m, seed, _tool(description), faults)
     if faults is not None:
@@ -164,7 +169,13 @@ def live_source(description: Path, kind: str = "direct") -> CellSource:
     def open_live(object_name: str, displacement_m: float, seed: int) -> Cell:
         from sim_robot.cell import simulated_cell
         from sim_robot.clock import PacedLockstep
+        from sim_robot.faults.file import load_faults
 
-        return simulated_cell(object_name, displacement_m, seed, clock=PacedLockstep()).as_cell("direct")
+        script = ()
+        if not object_name:
+            object_name = next(iter(described.objects))
+            with as_file(_WITHOUT_OBJECT) as empty:
+                script = load_faults(empty)
+        return simulated_cell(object_name, displacement_m, seed, clock=PacedLockstep(), faults=script).as_cell("direct")
 
     return CellSource(kind=kind, description=described, file=description, open_cell=open_live)

@@ -7,10 +7,20 @@ import threading
 import time
 from concurrent.futures import Future
 from dataclasses import replace
+from pathlib import Path
 
 from rtstack.live.audit import AuditTrail
 from rtstack.live.helm import Helm
-from rtstack.live.protocol import Job, JobKind, JobRequest, JobState, Status, TeleoperationRequest, TrialRequest
+from rtstack.live.protocol import (
+    Job,
+    JobKind,
+    JobRequest,
+    JobState,
+    PlaybackRequest,
+    Status,
+    TeleoperationRequest,
+    TrialRequest,
+)
 from rtstack.live.source import CellSource
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox
@@ -44,7 +54,7 @@ class Desk:
         cell has no such object.
         """
         names = tuple(self._description.objects)
-        if request.object not in names:
+        if not isinstance(request, PlaybackRequest) and request.object not in names:
             raise Refused(f"the cell has no object {request.object!r}; it has {', '.join(names)}")
         with self._lock:
             refusal = self._refusal()
@@ -168,6 +178,8 @@ class Desk:
 def _title(request: JobRequest) -> str:
     if isinstance(request, TrialRequest):
         return f"{request.controller}, {request.object}, {request.displacement_mm:+g} mm, seed {request.seed}"
+    if isinstance(request, PlaybackRequest):
+        return f"{Path(request.source).name} at {request.speed:g}x"
     if isinstance(request, TeleoperationRequest):
         return f"{request.object}, {'recorded' if request.recorded else 'not recorded'}"
     return f"{request.object}, variation {request.variation}, seed {request.seed}"

@@ -12,10 +12,12 @@ from typing import Annotated, Any, Literal
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
 
+from rtstack.playback.pace import FASTEST, SLOWEST
 from rtstack.safety.permit import Phase
 from rtstack.trials.specification import (
     Controller,
     DemonstrationSpecification,
+    PlaybackSpecification,
     TeleoperationSpecification,
     TrialSpecification,
 )
@@ -40,6 +42,7 @@ class JobKind(StrEnum):
     DEMONSTRATION = "demonstration"
     TRIAL = "trial"
     TELEOPERATION = "teleoperation"
+    PLAYBACK = "playback"
 
 
 class JobState(StrEnum):
@@ -128,6 +131,24 @@ class TeleoperationRequest:
 
 
 @checked(frozen=True, slots=True, config=_STRICT)
+class PlaybackRequest:
+    """Ask to play a log on the arms, by the operator who has armed. source: its path, speed: times its own.
+
+    A `finish` in the mailbox's target, for this job, is a soft stop.
+    """
+
+    source: Annotated[str, Field(min_length=1, max_length=4096)]
+    speed: Annotated[float, Field(ge=SLOWEST, le=FASTEST)] = 1.0
+    seed: Seed = 0
+    operator: Operator = field(kw_only=True)
+    verb: Literal["playback"] = "playback"
+
+    def specification(self) -> PlaybackSpecification:
+        """Return what the playback module is asked for."""
+        return PlaybackSpecification(source=self.source, speed=self.speed, seed=self.seed)
+
+
+@checked(frozen=True, slots=True, config=_STRICT)
 class TakeRequest:
     """Ask for the lease. `over_from`: from this holder, where they still have it and nothing moves."""
 
@@ -184,7 +205,7 @@ class RecoverRequest:
     verb: Literal["recover"] = "recover"
 
 
-JobRequest = DemonstrationRequest | TrialRequest | TeleoperationRequest
+JobRequest = DemonstrationRequest | TrialRequest | TeleoperationRequest | PlaybackRequest
 ControlRequest = TakeRequest | ReleaseRequest | BeatRequest | ArmRequest | DisarmRequest | StopRequest | RecoverRequest
 Request = StatusRequest | JobRequest | ControlRequest
 

@@ -31,7 +31,7 @@ from rtstack.live.desk import Desk
 from rtstack.live.idle import IdleView
 from rtstack.live.lifeline import hold_lifeline
 from rtstack.live.notify import Notifier, Pulse
-from rtstack.live.protocol import JobRequest, JobState, TeleoperationRequest, TrialRequest
+from rtstack.live.protocol import JobRequest, JobState, PlaybackRequest, TeleoperationRequest, TrialRequest
 from rtstack.live.service import Service
 from rtstack.live.source import CellSource, SourceError, load_source
 from rtstack.log.errors import LogError
@@ -40,18 +40,21 @@ from rtstack.log.writer import Attachment
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox, MailboxError
 from rtstack.loop.watchdogs import CONSOLE_S, OPERATOR_S, Heartbeat
+from rtstack.playback.finish import Finish
+from rtstack.playback.run import NO_OBJECT, prepare_playback, run_playback, way_to_start
 from rtstack.safety.judge import Reason
 from rtstack.samples import ARM_SAMPLE, SIDES, Level
 from rtstack.trials.assembly import safety_judges
 from rtstack.trials.attendant import Remark
 from rtstack.trials.errors import TrialError
 from rtstack.trials.record import open_log
-from rtstack.trials.result import DemonstrationResult, TeleoperationResult, TrialResult
+from rtstack.trials.result import DemonstrationResult, PlaybackResult, TeleoperationResult, TrialResult
 from rtstack.trials.run import prepare_trial, run_demonstration, run_trial
 from rtstack.trials.specification import DemonstrationSpecification, TeleoperationSpecification
 from rtstack.trials.start_motion import start_motion
 from rtstack.trials.teleoperation import run_teleoperation
 
+_Result = DemonstrationResult | TrialResult | TeleoperationResult | PlaybackResult
 _libc = ctypes.CDLL(None)
 _RETRY_S = 2.0  # between two attempts to open a cell that was lost
 # what the supervisor says by a signal, and what a session that runs then ends with
@@ -187,8 +190,10 @@ class Robot:
         self._desk.finished(JobState.STOPPED if stopped else JobState.FAILED, reason, None, _name_if_there(log))
         self._idle.tell(Level.ERROR, f"{order.verb} failed: {reason}")
 
-    def _job(self, order: JobRequest, log: Path) -> DemonstrationResult | TrialResult | TeleoperationResult:
+    def _job(self, order: JobRequest, log: Path) -> _Result:
         """Read the reference, put the object in its place, run. What is refused is refused before an arm moves."""
+        if isinstance(order, PlaybackRequest):
+            return self._playback(order, log)
         description = self._source.description
         prepared = prepare_trial(order.specification(), description) if isinstance(order, TrialRequest) else None
         displacement_m = order.displacement_mm * 1e-3 if isinstance(order, TrialRequest) else 0.0
@@ -223,6 +228,24 @@ class Robot:
         return run_demonstration(
             specification, description, cell, log=opened, live=live, stop=stop, progress=progress, way=way,
             watchdogs=watchdogs, attendant=self,
+        )  # fmt: skip
+
+    def _playback(self, order: PlaybackRequest, log: Path) -> PlaybackResult:
+        """Read the log, open a cell without an object, play."""
+        description = self._source.description
+        prepared = prepare_playback(order.specification(), description)
+        self._close()
+        cell = self._open_or_raise(NO_OBJECT, 0.0, order.seed)
+        way = way_to_start(prepared, cell)
+        if self._mailbox.stop_requested:
+            raise TrialError("stopped by the operator before it began")
+        opened = open_log(log, prepared.specification, description, cell.name, self._source.file)
+        self._desk.started(log.name)
+        self._idle.tell(Level.INFO, f"{order.verb} started: {log.name}")
+        return run_playback(
+            prepared, cell, log=opened, live=self._rings, stop=self._mailbox,
+            soft_stop=Finish(self._mailbox, self._desk.job_number), progress=self._desk.progress, way=way,
+            watchdogs=self._watchdogs, attendant=self,
         )  # fmt: skip
 
     def _open(self, object_name: str, displacement_m: float, seed: int) -> None:
@@ -265,10 +288,11 @@ def _free_name(logs: Path, order: JobRequest) -> Path:
             what = "recording"
         case _:
             what = order.verb
-    path = logs / f"{stamp}-{what}-{order.object}.mcap"
+    stem = f"{stamp}-{what}" if isinstance(order, PlaybackRequest) else f"{stamp}-{what}-{order.object}"
+    path = logs / f"{stem}.mcap"
     number = 2
     while path.exists():
-        path = logs / f"{stamp}-{what}-{order.object}-{number}.mcap"
+        path = logs / f"{stem}-{number}.mcap"
         number += 1
     return path
 

@@ -20,6 +20,7 @@ from rtstack.live.protocol import (
     BeatRequest,
     DemonstrationRequest,
     DisarmRequest,
+    PlaybackRequest,
     ProtocolError,
     RecoverRequest,
     ReleaseRequest,
@@ -94,7 +95,7 @@ def answer(desk: Desk, line: bytes) -> Answer:
 
 def _act(desk: Desk, request: Request) -> None:
     match request:
-        case DemonstrationRequest() | TrialRequest() | TeleoperationRequest():
+        case DemonstrationRequest() | TrialRequest() | TeleoperationRequest() | PlaybackRequest():
             desk.order(request)
         case TakeRequest():
             desk.helm.take(request.operator, request.over_from)

@@ -11,7 +11,7 @@ from rtstack.model.cell_description import CellDescription
 
 
 class OpenCell(Protocol):
-    """Open a cell with an object in it, displaced along the world's y, m.
+    """Open a cell with an object in it, displaced along the world's y, m; without a name: with none.
 
     Each call gives a fresh cell; the caller closes it. Raises hal.errors.HardwareError with one clear line.
     """

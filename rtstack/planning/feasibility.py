@@ -3,6 +3,9 @@
 The margins are what feedback and the impact's vibrations need beside the plan.
 """
 
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -145,7 +148,28 @@ def _check_pad(planned: PlannedMotion, arm: int, side: str, limits: SafetyLimits
 
 
 def _check_distances(planned: PlannedMotion, description: CellDescription) -> None:
-    """Look at the judge's capsules and at the pads' boxes along the path."""
+    period_s = planned.recording.period_s
+    for near in near_misses(description, [motion.q for motion in planned.joints], planned.recording.points):
+        if near.side:
+            raise PlanError(
+                f"{near.side} arm: it would touch the table at {near.tick * period_s:.2f} s: plan a greater height"
+            )
+        raise PlanError(f"the arms come nearer than {ARM_DISTANCE_M} m to each other at {near.tick * period_s:.2f} s")
+
+
+@dataclass(frozen=True, slots=True)
+class NearMiss:
+    """Something comes too near at a tick: this side's arm to the table, the arms to each other where side is empty."""
+
+    tick: int
+    side: str
+
+
+def near_misses(description: CellDescription, q: Sequence[Array], points: NDArray) -> Iterator[NearMiss]:
+    """Look at the judge's capsules and at the pads' boxes every LOOK_TICKS of a path.
+
+    q: (n, 7) rad of either arm; points (2, n): position and rotation of the pads at the same ticks.
+    """
     table, pad = description.table, description.pad
     half = np.array(table.size_xy) / 2
     low, high = np.array(table.centre_xy) - half, np.array(table.centre_xy) + half
@@ -155,17 +179,16 @@ def _check_distances(planned: PlannedMotion, description: CellDescription) -> No
         rules(HARDWARE, StopProfile(), arm_body(Base(m.base_position, m.base_orientation_wxyz), tool)) for m in mounted
     ]
     memory = empty_memory(2)
-    reach = np.array(pad.size) / 2
-    for tick in range(0, planned.recording.points.shape[1], LOOK_TICKS):
-        t_s = tick * planned.recording.period_s
+    reach, still = np.array(pad.size) / 2, np.zeros(7)
+    for tick in range(0, points.shape[1], LOOK_TICKS):
         for arm, side in enumerate(SIDES):
-            joints, point = planned.joints[arm], planned.recording.points[arm, tick]
-            place_arm(joints.q[tick], joints.dq[tick], rule[arm][0], memory[arm])
+            point = points[arm, tick]
+            place_arm(q[arm][tick], still, rule[arm][0], memory[arm])
             lowest = point["position"][2] - point["rotation"][2, 2] * reach[2] - np.abs(point["rotation"][2]) @ reach
             ends = memory[arm]["ends_world"][1:-1]  # the first capsule is the base, the last the pad's
             above = np.all((ends[:, :, :2] > low) & (ends[:, :, :2] < high), axis=2)
             links = np.where(above, ends[:, :, 2] - rule[arm][0]["radius"][1:-1, None], np.inf)
             if min(float(lowest), float(links.min())) < table.top_z + CLEARANCE_M:
-                raise PlanError(f"{side} arm: it would touch the table at {t_s:.2f} s: plan a greater height")
+                yield NearMiss(tick, side)
         if arm_distance(memory[0], memory[1], rule[0][0], ARM_DISTANCE_M) < ARM_DISTANCE_M:
-            raise PlanError(f"the arms come nearer than {ARM_DISTANCE_M} m to each other at {t_s:.2f} s")
+            yield NearMiss(tick, "")

@@ -18,6 +18,7 @@ from rtstack.model.cell_description import CellDescription, base_frame
 from rtstack.references.spreading import ExtendedReference
 from rtstack.trials.provenance import git_commit, host_report, package_versions
 from rtstack.trials.specification import (
+    PlaybackSpecification,
     Specification,
     SweepSpecification,
     TeleoperationSpecification,
@@ -135,6 +136,8 @@ def _kind(specification: Specification) -> str:
             return "trial"
         case SweepSpecification():
             return "identification"
+        case PlaybackSpecification():
+            return "playback"
         case TeleoperationSpecification(recorded=recorded):
             return "recording" if recorded else "teleoperation"
         case _:

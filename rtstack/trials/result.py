@@ -109,3 +109,32 @@ class TeleoperationResult:
     def as_json(self) -> str:
         """Return the result as one line of JSON."""
         return json.dumps(self.as_dict())
+
+
+@dataclass(frozen=True, slots=True)
+class PlaybackResult:
+    """What came out of a playback. success: the log was played to its end, nothing was met, no torque was changed.
+
+    played_s: how far, s of the log's time, of duration_s; largest_error_mm: of a pad from where it was to be.
+    """
+
+    success: bool
+    failure_reason: str | None
+    source: str
+    speed: float
+    seed: int
+    cell: str
+    played_s: float
+    duration_s: float
+    largest_error_mm: float | None
+    missed_deadlines: int
+    safety_interventions: int
+    log: str | None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the result as JSON-ready values."""
+        return asdict(self)
+
+    def as_json(self) -> str:
+        """Return the result as one line of JSON."""
+        return json.dumps(self.as_dict())

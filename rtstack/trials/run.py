@@ -43,7 +43,7 @@ from rtstack.trials.errors import TrialError
 from rtstack.trials.evidence import evidence_of
 from rtstack.trials.monitoring import load_tuning
 from rtstack.trials.record import TrialLog
-from rtstack.trials.result import DemonstrationResult, TeleoperationResult, TrialResult
+from rtstack.trials.result import DemonstrationResult, PlaybackResult, TeleoperationResult, TrialResult
 from rtstack.trials.scoring import Score, SuccessCriterion, failure_reason, score
 from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 from rtstack.trials.start_motion import StartMotion
@@ -212,7 +212,7 @@ def run_motion(
     return reason or incomplete, run.history.columns()
 
 
-Result = TypeVar("Result", TrialResult, DemonstrationResult, TeleoperationResult)
+Result = TypeVar("Result", TrialResult, DemonstrationResult, TeleoperationResult, PlaybackResult)
 
 
 def with_log(result: Result, incomplete: str | None) -> Result:
@@ -232,7 +232,12 @@ def log_of(log: TrialLog | None) -> Iterator[None]:
 
 
 class Run:
-    """What a trial, a demonstration and a teleoperation have in common: one session with its history."""
+    """What a trial, a demonstration, a playback and a teleoperation have in common: one session with its history.
+
+    share: how much of a run is over whose plan is written as it goes, None where nobody knows.
+    """
+
+    share: Callable[[], float] | None = None
 
     def __init__(
         self, description: CellDescription, parameters: Parameters, plan: Plan, log: TrialLog | None,
@@ -326,8 +331,11 @@ class Run:
     def _between_ticks(self, index: int) -> None:
         if index % ROOM_TICKS == 0 and self._log is not None:
             self._log.wait_for_room()
-        if self._progress is not None and index % PROGRESS_TICKS == 0 and self._plan.guide is None:
-            self._progress(min(1.0, index / self._plan.ticks))
+        if self._progress is not None and index % PROGRESS_TICKS == 0:
+            if self._plan.guide is None:
+                self._progress(min(1.0, index / self._plan.ticks))
+            elif self.share is not None:
+                self._progress(self.share())
         self._pass_on_remarks()
 
     def _pass_on_remarks(self) -> None:

@@ -93,4 +93,28 @@ class TeleoperationSpecification:
         return asdict(self)
 
 
-Specification = TrialSpecification | DemonstrationSpecification | SweepSpecification | TeleoperationSpecification
+@dataclass(frozen=True, slots=True)
+class PlaybackSpecification:
+    """A log played on the arms, at `speed` times its own speed. source: its path, digest: SHA-256 of that file.
+
+    object: empty, since nothing is meant to be met.
+    """
+
+    source: str
+    speed: float = 1.0
+    seed: int = 0
+    digest: str = ""
+    object: str = ""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the specification as JSON-ready values."""
+        return asdict(self)
+
+
+Specification = (
+    TrialSpecification
+    | DemonstrationSpecification
+    | SweepSpecification
+    | TeleoperationSpecification
+    | PlaybackSpecification
+)

@@ -1,0 +1,134 @@
+"""Leads the arms along a log's path: writes the plan's only point each tick, at the pace of the playback.
+
+It is asked once a tick, as a watchdog too: it brakes softly when somebody asks for that, ends at rest, and has the
+judge stop the arms where a pad touches something, for nothing is meant to be met.
+"""
+
+import math
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtstack.control.records import POINT
+from rtstack.control.tick import ArmController
+from rtstack.loop.end import End
+from rtstack.loop.watchdogs import Trip
+from rtstack.playback.pace import brake, end_s, follow
+from rtstack.playback.path import write_point
+from rtstack.samples import SIDES, Level, Mode
+
+# a force on a pad that lasts is contact, however slowly it grew. Ours: an arm's estimate is off by a few newtons in
+# free motion (the simulated one's by 0.5 N in a grab without the object)
+CONTACT_N = 20.0
+CONTACT_TICKS = 20
+
+
+class SoftStop(Protocol):
+    """Somebody who may ask for a soft stop. Read once a tick."""
+
+    @property
+    def asked(self) -> bool:
+        """Whether it is asked for."""
+        ...
+
+
+class PlaybackGuide:
+    """Follows the stations of both arms, (n,) of STATION each, at a pace (1,) of PACE. points (2, 1): the plan's."""
+
+    def __init__(self, stations: tuple[NDArray, NDArray], paces: NDArray, soft_stop: SoftStop | None = None) -> None:
+        self.points = np.zeros((2, 1), POINT)
+        self.contact = ""  # which pad met something, and how
+        self._stations = stations
+        self._paces = paces
+        self._soft_stop = soft_stop
+        self._braking = False
+        self._end_s = end_s(paces)
+        self._start_ns = [-1, -1]
+        self._t_s = [0.0, 0.0]
+        # views of single fields, looked up once: time, position, force
+        nothing = np.zeros(0)
+        self._seen: list[tuple[NDArray, NDArray, NDArray]] = [(nothing, nothing, nothing)] * 2
+        self._mode = [np.zeros(1, np.int64)] * 2
+        self._largest_square = 0.0
+        self._pressed = [0, 0]  # ticks for which a pad has felt a force
+        self._moment, self._three, self._turn = np.zeros(3), np.zeros(3), np.zeros((3, 3))
+        self._compile()
+
+    def _compile(self) -> None:
+        """Have everything compiled before the first tick, and the points at the start."""
+        brake(self._paces.copy(), 0.0, self._moment)
+        for side in range(2):
+            self._write(side)
+
+    @property
+    def place_s(self) -> float:
+        """Which moment of the log is played, s after its start."""
+        moment = np.zeros(3)
+        follow(self._paces, max(self._t_s), moment)
+        return float(moment[0])
+
+    @property
+    def begun(self) -> bool:
+        """Whether both arms have had their first tick."""
+        return min(self._start_ns) >= 0
+
+    @property
+    def largest_error_m(self) -> float:
+        """Largest distance of a pad from where it was to be, m."""
+        return math.sqrt(self._largest_square)
+
+    @property
+    def share(self) -> float:
+        """How much of the playback is over, 0 to 1."""
+        return min(1.0, max(self._t_s) / self._end_s)
+
+    def trip(self) -> Trip | None:
+        """See rtstack.loop.watchdogs.Watchdog."""
+        if self.contact:
+            return Trip(End.CRASH, self.contact)
+        t_s = max(self._t_s)
+        if self._soft_stop is not None and not self._braking and self._soft_stop.asked:
+            if not self.begun:
+                return Trip(End.STOP_REQUESTED, "before it began", Level.INFO)
+            if t_s < self._paces["brake_t"][0]:
+                self._braking = True
+                brake(self._paces, t_s, self._moment)
+                self._end_s = end_s(self._paces)
+        if min(self._t_s) < self._end_s:
+            return None
+        return Trip(End.STOP_REQUESTED if self._braking else End.COMPLETED, "", Level.INFO)
+
+    def step(self, side: int, arm: ArmController) -> None:
+        """Write the point of this tick of an arm whose state was observed."""
+        if self._start_ns[side] < 0:
+            self._start_ns[side] = int(arm.sample["t_ns"][0])
+            work = arm.workspace[0]
+            self._seen[side] = arm.sample["t_ns"], work["position"], work["force_world"]
+            self._mode[side] = arm.control["mode"]
+        elif self._mode[side][0] == Mode.STOPPING:
+            return  # the judge brakes: how far the log was played stays as it is
+        stamp, position, force = self._seen[side]
+        self._t_s[side] = (int(stamp[0]) - self._start_ns[side]) * 1e-9
+        self._write(side)
+        self._look(side, position)
+        pressed = _square(force) > CONTACT_N * CONTACT_N
+        self._pressed[side] = self._pressed[side] + 1 if pressed else 0
+        if (arm.impact or self._pressed[side] >= CONTACT_TICKS) and not self.contact:
+            how = "was hit" if arm.impact else f"felt more than {CONTACT_N:g} N"
+            self.contact = f"the {SIDES[side]} pad {how} at {self._moment[0]:.2f} s of the log"
+
+    def _write(self, side: int) -> None:
+        follow(self._paces, self._t_s[side], self._moment)
+        write_point(self._stations[side], self._moment, self._three, self._turn, self.points[side])
+
+    def _look(self, side: int, position: NDArray) -> None:
+        wanted = self.points["position"][side, 0]
+        for i in range(3):
+            self._three[i] = wanted[i] - position[i]
+        self._largest_square = max(self._largest_square, _square(self._three))
+
+
+def _square(three: NDArray) -> float:
+    x, y, z = three
+    return float(x * x + y * y + z * z)
