@@ -1,0 +1,82 @@
+"""The runbook knows every error that the code knows, every light of the page, and only pages and commands that exist."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from hal.robot_errors import ROBOT_ERRORS
+from rtstack.loop.end import End
+from rtstack.safety.permit import Phase
+from rtstack.safety.reasons import Reason
+from rtstack.samples import Mode
+from rtstack.watchdogs import WATCHDOGS
+
+ROOT = Path(__file__).parents[2]
+RUNBOOK = ROOT / "docs/runbook"
+PAGES = sorted(RUNBOOK.glob("*.md"))
+# what a watchdog only passes on, or says in other words
+SAID = {name for entry in WATCHDOGS for name in re.split(r", (?=the |joint|cartesian)", str(entry.reason))}
+
+
+def rows(page: str) -> dict[str, list[str]]:
+    """Return the table rows of a page by their first cell."""
+    found = {}
+    for line in (RUNBOOK / page).read_text().splitlines():
+        if line.startswith("| ") and not line.startswith("|---"):
+            first, *rest = (cell.strip() for cell in line.strip("|").split(" | "))
+            assert first not in found or page != "recovery.md" or first in ("reason", "name"), f"{first} is there twice"
+            found[first.strip(" `")] = rest
+    return found
+
+
+@pytest.mark.parametrize(
+    "names",
+    [ROBOT_ERRORS, [reason.text for reason in Reason if reason is not Reason.NONE], list(End), sorted(SAID)],
+    ids=["robot", "judge", "ends", "watchdogs"],
+)
+def test_every_error_has_a_cause_and_an_answer(names):
+    known = rows("recovery.md")
+    assert [name for name in map(str, names) if not all(known.get(name, [""]))] == []
+
+
+def test_no_error_is_told_that_nobody_can_raise():
+    known = set(rows("recovery.md")) - {"name", "reason", "end", "message"}
+    assert known - {*ROBOT_ERRORS, *(reason.text for reason in Reason), *End, *SAID} == set()
+
+
+def test_every_light_has_its_meaning():
+    known = {word for first in rows("lights.md") for word in first.split(", ")}
+    bar = (ROOT / "console/static/js/bar.js").read_text()
+    words = re.findall(r'[A-Z_]+: "([a-z -]+)"', bar[bar.index("const WORDS") : bar.index("export const wordOf")])
+    assert len(words) == 16
+    modes = {mode.name.lower().replace("_", "-") for mode in Mode} - {"idle"}
+    assert {*words, *map(str, Phase), "waiting", "fault", *modes} - known == set()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_page_that_is_named_is_there(page):
+    for target in re.findall(r"\]\(([^)#]+)\)", page.read_text()):
+        assert (RUNBOOK / target).is_file(), target
+    assert page.name == "index.md" or f"({page.name})" in (RUNBOOK / "index.md").read_text()
+
+
+def test_every_command_and_option_that_is_named_is_there():
+    text = re.sub(r"\s+", " ", " ".join(page.read_text() for page in PAGES))
+    commands = set(re.findall(r"rtstack ((?:logs )?[a-z][a-z-]+)((?: (?!rtstack)[^`;|,]*)?)", text))
+    words = subprocess.run([sys.executable, "-m", "rtstack", "--help"], capture_output=True, text=True).stdout
+    known = set(re.findall(r"^\s*([a-z][a-z-]+)  ", words, re.MULTILINE)) | {"robot", "console"}
+    assert "host-setup" in known
+    options: dict[str, str] = {}
+    for name, rest in sorted(commands):
+        if name.split()[0] not in known:
+            continue
+        wanted = set(re.findall(r"--[a-z-]+", rest))
+        if wanted and name not in options:
+            command = [sys.executable, "-m", "rtstack", *name.split(), "--help"]
+            options[name] = subprocess.run(command, capture_output=True, text=True).stdout
+        if name in ("host-setup", "check", "recover-arms", "trial", "identify-friction") or name.startswith("logs "):
+            missing = {option for option in wanted if option not in options[name] and option != "--dry-run"}
+            assert missing <= {"--constraint", "--unit", "--lines", "--now", "--all"}, (name, missing)
