@@ -21,6 +21,8 @@ bench_app = typer.Typer(help="Measure the stack on this machine.")
 app.add_typer(bench_app, name="bench")
 token_app = typer.Typer(help="Let programs use the console: bearer tokens.")
 app.add_typer(token_app, name="token")
+logs_app = typer.Typer(help="What may go of the logs, and backups of their catalogue.")
+app.add_typer(logs_app, name="logs")
 
 BAD_INPUT = 2
 FAILED = 1
@@ -347,6 +349,54 @@ def plan(
         output, motion, object_name, cell_file, json, speed=speed, rise=rise, height=height, posture=posture,
         squeeze=squeeze, lift=lift, carry=carry, travel=travel, inertia=inertia, post_impact_scale=post_impact_scale,
     )  # fmt: skip
+
+
+LogFolder = Annotated[Path, typer.Option("--logs", metavar="DIR", help="The folder of logs.")]
+
+
+@logs_app.command("reviewed")
+def logs_reviewed(logs: Annotated[list[Path], typer.Argument(metavar="LOG.mcap...")]) -> None:
+    """Mark logs as reviewed: only these ever go."""
+    from rtstack.cli.retention import reviewed as run
+
+    run(logs)
+
+
+@logs_app.command("prune")
+def logs_prune(
+    folder: LogFolder = Path("logs"),
+    older_than: Annotated[float | None, typer.Option(metavar="DAYS", help="These go.", min=0.0)] = None,
+    budget: Annotated[
+        float | None, typer.Option(metavar="GB", help="Then the oldest go, until all fit.", min=0.0)
+    ] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="List what would go.")] = False,
+) -> None:
+    """Remove reviewed logs by age and budget; never one that nobody has reviewed, nor an accepted reference."""
+    from rtstack.cli.retention import prune as run
+
+    run(folder, older_than, budget, dry_run)
+
+
+@logs_app.command("backup")
+def logs_backup(
+    output: Annotated[Path, typer.Argument(metavar="BACKUP.sqlite", help="A new file, or a folder.")],
+    folder: LogFolder = Path("logs"),
+) -> None:
+    """Write the catalogue and all marks to one file, and read it again."""
+    from rtstack.cli.retention import backup as run
+
+    run(folder, output)
+
+
+@logs_app.command("restore")
+def logs_restore(
+    source: Annotated[Path, typer.Argument(metavar="BACKUP.sqlite")],
+    folder: LogFolder = Path("logs"),
+) -> None:
+    """Put a backup of the catalogue back; the present one is kept beside it."""
+    from rtstack.cli.retention import restore as run
+
+    run(folder, source)
 
 
 @bench_app.command("tick")

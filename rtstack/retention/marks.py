@@ -1,0 +1,42 @@
+"""Which logs somebody has reviewed: a small file beside a log, since a log that is finished is never written again."""
+
+import json
+import os
+import time
+from pathlib import Path
+
+from rtstack.log.errors import LogError
+from rtstack.references.acceptance import SUFFIX as ACCEPTANCE
+from rtstack.references.acceptance import AcceptanceError, Verdict, load_acceptance
+
+REVIEWED = ".reviewed.json"
+SIDECARS = (REVIEWED, ACCEPTANCE)
+
+
+def mark_reviewed(log: Path, by: str) -> None:
+    """Note that somebody has seen what there is to see in a log. Raises LogError."""
+    if not log.is_file():
+        raise LogError(f"{log}: there is no such log")
+    path = log.with_name(log.name + REVIEWED)
+    new = path.with_name(path.name + ".new")
+    try:
+        new.write_text(json.dumps({"by": by, "when": time.strftime("%Y-%m-%dT%H:%M:%S%z")}) + "\n")
+        os.replace(new, path)
+    except OSError as error:
+        raise LogError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def may_go(log: Path) -> bool:
+    """Whether a log was reviewed, and is no reference: an accepted recording stays, and so does what is not clear."""
+    try:
+        verdict = load_acceptance(log).verdict
+    except AcceptanceError:
+        return False
+    reviewed = log.with_name(log.name + REVIEWED).is_file() or verdict is Verdict.REJECTED
+    return reviewed and verdict is not Verdict.ACCEPTED
+
+
+def sidecars(log: Path) -> list[Path]:
+    """Return the files that stand beside a log and mean nothing without it."""
+    paths = [log.with_name(log.name + suffix) for suffix in SIDECARS]
+    return [path for path in paths if path.is_file()]
