@@ -17,8 +17,12 @@ from pathlib import Path
 import uvicorn
 
 from console.app import create_app
+from console.campaigns.campaigns import Campaigns
 from console.parts import Parts
 from console.presence import Presence
+from console.queue.file import FILE_NAME, QueueFileError
+from console.queue.queue import Queue
+from console.queue.runner import QueueRunner
 from console.review.cache import ReviewCache
 from console.review.scene import ReviewScenes
 from console.scenes import Scenes
@@ -74,7 +78,7 @@ def main(arguments: list[str] | None = None) -> int:
         stack.enter_context(listener)
         try:
             parts = _parts(asked, port, stack)
-        except (ConfigurationError, MailboxError, LogError, OSError) as error:
+        except (ConfigurationError, MailboxError, LogError, QueueFileError, OSError) as error:
             print(f"console: {error}", file=sys.stderr)
             return 2
         config = server_settings(create_app(parts, port))
@@ -106,6 +110,13 @@ def _parts(asked: argparse.Namespace, port: int, stack: ExitStack) -> Parts:
     stack.callback(review_cache.close)
     review_scenes = ReviewScenes(cell)
     stack.callback(review_scenes.close)
+    catalogue = Catalogue(asked.logs)
+    queue = Queue(asked.logs / FILE_NAME)
+    runner = QueueRunner(queue, client, catalogue, lambda: watch.view, watch.learn)
+    stack.callback(runner.close)
+    runner.start()
+    campaigns = Campaigns(asked.logs)
+    stack.callback(campaigns.close)
     return Parts(
         sign_in=SignIn(port, Tokens(asked.logs), audit),
         audit=audit,
@@ -114,11 +125,13 @@ def _parts(asked: argparse.Namespace, port: int, stack: ExitStack) -> Parts:
         mailbox=mailbox,
         presence=presence,
         watch=watch,
-        catalogue=Catalogue(asked.logs),
+        catalogue=catalogue,
         scenes=scenes,
         hand=hand,
         review_cache=review_cache,
         review_scenes=review_scenes,
+        queue=queue,
+        campaigns=campaigns,
     )
 
 

@@ -11,14 +11,18 @@ from fastapi.responses import JSONResponse
 from fastapi.staticfiles import StaticFiles
 from starlette.exceptions import HTTPException
 
+from console.campaigns.campaigns import CampaignRefused, NoCampaign
 from console.description import OPENAPI_PATH, describe, operation_id
 from console.guard import Guard
 from console.parts import Parts
 from console.presence import heartbeat
+from console.queue.file import QueueFileError
+from console.queue.queue import QueueRefused
 from console.review.columns import ColumnsGone
 from console.review.logs import NotReviewable
 from console.routes import (
     access,
+    campaigns,
     control,
     description,
     foxglove,
@@ -27,6 +31,7 @@ from console.routes import (
     logs,
     pages,
     playback,
+    queue,
     recordings,
     review,
     robot,
@@ -40,8 +45,8 @@ from rtstack.log.errors import LogError
 from rtstack.references.acceptance import AcceptanceError
 
 _ROUTES = (
-    pages, description, access, robot, control, jobs, playback, logs, live, review, scene, teleoperation, recordings,
-    foxglove,
+    pages, description, access, robot, control, jobs, queue, campaigns, playback, logs, live, review, scene,
+    teleoperation, recordings, foxglove,
 )  # fmt: skip
 
 
@@ -72,6 +77,10 @@ def create_app(parts: Parts, port: int) -> FastAPI:
     app.add_exception_handler(RequestValidationError, _bad_request)
     app.add_exception_handler(RobotRefused, _refused)
     app.add_exception_handler(NameTaken, _refused)
+    app.add_exception_handler(QueueRefused, _refused)
+    app.add_exception_handler(CampaignRefused, _refused)
+    app.add_exception_handler(NoCampaign, _no_campaign)
+    app.add_exception_handler(QueueFileError, _log_error)
     app.add_exception_handler(RobotUnreachable, _unreachable)
     app.add_exception_handler(LogError, _log_error)
     app.add_exception_handler(NotReviewable, _not_reviewable)
@@ -107,6 +116,10 @@ def _unreachable(_: Request, error: Exception) -> JSONResponse:
 
 def _log_error(_: Request, error: Exception) -> JSONResponse:
     return _line(500, str(error))
+
+
+def _no_campaign(_: Request, error: Exception) -> JSONResponse:
+    return _line(404, str(error))
 
 
 def _not_reviewable(_: Request, error: Exception) -> JSONResponse:

@@ -37,6 +37,8 @@ _TAGS = {
     "robot": "What the robot says.",
     "control": "The lease, arming, STOP, recovery.",
     "jobs": "What the robot is asked to carry out.",
+    "queue": "Trials that wait for their turn, on the word of who has the robot.",
+    "campaigns": "The papers' campaigns on simulated arms: progress, results, figures, reports.",
     "teleoperation": "A hand that moves both arms.",
     "recordings": "Demonstrations: extracted, accepted, thrown away.",
     "logs": "The list of logs, and what the review reads of one.",

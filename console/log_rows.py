@@ -14,6 +14,7 @@ from rtstack.references.acceptance import Acceptance, AcceptanceError, Verdict, 
 
 BY_HAND = "recording"
 RECORDINGS = ("demonstration", BY_HAND)
+PLAN = "plan"  # of `rtstack plan`: a recording that nobody has made
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +52,18 @@ def log_path(catalogue: Catalogue, log_id: str) -> Path | None:
         return None
 
 
+class NoReference(Exception):
+    """A log that no trial may follow. The message is one line."""
+
+
+def reference_of(catalogue: Catalogue, log_id: str) -> LogEntry:
+    """Return what a trial may follow: an accepted recording or a plan. Raises NoReference, LogError for no log."""
+    entry = catalogue.entry(log_id)
+    if not log_row(entry, None).recording:
+        raise NoReference("no trial may follow this log; choose an accepted recording or a plan")
+    return entry
+
+
 def log_row(entry: LogEntry, being_written: str | None) -> LogRow:
     """Return the row of one log; `being_written` names the running job's file."""
     asked = {**_values(entry.trial), **_object(_values(entry.trial).get("specification"))}
@@ -68,14 +81,14 @@ def log_row(entry: LogEntry, being_written: str | None) -> LogRow:
         displacement_mm=_number(values.get("displacement_mm")),
         seed=None if seed is None else int(seed),
         success=success,
-        outcome=_outcome(entry.condition, entry.path.name == being_written, success, values.get("failure_reason")),
+        outcome=_outcome(entry, entry.path.name == being_written, success, values.get("failure_reason")),
         verdict=_text(values.get("impact_verdict")),
         note=_text(values.get("note")),
         average_force_norm=_number(values.get("average_force_norm")),
         max_lift_mm=_number(values.get("max_lift_mm")),
         when=entry.modified_s,
         size_bytes=entry.size_bytes,
-        recording=success is True and _may_be_followed(entry.kind, acceptance),
+        recording=_is_plan(entry) or (success is True and _may_be_followed(entry.kind, acceptance)),
         title=acceptance.name if acceptance is not None else "",
         decision=str(acceptance.verdict) if acceptance is not None else None,
     )
@@ -97,13 +110,19 @@ def _may_be_followed(kind: str, acceptance: Acceptance | None) -> bool:
     return acceptance.verdict is not Verdict.REJECTED
 
 
-def _outcome(condition: LogCondition, being_written: bool, success: bool | None, reason: Any) -> str:
+def _is_plan(entry: LogEntry) -> bool:
+    return entry.kind == PLAN and entry.condition is LogCondition.COMPLETE
+
+
+def _outcome(entry: LogEntry, being_written: bool, success: bool | None, reason: Any) -> str:
     if being_written:
         return "being written"
-    if condition is LogCondition.FOREIGN:
+    if entry.condition is LogCondition.FOREIGN:
         return "no log of ours"
+    if success is None and entry.condition is LogCondition.TRUNCATED:
+        return "cut off: rtstack recover gives back the rest"
     if success is None:
-        return "cut off: rtstack recover gives back the rest" if condition is LogCondition.TRUNCATED else "no result"
+        return "planned" if _is_plan(entry) else "no result"
     return "success" if success else f"failed: {reason or 'no reason given'}"
 
 

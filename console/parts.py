@@ -6,7 +6,9 @@ from typing import Annotated
 from fastapi import Depends, Request
 from fastapi.requests import HTTPConnection
 
+from console.campaigns.campaigns import Campaigns
 from console.presence import Presence
+from console.queue.queue import Queue
 from console.review.cache import ReviewCache
 from console.review.scene import ReviewScenes
 from console.scenes import Scenes
@@ -14,7 +16,7 @@ from console.sign_in import Session, SignIn
 from console.teleoperation.hand import Hand
 from console.watch import Watch
 from rtstack.live.audit import AuditTrail
-from rtstack.live.client import RobotClient
+from rtstack.live.client import RobotClient, RobotRefused
 from rtstack.log.catalogue import Catalogue
 from rtstack.loop.mailbox import Mailbox
 from rtstack.model.cell_description import CellDescription
@@ -36,6 +38,8 @@ class Parts:
     hand: Hand
     review_cache: ReviewCache
     review_scenes: ReviewScenes
+    queue: Queue
+    campaigns: Campaigns
 
 
 def parts_of(connection: HTTPConnection) -> Parts:
@@ -56,5 +60,14 @@ def _get_session(request: Request) -> Session:
     return request.state.session  # the guard lets nobody through to these routes without one
 
 
+def _get_holder(request: Request) -> Session:
+    """Return the session that has the robot now, as the robot process says. Raises RobotRefused, RobotUnreachable."""
+    session, holder = _get_session(request), parts_of(request).client.status().holder
+    if holder != session.operator:
+        raise RobotRefused(f"{holder or 'nobody'} has the robot; take control first")
+    return session
+
+
+NeedsHolder = Annotated[Session, Depends(_get_holder)]
 NeedsSession = Annotated[Session, Depends(_get_session)]
 NeedsParts = Annotated[Parts, Depends(_get_parts)]

@@ -27,13 +27,19 @@ _LOOP_EVERY = 10  # samples: statistics need no more than 5 Hz
 _STATUS_PERIOD_S = 0.1
 STATUS_TIMEOUT_S = 2.0  # of the client that this module is given
 _WINDOW = 2000  # ticks, 2 s: what period and p99 are about
+_PEAK_SAMPLES = 3  # 60 ms: a page sees a view every 50 ms
+_GAP_NS = 200_000_000  # a longer one is no motion that was seen
 _EVENTS = 200  # the newest events that a page can open
 NEVER_S = 1e6  # an age before the first record
 
 
 @dataclass(frozen=True, slots=True)
 class ArmView:
-    """One arm. `age_s` since the last new state, `success_rate` as the robot reports it; its pad's force and speed."""
+    """One arm. `age_s` since the last new state, `success_rate` as the robot reports it.
+
+    Of its pad: the force now and the largest of the last 60 ms, so that no view misses an impact's spike; the speed
+    that is asked of it by hand, and the one that it has, from the way of the last 20 ms.
+    """
 
     robot_mode: str
     errors: tuple[str, ...]
@@ -42,6 +48,8 @@ class ArmView:
     success_rate: float
     force_n: float | None = None
     speed_m_s: float | None = None
+    peak_force_n: float | None = None
+    pad_speed_m_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +104,8 @@ class _ArmWatch:
         self._t_ns = 0
         self._changed_s: float | None = None
         self.q: NDArray[np.float64] | None = None
+        self._peaks: deque[float] = deque(maxlen=_PEAK_SAMPLES)
+        self._place: tuple[int, NDArray[np.float64]] | None = None  # where the pad was, t_ns and m
 
     def view(self, now_s: float) -> ArmView:
         record, control = self._arm.latest(), self._control.latest()
@@ -107,6 +117,7 @@ class _ArmWatch:
         self.q = record["q"][0]
         speed = self._take_pad(record[0], control)
         rate = float(record["control_command_success_rate"][0])
+        self._peaks.append(self._largest_force())
         return ArmView(
             robot_mode=_name(RobotMode, record["robot_mode"][0]),
             errors=error_names(int(record["current_errors"][0])),
@@ -115,7 +126,23 @@ class _ArmWatch:
             success_rate=rate if np.isfinite(rate) else 0.0,
             force_n=float(np.linalg.norm(self.force)) if self.force is not None else None,
             speed_m_s=speed,
+            peak_force_n=max(self._peaks),
+            pad_speed_m_s=self._pad_speed(t_ns, record["O_T_EE"][0][:3, 3]),
         )
+
+    def _largest_force(self) -> float:
+        """Return the largest force on the pad since the last call, N."""
+        forces = self._arm.drain()["O_F_ext_hat_K"][:, :3]
+        if not len(forces):
+            return 0.0 if self.force is None else float(np.linalg.norm(self.force))
+        return float(np.linalg.norm(forces, axis=1).max())
+
+    def _pad_speed(self, t_ns: int, place: NDArray[np.float64]) -> float | None:
+        """Return the mean speed since the last call, m/s; None across a gap, and where time began anew."""
+        before, self._place = self._place, (t_ns, place)
+        if before is None or not 0 < t_ns - before[0] < _GAP_NS:
+            return 0.0 if before is not None and t_ns == before[0] else None
+        return float(np.linalg.norm(place - before[1])) / (1e-9 * (t_ns - before[0]))
 
     def _take_pad(self, record: Any, control: NDArray | None) -> float | None:
         """Take where the pad is, in the world, what it was told, and what it feels; return its speed, m/s."""

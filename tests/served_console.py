@@ -15,8 +15,12 @@ import uvicorn
 from fastapi import FastAPI
 
 from console.app import create_app
+from console.campaigns.campaigns import Campaigns
 from console.parts import Parts
 from console.presence import Presence
+from console.queue.file import FILE_NAME as QUEUE_FILE
+from console.queue.queue import Queue
+from console.queue.runner import QueueRunner
 from console.review.cache import ReviewCache
 from console.review.scene import ReviewScenes
 from console.scenes import Scenes
@@ -111,6 +115,12 @@ def serve_console(logs: Path) -> Iterator[ServedConsole]:
         stack.callback(review_cache.close)
         review_scenes = ReviewScenes(cell)
         stack.callback(review_scenes.close)
+        catalogue, queue = Catalogue(logs), Queue(logs / QUEUE_FILE)
+        runner = QueueRunner(queue, client, catalogue, lambda: watch.view, watch.learn)
+        stack.callback(runner.close)
+        runner.start()
+        campaigns = Campaigns(logs)
+        stack.callback(campaigns.close)
         listener = socket.create_server(("127.0.0.1", 0))
         stack.callback(listener.close)
         port = listener.getsockname()[1]
@@ -122,11 +132,13 @@ def serve_console(logs: Path) -> Iterator[ServedConsole]:
             mailbox,
             presence,
             watch,
-            Catalogue(logs),
+            catalogue,
             scenes,
             hand,
             review_cache,
             review_scenes,
+            queue,
+            campaigns,
         )
         application = create_app(parts, port)
         server = uvicorn.Server(server_settings(application))

@@ -7,8 +7,9 @@ from fastapi.exceptions import HTTPException
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass as checked
 
-from console.log_rows import log_path
+from console.log_rows import NoReference, reference_of
 from console.parts import NeedsParts, NeedsSession, Parts
+from console.queue.entry import TrialOrder
 from console.routes.problems import problems
 from rtstack.live.protocol import (
     DemonstrationRequest,
@@ -19,7 +20,8 @@ from rtstack.live.protocol import (
     TeleoperationRequest,
     TrialRequest,
 )
-from rtstack.trials.specification import Controller
+from rtstack.log.catalogue import LogEntry
+from rtstack.log.errors import LogError
 
 router = APIRouter(prefix="/api/jobs", tags=["jobs"], responses=problems(409, 503))
 
@@ -32,17 +34,6 @@ class DemonstrationOrder:
 
     object: ObjectName
     variation: Annotated[int, Field(ge=0, le=10_000)] = 0
-    seed: Seed = 0
-
-
-@checked(frozen=True, slots=True, config=_STRICT)
-class TrialOrder:
-    """What the page asks for when it runs a trial. `reference` is the id of a log, displacement in mm."""
-
-    reference: Annotated[str, Field(min_length=1, max_length=128)]
-    object: ObjectName
-    controller: Controller = Controller.PROPOSED
-    displacement_mm: Annotated[float, Field(ge=-1000.0, le=1000.0)] = 0.0
     seed: Seed = 0
 
 
@@ -73,21 +64,30 @@ def demonstration(order: DemonstrationOrder, session: NeedsSession, parts: Needs
 
 @router.post("/trial", status_code=202, responses=problems(404))
 def trial(order: TrialOrder, session: NeedsSession, parts: NeedsParts) -> Status:
-    """Start a trial against a recording."""
-    path = log_path(parts.catalogue, order.reference)
-    if path is None:
-        raise HTTPException(404, "there is no such recording; choose one from the list")
+    """Start a trial that follows a recording or a plan."""
+    followed = followed_by(parts, order.reference)
     return start_job(
         parts,
         TrialRequest(
-            reference=str(path),
+            reference=str(followed.path),
             controller=order.controller,
             object=order.object,
             displacement_mm=order.displacement_mm,
             seed=order.seed,
+            reaction=order.reaction,
             operator=session.operator,
         ),
     )
+
+
+def followed_by(parts: Parts, log_id: str) -> LogEntry:
+    """Return the recording or plan of an id. Raises HTTPException for what no trial may follow."""
+    try:
+        return reference_of(parts.catalogue, log_id)
+    except NoReference as error:
+        raise HTTPException(409, str(error)) from None
+    except LogError:
+        raise HTTPException(404, "there is no such recording or plan; choose one from the list") from None
 
 
 def start_job(parts: Parts, request: JobRequest) -> Status:

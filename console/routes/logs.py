@@ -1,7 +1,7 @@
 """Logs: the list with its search, the download, and what the review asks of one log. All by opaque ids."""
 
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from fastapi import APIRouter, Query
 from fastapi.exceptions import HTTPException
@@ -15,7 +15,7 @@ from console.review.logs import NotReviewable, ReadLog, entry_of, opened, read_s
 from console.review.search import Outcome, SortKey, found, ordered
 from console.review.series import Window, csv_lines, curves, moment, packed
 from console.review.signals import Signal, signals
-from console.routes.problems import problems
+from console.routes.problems import file_of, problems
 from rtstack.log.catalogue import LogCondition
 from rtstack.log.reader import read_log
 from rtstack.samples import Level
@@ -28,10 +28,6 @@ Seconds = Annotated[float, Query(ge=-1e9, le=1e9, allow_inf_nan=False)]
 Names = Annotated[str, Query(max_length=8192)]
 LevelName = Literal["DEBUG", "INFO", "WARNING", "ERROR", "FATAL"]
 Width = Annotated[int, Query(ge=16, le=8192)]
-
-
-def _file(media_type: str) -> dict[int | str, dict[str, Any]]:
-    return {200: {"content": {media_type: {"schema": {"type": "string", "format": "binary"}}}}}
 
 
 def _log(parts: Parts, log_id: str) -> ReadLog:
@@ -140,7 +136,7 @@ def events(log_id: str, parts: NeedsParts, level: LevelName = "DEBUG") -> list[M
     return [mark for mark in marks if Level[mark.level] >= Level[level]]
 
 
-@router.get("/{log_id}/series", response_class=Response, responses=_OF_A_LOG | _file("application/octet-stream"))
+@router.get("/{log_id}/series", response_class=Response, responses=_OF_A_LOG | file_of("application/octet-stream"))
 def series(
     log_id: str, parts: NeedsParts, signals: Names, start: Seconds, end: Seconds, width: Width = 1000
 ) -> Response:
@@ -171,7 +167,7 @@ def values(log_id: str, parts: NeedsParts, t: Seconds, signals: Names = "") -> V
     )
 
 
-@router.get("/{log_id}/csv", response_class=StreamingResponse, responses=_OF_A_LOG | _file("text/csv"))
+@router.get("/{log_id}/csv", response_class=StreamingResponse, responses=_OF_A_LOG | file_of("text/csv"))
 def csv(log_id: str, parts: NeedsParts, signals: Names, start: Seconds, end: Seconds) -> StreamingResponse:
     """Send every sample of the signals in a window as a table."""
     wanted = wanted_signals(signals)
@@ -193,7 +189,9 @@ def difference(log_id: str, other: str, parts: NeedsParts) -> list[Difference]:
     return [Difference(*row) for row in differences(ours, others)]
 
 
-@router.get("/{log_id}/download", response_class=FileResponse, responses=_OF_A_LOG | _file("application/octet-stream"))
+@router.get(
+    "/{log_id}/download", response_class=FileResponse, responses=_OF_A_LOG | file_of("application/octet-stream")
+)
 def download(log_id: str, parts: NeedsParts) -> FileResponse:
     """Send the file of a log."""
     path = log_path(parts.catalogue, log_id)

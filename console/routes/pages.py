@@ -7,10 +7,11 @@ from fastapi.responses import HTMLResponse
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from console.parts import NeedsParts
+from console.queue.entry import MAX_REPETITIONS
 from console.review.logs import entry_of
 from console.review.plotting import MAPLIBRE_STYLE, PLOTLY_PATH
 from console.routes.recordings import recording_entry
-from rtstack.samples import Mode
+from rtstack.samples import Mode, Reaction
 from rtstack.teleoperation.reach import (
     FASTEST_M_S,
     HARDEST_N_M,
@@ -32,6 +33,8 @@ _REACH = {
     "stiffness": STIFFNESS_N_M,
 }
 
+_CHOICES = {"controllers": [str(name) for name in Controller], "reactions": [str(name) for name in Reaction]}
+
 TEMPLATES = Environment(
     loader=FileSystemLoader(Path(__file__).parents[1] / "pages"), autoescape=True, undefined=StrictUndefined
 )
@@ -46,9 +49,31 @@ def operate(request: Request, parts: NeedsParts) -> HTMLResponse:
         page = TEMPLATES.get_template("sign_in.html").render(csrf=None, refused=refused)
         return HTMLResponse(page, status_code=403 if refused else 401)
     page = TEMPLATES.get_template("operate.html").render(
-        csrf=session.csrf, page="operate", cell=parts.cell, controllers=[str(name) for name in Controller], reach=_REACH
+        csrf=session.csrf, page="operate", cell=parts.cell, reach=_REACH, **_CHOICES
     )
     return HTMLResponse(page)
+
+
+@router.get("/trials", response_class=HTMLResponse)
+def trials(request: Request, parts: NeedsParts) -> HTMLResponse:
+    """Return the page of the queue and of the trials that there are."""
+    page = TEMPLATES.get_template("trials.html")
+    return HTMLResponse(
+        page.render(
+            csrf=request.state.session.csrf,
+            page="trials",
+            cell=parts.cell,
+            most_repetitions=MAX_REPETITIONS,
+            **_CHOICES,
+        )
+    )
+
+
+@router.get("/campaigns", response_class=HTMLResponse)
+def campaigns(request: Request, parts: NeedsParts) -> HTMLResponse:
+    """Return the page of all campaigns."""
+    page = TEMPLATES.get_template("campaigns.html")
+    return HTMLResponse(page.render(csrf=request.state.session.csrf, page="campaigns", cell=parts.cell))
 
 
 @router.get("/recordings/{log_id}", response_class=HTMLResponse)

@@ -27,3 +27,8 @@ _MEANINGS = {
 def problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
     """Return the documentation of these statuses, for a route or a router."""
     return {status: {"model": Problem, "description": _MEANINGS[status]} for status in statuses}
+
+
+def file_of(media_type: str) -> dict[int | str, dict[str, Any]]:
+    """Return the documentation of an answer that is a file."""
+    return {200: {"content": {media_type: {"schema": {"type": "string", "format": "binary"}}}}}

@@ -14,6 +14,7 @@ from pydantic.dataclasses import dataclass as checked
 
 from rtstack.playback.pace import FASTEST, SLOWEST
 from rtstack.safety.permit import Phase
+from rtstack.samples import Reaction
 from rtstack.trials.specification import (
     Controller,
     DemonstrationSpecification,
@@ -28,6 +29,7 @@ _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 ObjectName = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_-]+$")]
 Seed = Annotated[int, Field(ge=0, le=2**31 - 1)]
+DisplacementMm = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 # a person's or a program's name: one line without control characters, and no space around it
 Operator = Annotated[str, Field(min_length=1, max_length=40, pattern=r"^[^\p{C}\s]([^\p{C}]*[^\p{C}\s])?$")]
 
@@ -82,14 +84,16 @@ class DemonstrationRequest:
 class TrialRequest:
     """Ask for a trial, by the operator who has armed.
 
-    `reference` is the path of a recording, the displacement is along the world's y, mm.
+    `reference` is the path of a recording or a plan, the displacement is along the world's y, mm; `reaction`: to an
+    impact that was not meant.
     """
 
     reference: Annotated[str, Field(min_length=1, max_length=4096)]
     controller: Controller = Controller.PROPOSED
     object: ObjectName = "rice_box"
-    displacement_mm: Annotated[float, Field(ge=-1000.0, le=1000.0)] = 0.0
+    displacement_mm: DisplacementMm = 0.0
     seed: Seed = 0
+    reaction: Reaction = Reaction.CONTINUE
     operator: Operator = field(kw_only=True)
     verb: Literal["trial"] = "trial"
 
@@ -101,6 +105,7 @@ class TrialRequest:
             object=self.object,
             displacement_mm=self.displacement_mm,
             seed=self.seed,
+            reaction=self.reaction,
         )
 
 

@@ -1,56 +1,125 @@
-// The last ten seconds of a number of each arm, on a canvas: as the robot said it, a gap where it said nothing.
+// The last ten seconds of both arms, on canvases: force, speed and mode, as the robot said them; a gap where it said
+// nothing.
+
+import { wordOf } from "./bar.js";
+import { modeColour } from "./review/style.js";
 
 const SECONDS = 10;
+const DRAW_MS = 100; // a view comes every 50 ms: drawing each of them costs more than it shows
+const SIDES = ["left", "right"];
 
-export class Strip {
-  // least: the range that is always shown, so that noise does not fill the picture.
-  constructor(canvas, least) {
+function pen(canvas) {
+  const ratio = window.devicePixelRatio;
+  const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+  if (!width) return null;
+  if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
+    canvas.width = Math.round(width * ratio);
+    canvas.height = Math.round(height * ratio);
+  }
+  const drawing = canvas.getContext("2d");
+  drawing.setTransform(ratio, 0, 0, ratio, 0, 0);
+  drawing.clearRect(0, 0, width, height);
+  return { drawing, width, height };
+}
+
+class Strip {
+  constructor(canvas) {
     this.canvas = canvas;
-    this.least = least;
     this.points = [];
+    this.drawnMs = 0;
   }
 
-  add(timeMs, left, right) {
-    this.points.push([timeMs, left, right]);
+  add(timeMs, values) {
+    this.points.push([timeMs, ...values]);
     while (this.points.length && timeMs - this.points[0][0] > SECONDS * 1000) this.points.shift();
-    this.draw(timeMs);
+    if (timeMs - this.drawnMs < DRAW_MS) return;
+    this.drawnMs = timeMs;
+    const on = pen(this.canvas);
+    if (on) this.draw(on, timeMs);
+  }
+}
+
+class Curves extends Strip {
+  // least: the range that is always shown, so that noise does not fill the picture. lines: [token, dash] of each value.
+  constructor(canvas, least, lines) {
+    super(canvas);
+    this.least = least;
+    this.lines = lines;
   }
 
-  draw(nowMs) {
-    const { canvas } = this;
-    const ratio = window.devicePixelRatio;
-    const [width, height] = [canvas.clientWidth, canvas.clientHeight];
-    if (!width) return;
-    if (canvas.width !== Math.round(width * ratio)) {
-      canvas.width = Math.round(width * ratio);
-      canvas.height = Math.round(height * ratio);
-    }
-    const style = getComputedStyle(canvas);
-    const pen = canvas.getContext("2d");
-    pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-    pen.clearRect(0, 0, width, height);
-    const most = Math.max(this.least, ...this.points.flatMap(([, left, right]) => [left ?? 0, right ?? 0])) * 1.1;
-    pen.strokeStyle = style.getPropertyValue("--line");
-    pen.lineWidth = 1;
-    pen.strokeRect(0.5, 0.5, width - 1, height - 1);
-    for (const [index, name] of [[1, "--left"], [2, "--right"]]) {
-      pen.strokeStyle = style.getPropertyValue(name);
-      pen.lineWidth = 1.5;
-      pen.beginPath();
+  draw({ drawing, width, height }, nowMs) {
+    const style = getComputedStyle(this.canvas);
+    const most = Math.max(this.least, ...this.points.flatMap(([, ...values]) => values.map((value) => value ?? 0))) * 1.1;
+    drawing.strokeStyle = style.getPropertyValue("--line");
+    drawing.lineWidth = 1;
+    drawing.strokeRect(0.5, 0.5, width - 1, height - 1);
+    this.lines.forEach(([token, dash], index) => {
+      drawing.strokeStyle = style.getPropertyValue(token);
+      drawing.lineWidth = dash.length ? 1 : 1.5;
+      drawing.setLineDash(dash);
+      drawing.beginPath();
       let going = false;
       for (const point of this.points) {
-        const value = point[index];
+        const value = point[index + 1];
         if (value === null) {
           going = false;
           continue;
         }
         const x = width - ((nowMs - point[0]) / (SECONDS * 1000)) * width;
         const y = height - 2 - (value / most) * (height - 4);
-        if (going) pen.lineTo(x, y);
-        else pen.moveTo(x, y);
+        if (going) drawing.lineTo(x, y);
+        else drawing.moveTo(x, y);
         going = true;
       }
-      pen.stroke();
-    }
+      drawing.stroke();
+    });
+    drawing.setLineDash([]);
   }
+}
+
+class Modes extends Strip {
+  draw({ drawing, width, height }, nowMs) {
+    const place = (timeMs) => width - ((nowMs - timeMs) / (SECONDS * 1000)) * width;
+    const row = height / SIDES.length;
+    SIDES.forEach((_, side) => {
+      let start = 0;
+      for (let index = 1; index <= this.points.length; index += 1) {
+        const mode = this.points[start][side + 1];
+        if (index < this.points.length && this.points[index][side + 1] === mode) continue;
+        const until = index < this.points.length ? this.points[index][0] : nowMs;
+        const from = place(this.points[start][0]);
+        if (mode !== null) {
+          drawing.fillStyle = modeColour(mode);
+          drawing.fillRect(from, side * row + 2, place(until) - from, row - 4);
+        }
+        start = index;
+      }
+    });
+  }
+}
+
+const write = (id, text) => {
+  const element = document.getElementById(id);
+  if (element.textContent !== text) element.textContent = text;
+};
+
+export function startStrips(live) {
+  const canvas = (id) => document.getElementById(id);
+  const solid = [["--left", []], ["--right", []]];
+  const force = new Curves(canvas("force-strip"), 10, solid);
+  const speed = new Curves(canvas("speed-strip"), 0.1, [...solid, ["--left", [3, 3]], ["--right", [3, 3]]]);
+  const mode = new Modes(canvas("mode-strip"));
+  const text = (value, digits) => (value === null ? "-" : value.toFixed(digits));
+  live.onView((view) => {
+    const now = performance.now();
+    const of = (key) => SIDES.map((side) => view[side][key]);
+    const known = SIDES.map((side) => (view[side].mode === "UNKNOWN" ? null : view[side].mode));
+    force.add(now, of("peak_force_n"));
+    speed.add(now, [...of("pad_speed_m_s"), ...of("speed_m_s")]);
+    mode.add(now, known);
+    write("force-value", `${of("force_n").map((value) => text(value, 0)).join(" / ")} N`);
+    write("speed-now", `${of("pad_speed_m_s").map((value) => text(value, 2)).join(" / ")} m/s`);
+    const words = known.map((name) => (name === null ? "-" : wordOf(name)));
+    write("mode-now", words[0] === words[1] ? words[0] : words.join(" / "));
+  });
 }

@@ -1,6 +1,6 @@
 // One panel of several: the chosen one is kept for the next visit.
 
-const KEY = "rtstack.tab";
+const KEY = `rtstack.tab ${location.pathname}`;
 
 export function startTabs(bar) {
   const tabs = [...bar.querySelectorAll("[role=tab]")];

@@ -5,7 +5,6 @@ import { whyNot } from "./control.js";
 import { showError } from "./errors.js";
 import { Hand } from "./hand.js";
 import { isTextField } from "./stop.js";
-import { Strip } from "./strips.js";
 
 const $ = (id) => document.getElementById(id);
 const COUPLINGS = { Digit1: "separate", Digit2: "mirrored", Digit3: "linked" };
@@ -28,8 +27,6 @@ export class Teleoperate {
   constructor(live) {
     this.hand = new Hand();
     this.view = null;
-    this.force = new Strip($("force-strip"), 10);
-    this.speed = new Strip($("speed-strip"), 0.1);
     $("practise").addEventListener("click", () => this.start(false));
     $("record").addEventListener("click", () => this.start(true));
     $("finish").addEventListener("click", () => this.finish());
@@ -122,7 +119,7 @@ export class Teleoperate {
     for (const input of document.querySelectorAll("input[name=coupling], #speed, #stiffness")) input.disabled = active && !mine;
     this.showClutch(view, active, mine, why);
     this.showRecording(active, job);
-    this.showNumbers(view, active);
+    this.showDevices();
   }
 
   showClutch(view, active, mine, why) {
@@ -152,16 +149,8 @@ export class Teleoperate {
     if (!light.hidden) write(light, `REC ${clock(Date.now() / 1000 - job.started_s)}`);
   }
 
-  showNumbers(view, active) {
-    const now = performance.now();
-    const of = (key) => [view.left[key], view.right[key]];
-    this.force.add(now, ...of("force_n"));
-    this.speed.add(now, ...(active ? of("speed_m_s") : [null, null]));
-    const text = (value, digits) => (value === null ? "-" : value.toFixed(digits));
-    write($("force-value"), `${of("force_n").map((value) => text(value, 0)).join(" / ")} N`);
-    write($("speed-now"), active ? `${of("speed_m_s").map((value) => text(value, 2)).join(" / ")} m/s` : "-");
-    const latency = this.hand.latency;
-    const pad = this.hand.gamepad.pad;
+  showDevices() {
+    const { latency, gamepad: { pad } } = this.hand;
     write($("devices-line"), `Gizmos, keys${pad ? `, ${pad.id.slice(0, 24)}` : "; no gamepad"}${latency === null ? "" : `. A beat takes ${latency.toFixed(0)} ms`}`);
   }
 }

@@ -1,0 +1,1 @@
+"""Campaigns from the page: `rtstack campaign` as a child process of the console, and what its folder says of it."""

@@ -1,0 +1,273 @@
+"""The campaigns under LOGS/campaigns, and the one that runs: started, watched, ended as at Ctrl-C, resumed.
+
+A campaign is a child process of the console, at low priority, and never part of the robot process. One at a time.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import TextIO
+
+from console.campaigns.folder import Asked, CampaignFolder, Stage
+
+FOLDER = "campaigns"
+NICENESS = 10
+NICEST = 19  # beside arms that are armed
+_END_S = 6.0  # the supervisor gives the console ten
+_PREVIEW_EVERY_S = 30.0
+_WATCH_S = 1.0
+
+
+class CampaignRefused(Exception):
+    """What was asked for is not possible now. The message is one line that says why."""
+
+
+class NoCampaign(CampaignRefused):
+    """There is no campaign of this id."""
+
+
+class CampaignState(StrEnum):
+    """How a campaign is. What is interrupted can be resumed, what failed has made nothing."""
+
+    RUNNING = "running"
+    ENDING = "ending"
+    FINISHED = "finished"
+    INTERRUPTED = "interrupted"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A figure by its opaque id; `drawn_s`: Unix time, so that a page can tell a newer one."""
+
+    id: str
+    name: str
+    drawn_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class CampaignView:
+    """A campaign. `stage`: what is being done, `done` of `total` of it; `message`: what it said last, where it failed.
+
+    time_left_s: from the pace since it was started here, None while that is unknown. preliminary: figures and claims
+    are from the results so far. claims: conditions, where, claim, figures, verdict.
+    """
+
+    id: str
+    name: str
+    quick: bool
+    state: CampaignState
+    began_s: float
+    stage: str
+    done: int
+    total: int | None
+    time_left_s: float | None
+    message: str
+    report: bool
+    preliminary: bool
+    figures: tuple[Figure, ...]
+    claims: tuple[dict[str, str], ...]
+
+
+@dataclass(slots=True)
+class _Running:
+    folder: CampaignFolder
+    process: subprocess.Popen[bytes]
+    ending: bool = False
+    since: tuple[str, float, int] | None = None  # stage, monotonic s and results when it was first seen
+    drawn: tuple[float, int] = (0.0, -1)  # monotonic s and results of the last preview
+    preview: subprocess.Popen[bytes] | None = None
+
+
+class Campaigns:
+    """All campaigns of one folder of logs. May be used from any thread."""
+
+    def __init__(self, logs: Path) -> None:
+        self._directory = logs.resolve() / FOLDER
+        self._lock = threading.RLock()
+        self._running: _Running | None = None
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._watch, daemon=True, name="campaigns")
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the campaign that runs as at Ctrl-C; by force where it does not end."""
+        self._ending.set()
+        self._thread.join()
+        with self._lock:
+            running = self._running
+            if running is not None:
+                self._interrupt(running)
+                try:
+                    running.process.wait(_END_S)
+                except subprocess.TimeoutExpired:
+                    os.killpg(running.process.pid, signal.SIGKILL)
+                    running.process.wait()
+                self._forget(running)
+
+    def start(self, name: str, quick: bool, workers: int | None, niceness: int) -> CampaignView:
+        """Begin a campaign in a folder of its own. Raises CampaignRefused while another one runs."""
+        with self._lock:
+            stamp = time.strftime("%Y%m%d-%H%M%S")
+            path = self._directory / f"{stamp}-{Path(name).stem}{'-quick' * quick}"
+            if path.exists() or path.with_name(f"{path.name}.json").exists():
+                raise CampaignRefused("the same campaign was begun in this very second; ask again")
+            self._free()
+            try:
+                self._directory.mkdir(exist_ok=True)
+                folder = CampaignFolder(path)
+                folder.keep(Asked(name, quick, time.time()))
+                self._begin(folder, Asked(name, quick, 0.0), workers, niceness, resume=False)
+            except OSError as error:
+                raise CampaignRefused(f"it cannot be begun in {self._directory}: {error.strerror}") from None
+            return self.view(folder.id)
+
+    def resume(self, campaign_id: str, workers: int | None, niceness: int) -> CampaignView:
+        """Go on with what was interrupted. Raises CampaignRefused."""
+        with self._lock:
+            self._free()
+            folder, asked = self._folder(campaign_id)
+            if self._state(folder, folder.stage()) is not CampaignState.INTERRUPTED:
+                raise CampaignRefused("there is nothing left of it to run")
+            self._begin(folder, asked, workers, niceness, resume=folder.begun)
+            return self.view(campaign_id)
+
+    def cancel(self, campaign_id: str) -> CampaignView:
+        """End the campaign as at Ctrl-C: what it has stays, and can be resumed. Raises CampaignRefused."""
+        with self._lock:
+            running = self._alive()
+            if running is None or running.folder.id != campaign_id:
+                raise CampaignRefused("this campaign is not running")
+            self._interrupt(running)
+            return self.view(campaign_id)
+
+    def views(self) -> list[CampaignView]:
+        """Return all campaigns, the newest first."""
+        with self._lock:
+            asked = [(folder, found) for folder in self._folders() if (found := folder.asked()) is not None]
+            return [self._view(folder, found) for folder, found in sorted(asked, key=lambda pair: -pair[1].began_s)]
+
+    def view(self, campaign_id: str) -> CampaignView:
+        """Return a campaign. Raises CampaignRefused."""
+        with self._lock:
+            return self._view(*self._folder(campaign_id))
+
+    def folder(self, campaign_id: str) -> CampaignFolder:
+        """Return a campaign's folder: looked up by its id, never joined to a path. Raises CampaignRefused."""
+        return self._folder(campaign_id)[0]
+
+    def _folders(self) -> list[CampaignFolder]:
+        return [CampaignFolder(note.with_suffix("")) for note in self._directory.glob("*.json")]
+
+    def _folder(self, campaign_id: str) -> tuple[CampaignFolder, Asked]:
+        for folder in self._folders():
+            if folder.id == campaign_id and (asked := folder.asked()) is not None:
+                return folder, asked
+        raise NoCampaign("there is no such campaign; look at the list again")
+
+    def _free(self) -> None:
+        running = self._alive()
+        if running is not None:
+            raise CampaignRefused("a campaign is running: wait for its end, or cancel it first")
+
+    def _begin(self, folder: CampaignFolder, asked: Asked, workers: int | None, niceness: int, resume: bool) -> None:
+        at_once = workers or max(1, len(os.sched_getaffinity(0)) - 1)
+        command = ["campaign", asked.name, "--out", str(folder.path), "--workers", str(at_once)]
+        command += ["--quick"] * asked.quick + ["--resume"] * resume
+        process = _child("child", [str(niceness), *command], folder.said.open("a", encoding="utf-8"), subprocess.PIPE)
+        self._running = _Running(folder, process)
+
+    def _alive(self) -> _Running | None:
+        running = self._running
+        if running is not None and running.process.poll() is not None:
+            self._forget(running)
+        return self._running
+
+    def _forget(self, running: _Running) -> None:
+        if running.process.stdin is not None:
+            running.process.stdin.close()
+        if running.preview is not None:
+            running.preview.kill()
+            running.preview.wait()
+        self._running = None
+
+    def _interrupt(self, running: _Running) -> None:
+        if not running.ending and running.process.poll() is None:
+            running.ending = True  # a second one would break off what it is putting in order
+            running.process.send_signal(signal.SIGINT)
+
+    def _view(self, folder: CampaignFolder, asked: Asked) -> CampaignView:
+        stage = folder.stage()
+        state = self._state(folder, stage)
+        figures = folder.figures()
+        return CampaignView(
+            id=folder.id,
+            name=asked.name,
+            quick=asked.quick,
+            state=state,
+            began_s=asked.began_s,
+            stage=stage.label,
+            done=stage.done,
+            total=stage.total,
+            time_left_s=self._time_left_s(stage) if state is CampaignState.RUNNING else None,
+            message=folder.last_line() if state is CampaignState.FAILED else "",
+            report=folder.report is not None,
+            preliminary=any(path.parent == folder.preview for path in figures.values()),
+            figures=tuple(Figure(key, path.stem, path.stat().st_mtime) for key, path in figures.items()),
+            claims=tuple(folder.claims()),
+        )
+
+    def _state(self, folder: CampaignFolder, stage: Stage) -> CampaignState:
+        running = self._alive()
+        if running is not None and running.folder.path == folder.path:
+            return CampaignState.ENDING if running.ending else CampaignState.RUNNING
+        if folder.report is not None and (stage.total is None or stage.done >= stage.total):
+            return CampaignState.FINISHED
+        return CampaignState.INTERRUPTED if folder.path.is_dir() else CampaignState.FAILED
+
+    def _time_left_s(self, stage: Stage) -> float | None:
+        running = self._running
+        if running is None or running.since is None or stage.total is None or running.since[0] != stage.label:
+            return None
+        _, since_s, before = running.since
+        if stage.done <= before:
+            return None
+        return (stage.total - stage.done) * (time.monotonic() - since_s) / (stage.done - before)
+
+    def _watch(self) -> None:
+        while not self._ending.wait(_WATCH_S):
+            with self._lock:
+                running = self._alive()
+                if running is not None:
+                    self._look(running)
+
+    def _look(self, running: _Running) -> None:
+        stage, now_s = running.folder.stage(), time.monotonic()
+        if running.since is None or running.since[0] != stage.label:
+            running.since = (stage.label, now_s, stage.done)
+        drawing = running.preview is not None and running.preview.poll() is None
+        drawn_s, drawn = running.drawn
+        if not drawing and stage.done > 0 and stage.done != drawn and now_s - drawn_s > _PREVIEW_EVERY_S:
+            running.drawn = (now_s, stage.done)
+            running.preview = _child("preview", [str(running.folder.path)], subprocess.DEVNULL, subprocess.DEVNULL)
+            os.setpriority(os.PRIO_PROCESS, running.preview.pid, NICEST)
+
+
+def _child(module: str, arguments: list[str], output: TextIO | int, stdin: int) -> subprocess.Popen[bytes]:
+    try:
+        return subprocess.Popen(
+            [sys.executable, "-m", f"console.campaigns.{module}", *arguments],
+            stdin=stdin,
+            stdout=output,
+            stderr=output,
+            start_new_session=True,
+        )
+    finally:
+        if not isinstance(output, int):
+            output.close()

@@ -1,0 +1,29 @@
+"""`rtstack campaign` that never outlives the console, and leaves the processor to whoever needs it.
+
+    python -m console.campaigns.child NICENESS campaign NAME --out DIR ...
+
+Its standard input is a pipe that the console holds: once that is gone, the campaign ends as at Ctrl-C.
+"""
+
+import os
+import signal
+import sys
+
+from rtstack.live.lifeline import hold_lifeline
+
+
+def main() -> None:
+    """Run the command line at this niceness."""
+    os.nice(int(sys.argv[1]))
+    # the thread that waits keeps Ctrl-C blocked: it is the main thread's, which blocks it while workers start
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    hold_lifeline(lambda: os.kill(os.getpid(), signal.SIGINT))
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    from rtstack.cli import main as command_line
+
+    sys.argv[:] = ["rtstack", *sys.argv[2:]]
+    command_line()
+
+
+if __name__ == "__main__":
+    main()

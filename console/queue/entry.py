@@ -1,0 +1,91 @@
+"""What is asked of a trial, and an entry of the queue: one trial, with what has become of it."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Annotated
+
+from pydantic import ConfigDict, Field
+from pydantic.dataclasses import dataclass as checked
+
+from rtstack.live.protocol import DisplacementMm, ObjectName, Seed
+from rtstack.samples import Reaction
+from rtstack.trials.specification import Controller
+
+_STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+MAX_REPETITIONS = 200
+
+
+@checked(frozen=True, slots=True, config=_STRICT)
+class TrialOrder:
+    """One trial. `reference` is the id of an accepted recording or of a plan; displacement along the world's y, mm;
+    `reaction`: to an impact that was not meant.
+    """
+
+    reference: Annotated[str, Field(min_length=1, max_length=128)]
+    object: ObjectName
+    controller: Controller = Controller.PROPOSED
+    displacement_mm: DisplacementMm = 0.0
+    seed: Seed = 0
+    reaction: Reaction = Reaction.CONTINUE
+
+
+@checked(frozen=True, slots=True, config=_STRICT)
+class QueueOrder:
+    """The same trial so many times, each with the next seed: `seed`, `seed` + 1, ..."""
+
+    trial: TrialOrder
+    repetitions: Annotated[int, Field(ge=1, le=MAX_REPETITIONS)] = 1
+
+
+class EntryState(StrEnum):
+    """Where an entry is. The last four are final."""
+
+    WAITING = "waiting"
+    RUNNING = "running"
+    SUCCEEDED = "succeeded"
+    FAILED = "failed"
+    STOPPED = "stopped"
+    CANCELLED = "cancelled"
+
+
+@checked(frozen=True, slots=True, config=_STRICT)
+class Entry:
+    """One trial of the queue. `followed`: what a person calls its reference; `repetition` of `repetitions`, from 1.
+
+    began_s: Unix time; duration_s: from the order to both arms at rest; reason: why it did not succeed; log: the id of
+    its log; job: its number in the robot process, None before it has one.
+    """
+
+    id: str
+    trial: TrialOrder
+    followed: str
+    repetition: int = 1
+    repetitions: int = 1
+    state: EntryState = EntryState.WAITING
+    job: int | None = None
+    began_s: float | None = None
+    duration_s: float | None = None
+    reason: str | None = None
+    log: str | None = None
+
+    @property
+    def final(self) -> bool:
+        """Whether nothing more becomes of it."""
+        return self.state not in (EntryState.WAITING, EntryState.RUNNING)
+
+
+@dataclass(frozen=True, slots=True)
+class QueueView:
+    """The queue as everybody sees it. `operator`: on whose word it runs, None while it is paused, for this `reason`.
+
+    past_failures: whether it goes on past grabs that do not succeed. time_left_s: from the durations of the trials that
+    have ended, None where none has.
+    """
+
+    running: bool
+    operator: str | None
+    reason: str | None
+    past_failures: bool
+    time_left_s: float | None
+    entries: tuple[Entry, ...]

@@ -1,0 +1,198 @@
+"""The queue: entries in order, and on whose word it runs. Decides nothing about motion: see console.queue.runner."""
+
+import secrets
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from statistics import fmean
+
+from console.queue.entry import Entry, EntryState, QueueOrder, QueueView
+from console.queue.file import load_entries, save_entries
+
+MAX_ENTRIES = 500
+_FRESH = "it was not started since the console began"
+_NEW = "nobody has started it"
+_EMPTY = "nothing waits in it"
+
+
+class QueueRefused(Exception):
+    """What was asked for is not possible. The message is one line that says why."""
+
+
+class Queue:
+    """The list and its file. May be used from any thread; what is changed is kept before a method returns.
+
+    It is paused when the console begins, whatever it was before.
+    """
+
+    def __init__(self, file: Path) -> None:
+        """Raises QueueFileError."""
+        self._file = file
+        self._lock = threading.RLock()
+        self._entries = list(load_entries(file))
+        self._operator: str | None = None
+        self._past_failures = False
+        self._reason: str | None = _FRESH if self._entries else _EMPTY
+
+    # what is in it
+
+    def view(self) -> QueueView:
+        """Return how it is now."""
+        with self._lock:
+            return QueueView(
+                running=self._operator is not None,
+                operator=self._operator,
+                reason=self._reason,
+                past_failures=self._past_failures,
+                time_left_s=time_left_s(self._entries, time.time()),
+                entries=tuple(self._entries),
+            )
+
+    def add(self, order: QueueOrder, followed: str) -> None:
+        """Append an order, one entry a repetition. Raises QueueRefused where there is no room."""
+        with self._lock:
+            room = MAX_ENTRIES - len(self._entries)
+            if order.repetitions > room:
+                raise QueueRefused(f"the queue has room for {room} more: clear what is finished, or remove some")
+            last = order.trial.seed + order.repetitions - 1
+            if last >= 2**31:
+                raise QueueRefused(
+                    f"seed: the last repetition would have {last}, beyond {2**31 - 1}; choose a lower one"
+                )
+            if self._operator is None and self.next() is None:
+                self._reason = _NEW
+            self._keep(
+                [
+                    *self._entries,
+                    *(
+                        Entry(
+                            id=secrets.token_hex(8),
+                            trial=replace(order.trial, seed=order.trial.seed + number),
+                            followed=followed,
+                            repetition=number + 1,
+                            repetitions=order.repetitions,
+                        )
+                        for number in range(order.repetitions)
+                    ),
+                ]
+            )
+
+    def move(self, entry_id: str, to: int) -> None:
+        """Move a waiting entry to a place among those that wait, 0 is next; beyond the last is last."""
+        with self._lock:
+            entry = self._waiting(entry_id)
+            others = [other for other in self._entries if other.id != entry_id]
+            places = [place for place, other in enumerate(others) if other.state is EntryState.WAITING]
+            others.insert(places[to] if to < len(places) else len(others), entry)
+            self._keep(others)
+
+    def cancel(self, entry_id: str) -> None:
+        """Cancel a waiting entry; it stays in the list. Raises QueueRefused for any other."""
+        with self._lock:
+            self._keep(self._changed(self._waiting(entry_id).id, state=EntryState.CANCELLED))
+
+    def remove(self, entry_id: str) -> None:
+        """Take an entry off the list. Raises QueueRefused for the one that runs."""
+        with self._lock:
+            if self.entry(entry_id).state is EntryState.RUNNING:
+                raise QueueRefused("it is running: cancel it first")
+            self._keep([entry for entry in self._entries if entry.id != entry_id])
+
+    def clear(self, finished_only: bool) -> None:
+        """Take off what is finished, or everything but what runs."""
+        with self._lock:
+            self._keep(
+                [e for e in self._entries if not (e.final or (e.state is EntryState.WAITING and not finished_only))]
+            )
+
+    def entry(self, entry_id: str) -> Entry:
+        """Return an entry. Raises QueueRefused where there is none."""
+        with self._lock:
+            for entry in self._entries:
+                if entry.id == entry_id:
+                    return entry
+            raise QueueRefused("there is no such entry in the queue; look at the list again")
+
+    # whether it runs
+
+    @property
+    def operator(self) -> str | None:
+        """On whose word it runs, None while it is paused."""
+        return self._operator
+
+    @property
+    def past_failures(self) -> bool:
+        """Whether it goes on past grabs that do not succeed."""
+        return self._past_failures
+
+    def start(self, operator: str, past_failures: bool) -> None:
+        """Let it run on this operator's word. Raises QueueRefused where nothing waits, or it runs on another's."""
+        with self._lock:
+            if self._operator not in (None, operator):
+                raise QueueRefused(f"it runs on the word of {self._operator}; pause it first")
+            if self.next() is None:
+                raise QueueRefused("nothing waits in the queue; add a trial first")
+            self._operator, self._past_failures, self._reason = operator, past_failures, None
+
+    def pause(self, reason: str) -> None:
+        """Start nothing more; what runs goes on to its end. The first reason stays."""
+        with self._lock:
+            if self._operator is not None:
+                self._operator, self._reason = None, reason
+
+    # for the runner
+
+    def running(self) -> Entry | None:
+        """Return the entry that runs."""
+        with self._lock:
+            return next((entry for entry in self._entries if entry.state is EntryState.RUNNING), None)
+
+    def next(self) -> Entry | None:
+        """Return the entry whose turn it is."""
+        with self._lock:
+            return next((entry for entry in self._entries if entry.state is EntryState.WAITING), None)
+
+    def claim(self, entry_id: str, operator: str) -> bool:
+        """Mark an entry as running before it is ordered; False where it was changed or paused meanwhile."""
+        with self._lock:
+            entry = self.next()
+            if self._operator != operator or entry is None or entry.id != entry_id:
+                return False
+            self._keep(self._changed(entry_id, state=EntryState.RUNNING, began_s=time.time()))
+            return True
+
+    def note(self, entry_id: str, **changes: object) -> None:
+        """Note what has become of an entry: known from now on, also where QueueFileError says that it is not kept."""
+        with self._lock:
+            self._entries = self._changed(entry_id, **changes)
+            save_entries(self._file, self._entries)
+
+    def _changed(self, entry_id: str, **changes: object) -> list[Entry]:
+        return [replace(e, **changes) if e.id == entry_id else e for e in self._entries]  # type: ignore[arg-type]
+
+    def _waiting(self, entry_id: str) -> Entry:
+        entry = self.entry(entry_id)
+        if entry.state is not EntryState.WAITING:
+            raise QueueRefused(f"it is {entry.state}: only what waits can be moved or cancelled")
+        return entry
+
+    def _keep(self, entries: list[Entry]) -> None:
+        save_entries(self._file, entries)
+        self._entries = entries
+
+
+def time_left_s(entries: Sequence[Entry], now_s: float) -> float | None:
+    """Return how long what waits and runs will take, s: the mean of what has ended, of the same reference if any."""
+    measured = [e for e in entries if e.duration_s is not None and e.state is not EntryState.STOPPED]
+    left = 0.0
+    for entry in entries:
+        if entry.final:
+            continue
+        same = [e for e in measured if e.trial.reference == entry.trial.reference] or measured
+        if not same:
+            return None
+        expected = fmean(e.duration_s for e in same if e.duration_s is not None)
+        left += max(0.0, expected - (now_s - entry.began_s)) if entry.began_s is not None else expected
+    return left

@@ -1,0 +1,165 @@
+"""Orders the queue's trials one after the other, on the word of who has started it, and pauses it when in doubt.
+
+What may move is decided in the robot process alone: an order here carries the operator's name, as a page's does, and
+is refused there without lease and arming. This thread only stops asking: when its operator no longer has the robot,
+when the arms are not armed, after a fault, a STOP, a failed trial, and where the robot process does not answer.
+"""
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable
+
+from console.log_rows import NoReference, reference_of
+from console.queue.entry import Entry, EntryState
+from console.queue.file import QueueFileError
+from console.queue.queue import Queue
+from console.watch import LiveView
+from rtstack.live.client import RobotClient, RobotRefused, RobotUnreachable
+from rtstack.live.protocol import Job, JobState, Phase, Status, TrialRequest
+from rtstack.log.catalogue import Catalogue
+from rtstack.log.errors import LogError
+
+PERIOD_S = 0.1
+_QUIET_S = 1.0  # the console asks ten times a second
+UNSEEN = "its end was not seen: another job followed at once"
+DONE = "all of it is done"
+
+
+class QueueRunner:
+    """The thread. `seen`: what the robot process last said; `learn` takes what an order's answer says."""
+
+    def __init__(
+        self,
+        queue: Queue,
+        client: RobotClient,
+        catalogue: Catalogue,
+        seen: Callable[[], LiveView],
+        learn: Callable[[Status], None],
+    ) -> None:
+        self._queue = queue
+        self._client = client
+        self._catalogue = catalogue
+        self._seen = seen
+        self._learn = learn
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True, name="queue")
+
+    def start(self) -> None:
+        """Begin to look after the queue."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread; the queue is paused."""
+        self._ending.set()
+        if self._thread.is_alive():
+            self._thread.join()
+        self._queue.pause("the console has ended")
+
+    def _run(self) -> None:
+        while not self._ending.wait(PERIOD_S):
+            try:
+                self.step()
+            except QueueFileError as error:
+                self._queue.pause(str(error))
+
+    def step(self) -> None:
+        """Look once: follow the trial that runs, or order the next one. Raises QueueFileError."""
+        queue, running = self._queue, self._queue.running()
+        if queue.operator is None and running is None:
+            return
+        view = self._seen()
+        status = view.status
+        if status is None or view.unreachable is not None or view.status_age_s > _QUIET_S:
+            queue.pause(view.unreachable or "the robot process does not answer")
+            return
+        if queue.operator is not None and status.holder != queue.operator:
+            queue.pause(f"{queue.operator} no longer has the robot")
+        if running is not None:
+            self._follow(running, status)
+        elif queue.operator is not None:
+            self._go_on(queue.operator, status)
+
+    def _go_on(self, operator: str, status: Status) -> None:
+        entry = self._queue.next()
+        if entry is None:
+            self._queue.pause(DONE)
+        elif status.job is not None and status.job.active:
+            return  # another one of this operator's: its turn comes after
+        elif status.phase is not Phase.ARMED:
+            self._queue.pause(status.refusal or f"the arms are {status.phase}")
+        else:
+            self._order(entry, operator)
+
+    def _order(self, entry: Entry, operator: str) -> None:
+        queue, trial = self._queue, entry.trial
+        try:
+            reference = reference_of(self._catalogue, trial.reference)
+        except (NoReference, LogError) as error:
+            queue.pause(f"{entry.followed}: {error}")
+            return
+        request = TrialRequest(
+            reference=str(reference.path),
+            controller=trial.controller,
+            object=trial.object,
+            displacement_mm=trial.displacement_mm,
+            seed=trial.seed,
+            reaction=trial.reaction,
+            operator=operator,
+        )
+        if not queue.claim(entry.id, operator):
+            return
+        try:
+            status = self._client.start(request)
+        except RobotRefused as error:
+            queue.pause(str(error))
+            queue.note(entry.id, state=EntryState.WAITING, began_s=None)
+        except RobotUnreachable as error:  # it may have been heard all the same: it is not ordered twice
+            queue.pause(str(error))
+            queue.note(entry.id, state=EntryState.STOPPED, reason=f"nobody knows whether it ran: {error}")
+        else:
+            self._learn(status)
+            queue.note(entry.id, job=None if status.job is None else status.job.number)
+
+    def _follow(self, entry: Entry, status: Status) -> None:
+        job = status.job
+        if job is None or entry.job is None or job.number < entry.job:
+            return  # what was said before the order
+        if job.number > entry.job:
+            self._queue.pause(UNSEEN)
+            self._queue.note(entry.id, state=EntryState.STOPPED, reason=UNSEEN)
+        elif not job.active:
+            self._end(entry, job, status)
+
+    def _end(self, entry: Entry, job: Job, status: Status) -> None:
+        queue = self._queue
+        if job.state is JobState.STOPPED:
+            state = EntryState.STOPPED
+        else:
+            state = EntryState.SUCCEEDED if job.success else EntryState.FAILED
+        reason = None if state is EntryState.SUCCEEDED else job.reason or f"the trial was {state}"
+        pause = self._why_pause(state, reason, job, status)
+        if pause is not None:
+            queue.pause(pause)
+        began_s = job.started_s
+        queue.note(
+            entry.id, state=state, reason=reason, log=self._log_id(job.log), began_s=began_s,
+            duration_s=max(0.0, time.time() - began_s),
+        )  # fmt: skip
+
+    def _why_pause(self, state: EntryState, reason: str | None, job: Job, status: Status) -> str | None:
+        if status.phase is Phase.FAULT:
+            return f"there is a fault: {status.reason}"
+        if state is EntryState.STOPPED:
+            return f"a trial was stopped: {reason}"
+        ran = job.state is JobState.DONE  # to its end, whatever became of the grab
+        if state is EntryState.FAILED and not (ran and self._queue.past_failures):
+            return f"a trial failed: {reason}"
+        if not status.simulated and self._queue.next() is not None:
+            return "put the object in its place for the next trial, then start again"  # nobody else does
+        return None
+
+    def _log_id(self, name: str | None) -> str | None:
+        with contextlib.suppress(LogError):
+            return next((entry.id for entry in self._catalogue.entries() if entry.path.name == name), None)
+        return None

@@ -1,0 +1,219 @@
+"""Campaigns: started, cancelled and resumed; their progress, results, figures and reports, by opaque ids."""
+
+import contextlib
+import csv
+import io
+import os
+import tomllib
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.resources import as_file, files
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Path, Query
+from fastapi.exceptions import HTTPException
+from fastapi.responses import FileResponse, Response
+from pydantic import ConfigDict, Field
+from pydantic.dataclasses import dataclass as checked
+
+from console.campaigns.campaigns import NICENESS, NICEST, CampaignView
+from console.campaigns.folder import hidden
+from console.parts import NeedsParts, NeedsSession, Parts
+from console.routes.problems import file_of, problems
+from console.sign_in import Session
+from rtstack.campaign.plan import load_plan, plan_names
+from rtstack.configuration import ConfigurationError
+from rtstack.live.client import RobotRefused
+from rtstack.live.protocol import Phase
+
+router = APIRouter(prefix="/api/campaigns", tags=["campaigns"], responses=problems(404, 409))
+
+_STRICT = ConfigDict(extra="forbid")
+_GRAB_STUDY = "aim-aware-grab"  # beside the plans in deploy/campaigns: a study of the monitor
+_MOST_ROWS = 10_000
+# a report is a page of its own: its style and pictures are inside, and it may do nothing at all
+REPORT_POLICY = "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'"
+
+Id = Annotated[str, Path(pattern="^[0-9a-f]{16}$")]
+Workers = Annotated[int, Field(ge=1, le=256)]
+
+
+@checked(frozen=True, slots=True, config=_STRICT)
+class RunOrder:
+    """How a campaign is to run. `nice`: beside arms that are armed or move, at the lowest priority."""
+
+    workers: Workers | None = None
+    nice: bool = False
+
+
+@checked(frozen=True, slots=True, config=_STRICT)
+class CampaignOrder:
+    """A plan by its name, all of it or its sample."""
+
+    name: Annotated[str, Field(min_length=1, max_length=64)]
+    quick: bool = False
+    workers: Workers | None = None
+    nice: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class PlanView:
+    """A campaign that can be started. trials, quick_trials: None where the plan is a study of another kind."""
+
+    name: str
+    title: str
+    trials: int | None
+    quick_trials: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class CampaignsView:
+    """What can be started, and what was."""
+
+    plans: tuple[PlanView, ...]
+    campaigns: tuple[CampaignView, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ResultsView:
+    """The newest results: values by columns, and for each row the opaque id of its log, None without one."""
+
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Any, ...], ...]
+    logs: tuple[str | None, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Adopted:
+    """The id of a log among the logs."""
+
+    log: str
+
+
+@router.get("")
+def campaigns(parts: NeedsParts) -> CampaignsView:
+    """Return the plans that can be started, and the campaigns that were, the newest first."""
+    return CampaignsView(_plans(), tuple(parts.campaigns.views()))
+
+
+@router.post("", status_code=201, responses=problems(503))
+def start(order: CampaignOrder, session: NeedsSession, parts: NeedsParts) -> CampaignView:
+    """Start a campaign here. Refused while somebody else has the robot, and without `nice` while its arms are armed."""
+    known = [plan.name for plan in _plans()]
+    if order.name not in known:
+        raise HTTPException(404, f"name: there is no such campaign; there are {', '.join(known)}")
+    _check(order.nice, session, parts)
+    return parts.campaigns.start(order.name, order.quick, order.workers, NICEST if order.nice else NICENESS)
+
+
+@router.get("/{campaign_id}")
+def campaign(campaign_id: Id, parts: NeedsParts) -> CampaignView:
+    """Return a campaign's state, progress, figures and claims."""
+    return parts.campaigns.view(campaign_id)
+
+
+@router.post("/{campaign_id}/resume", responses=problems(503))
+def resume(campaign_id: Id, order: RunOrder, session: NeedsSession, parts: NeedsParts) -> CampaignView:
+    """Run what is missing, under the same rules as a start."""
+    _check(order.nice, session, parts)
+    return parts.campaigns.resume(campaign_id, order.workers, NICEST if order.nice else NICENESS)
+
+
+@router.post("/{campaign_id}/cancel")
+def cancel(campaign_id: Id, parts: NeedsParts) -> CampaignView:
+    """End a campaign as at Ctrl-C: what it has stays, and it can be resumed. Everybody who is signed in."""
+    return parts.campaigns.cancel(campaign_id)
+
+
+@router.get("/{campaign_id}/results")
+def results(
+    campaign_id: Id, parts: NeedsParts, limit: Annotated[int, Query(ge=1, le=_MOST_ROWS)] = 1000
+) -> ResultsView:
+    """Return the newest results as far as there are any."""
+    columns, rows = parts.campaigns.folder(campaign_id).rows(limit)
+    return ResultsView(
+        tuple(columns),
+        tuple(tuple(row[name] for name in columns) for row in rows),
+        tuple(hidden(row["id"]) if row.get("log") else None for row in rows),
+    )
+
+
+@router.get("/{campaign_id}/csv", response_class=Response, responses=file_of("text/csv"))
+def table(campaign_id: Id, parts: NeedsParts) -> Response:
+    """Send all results as CSV."""
+    columns, rows = parts.campaigns.folder(campaign_id).rows(_MOST_ROWS)
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(reversed(rows))
+    return Response(
+        text.getvalue(),
+        media_type="text/csv",
+        headers={"content-disposition": 'attachment; filename="results.csv"'},
+    )
+
+
+@router.get("/{campaign_id}/report", response_class=FileResponse, responses=file_of("text/html"))
+def report(campaign_id: Id, parts: NeedsParts) -> FileResponse:
+    """Send the report, a page that may do nothing."""
+    path = parts.campaigns.folder(campaign_id).report
+    if path is None:
+        raise HTTPException(404, "this campaign has no report yet: it is written at its end")
+    return FileResponse(path, media_type="text/html", headers={"content-security-policy": REPORT_POLICY})
+
+
+@router.get("/{campaign_id}/figures/{figure_id}", response_class=FileResponse, responses=file_of("image/png"))
+def figure(campaign_id: Id, figure_id: Id, parts: NeedsParts) -> FileResponse:
+    """Send a figure as PNG."""
+    path = parts.campaigns.folder(campaign_id).figures().get(figure_id)
+    if path is None:
+        raise HTTPException(404, "there is no such figure; look at the campaign again")
+    return FileResponse(path, media_type="image/png")
+
+
+@router.post("/{campaign_id}/logs/{row_id}")
+def adopt(campaign_id: Id, row_id: Id, parts: NeedsParts) -> Adopted:
+    """Put the log behind a result among the logs, where it can be reviewed."""
+    folder = parts.campaigns.folder(campaign_id)
+    log = folder.log(row_id)
+    if log is None:
+        raise HTTPException(404, "there is no log behind this result")
+    target = parts.catalogue.directory / f"{folder.path.name}-{log.name}"
+    try:
+        with contextlib.suppress(FileExistsError):
+            os.link(log, target)  # the same file under a second name: it takes no room
+    except OSError as error:
+        raise HTTPException(409, f"it cannot be put among the logs: {error.strerror}") from None
+    entry = next((entry for entry in parts.catalogue.entries() if entry.path.name == target.name), None)
+    if entry is None:
+        raise HTTPException(404, "it was removed meanwhile")
+    return Adopted(entry.id)
+
+
+def _check(nice: bool, session: Session, parts: Parts) -> None:
+    """Raise RobotRefused where a campaign would be in the way of whoever has the robot."""
+    status = parts.client.status()
+    if status.holder not in (None, session.operator):
+        raise RobotRefused(f"{status.holder} has the robot: a campaign would take this machine's time; ask them")
+    if status.phase in (Phase.ARMED, Phase.MOVING) and not nice:
+        raise RobotRefused(
+            f"the arms are {status.phase}: a campaign takes this machine's time; disarm them, or start it with `nice`"
+        )
+
+
+@lru_cache(maxsize=1)
+def _plans() -> tuple[PlanView, ...]:
+    """Return what can be started. The files are of the installed version: they are read once."""
+    return (*map(_plan, plan_names()), PlanView(_GRAB_STUDY, "Does the monitor know which grab was meant?", None, None))
+
+
+def _plan(name: str) -> PlanView:
+    sizes: list[int | None] = []
+    with as_file(files("deploy.campaigns") / f"{name}.toml") as path:
+        title = tomllib.loads(path.read_text(encoding="utf-8")).get("title", name.replace("-", " "))
+        for quick in (False, True):
+            try:
+                sizes.append(load_plan(path, quick).size())
+            except ConfigurationError:  # a study of another kind: its own program knows its size
+                sizes.append(None)
+    return PlanView(name, title, *sizes)

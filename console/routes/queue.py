@@ -1,0 +1,116 @@
+"""The queue of trials. What leads to motion needs the lease; pausing and stopping need none."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, BackgroundTasks, Path
+from fastapi.exceptions import HTTPException
+from pydantic import ConfigDict, Field
+from pydantic.dataclasses import dataclass as checked
+
+from console.log_rows import log_row
+from console.parts import NeedsHolder, NeedsParts, NeedsSession
+from console.queue.entry import QueueOrder, QueueView
+from console.queue.queue import MAX_ENTRIES, QueueRefused
+from console.routes.control import stop
+from console.routes.jobs import followed_by
+from console.routes.problems import problems
+from rtstack.live.client import RobotRefused
+
+router = APIRouter(prefix="/api/queue", tags=["queue"], responses=problems(409, 500, 503))
+
+_STRICT = ConfigDict(extra="forbid")
+EntryId = Annotated[str, Path(pattern="^[0-9a-f]{16}$")]
+
+
+@checked(frozen=True, slots=True, config=_STRICT)
+class StartOrder:
+    """How the queue is to run. past_failures: on past grabs that do not succeed, never past a fault or a stop."""
+
+    past_failures: bool = False
+
+
+@checked(frozen=True, slots=True, config=_STRICT)
+class MoveOrder:
+    """Where an entry is to be among those that wait: 0 is next."""
+
+    to: Annotated[int, Field(ge=0, le=MAX_ENTRIES)]
+
+
+@checked(frozen=True, slots=True, config=_STRICT)
+class ClearOrder:
+    """What is to be taken off the list: what is finished, or what waits too."""
+
+    finished_only: bool = True
+
+
+@router.get("")
+def queue(parts: NeedsParts) -> QueueView:
+    """Return the entries in order, whether the queue runs and on whose word, and the time left."""
+    return parts.queue.view()
+
+
+@router.post("", status_code=201, responses=problems(404))
+def add(order: QueueOrder, holder: NeedsHolder, parts: NeedsParts) -> QueueView:
+    """Append a trial so many times, each with the next seed. Only who has the robot."""
+    trial = order.trial
+    if trial.object not in parts.cell.objects:
+        known = ", ".join(parts.cell.objects)
+        raise HTTPException(409, f"object: the cell has no {trial.object}; it has {known}")
+    row = log_row(followed_by(parts, trial.reference), None)
+    parts.queue.add(order, row.title or row.name)
+    return parts.queue.view()
+
+
+@router.post("/start")
+def start(order: StartOrder, holder: NeedsHolder, parts: NeedsParts) -> QueueView:
+    """Let the queue run on this operator's word. Only who has the robot, with armed arms."""
+    status = parts.client.status()
+    if status.refusal is not None and (status.job is None or not status.job.active):
+        raise RobotRefused(status.refusal)
+    parts.queue.start(holder.operator, order.past_failures)
+    return parts.queue.view()
+
+
+@router.post("/pause")
+def pause(session: NeedsSession, parts: NeedsParts) -> QueueView:
+    """Start nothing more; the trial that runs goes on to its end. Everybody who is signed in."""
+    parts.queue.pause(f"{session.operator} paused it")
+    return parts.queue.view()
+
+
+@router.post("/cancel")
+async def cancel_running(session: NeedsSession, parts: NeedsParts, afterwards: BackgroundTasks) -> QueueView:
+    """Pause the queue and stop its trial that runs, which is the same as STOP: everybody may."""
+    parts.queue.pause(f"{session.operator} cancelled the trial that ran")
+    if parts.queue.running() is None:
+        raise QueueRefused("no trial of the queue is running")
+    await stop(session, parts, afterwards)
+    return parts.queue.view()
+
+
+@router.post("/clear")
+def clear(order: ClearOrder, holder: NeedsHolder, parts: NeedsParts) -> QueueView:
+    """Take what is finished off the list, or everything but what runs. Only who has the robot."""
+    parts.queue.clear(order.finished_only)
+    return parts.queue.view()
+
+
+@router.post("/{entry_id}/move")
+def move(entry_id: EntryId, order: MoveOrder, holder: NeedsHolder, parts: NeedsParts) -> QueueView:
+    """Move an entry that waits. Only who has the robot."""
+    parts.queue.move(entry_id, order.to)
+    return parts.queue.view()
+
+
+@router.post("/{entry_id}/remove")
+def remove(entry_id: EntryId, holder: NeedsHolder, parts: NeedsParts) -> QueueView:
+    """Take an entry that does not run off the list. Only who has the robot."""
+    parts.queue.remove(entry_id)
+    return parts.queue.view()
+
+
+@router.post("/{entry_id}/cancel")
+def cancel(entry_id: EntryId, holder: NeedsHolder, parts: NeedsParts) -> QueueView:
+    """Cancel an entry that waits; it stays in the list. Only who has the robot."""
+    parts.queue.cancel(entry_id)
+    return parts.queue.view()

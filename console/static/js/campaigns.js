@@ -1,0 +1,223 @@
+// The page Campaigns: cards, and the chosen campaign with its figures, claims, results and report as they come in.
+
+import { get, post } from "./api.js";
+import { showWhy } from "./jobs.js";
+import { showError } from "./errors.js";
+import { plain, when } from "./formats.js";
+import { startFrame } from "./frame.js";
+import { cell } from "./log_table.js";
+import { timeLeft } from "./queue.js";
+import { startTabs } from "./tabs.js";
+import { Results } from "./results.js";
+
+const PERIOD_MS = 2000;
+const $ = (id) => document.getElementById(id);
+const BUSY = new Set(["running", "ending"]);
+
+const write = (element, text) => {
+  if (element.textContent !== text) element.textContent = text;
+};
+
+function make(kind, className, text) {
+  const element = document.createElement(kind);
+  element.className = className;
+  element.textContent = text;
+  return element;
+}
+
+const nameOf = (campaign) => `${plain(campaign.name).replaceAll("-", " ")}${campaign.quick ? ", sample" : ""}`;
+const share = (campaign) => (campaign.total ? campaign.done / campaign.total : 0);
+
+function progressLine(campaign) {
+  if (campaign.state === "failed") return campaign.message || "it said nothing";
+  const of = campaign.total === null ? "" : ` of ${campaign.total}`;
+  const left = campaign.state === "running" && campaign.time_left_s !== null ? `, ${timeLeft(campaign.time_left_s)}` : "";
+  return `${campaign.stage}: ${campaign.done}${of}${left}`;
+}
+
+class Page {
+  constructor(live) {
+    this.plans = [];
+    this.campaigns = [];
+    this.chosen = location.hash.slice(1);
+    this.shown = { cards: "", figures: "", claims: "", report: "" };
+    this.form = $("start");
+    this.results = new Results($("results"), () => this.chosen);
+    this.form.addEventListener("submit", (event) => this.start(event));
+    for (const name of ["name", "quick"]) this.form.elements[name].addEventListener("change", () => this.showPlan());
+    $("cancel-campaign").addEventListener("click", () => this.act(`${this.chosen}/cancel`));
+    $("resume").addEventListener("click", () => this.act(`${this.chosen}/resume`, { nice: this.form.elements.nice.checked }));
+    live.onView((view) => {
+      this.view = view;
+      this.showWhy();
+    });
+    setInterval(() => this.refresh(), PERIOD_MS);
+    this.refresh();
+  }
+
+  async refresh() {
+    try {
+      const { plans, campaigns } = await get("/api/campaigns");
+      this.campaigns = campaigns;
+      this.offer(plans);
+      this.show();
+    } catch (error) {
+      showError(`The campaigns are not up to date: ${error.message}`);
+    }
+  }
+
+  async act(path, body = {}) {
+    try {
+      const campaign = await post(path ? `/api/campaigns/${path}` : "/api/campaigns", body);
+      this.choose(campaign.id);
+    } catch (error) {
+      showError(`Nothing was changed: ${error.message}`);
+    }
+    await this.refresh();
+  }
+
+  start(event) {
+    event.preventDefault();
+    const { name, quick, nice, workers } = this.form.elements;
+    const order = { name: name.value, quick: quick.checked, nice: nice.checked };
+    if (workers.value) order.workers = workers.valueAsNumber;
+    this.act("", order);
+  }
+
+  offer(plans) {
+    if (this.plans.length) return;
+    this.plans = plans;
+    this.form.elements.name.replaceChildren(...plans.map((plan) => new Option(plan.name, plan.name)));
+    if (plans.some((plan) => plan.name === "reference-spreading")) this.form.elements.name.value = "reference-spreading";
+    this.showPlan();
+  }
+
+  showPlan() {
+    const plan = this.plans.find((one) => one.name === this.form.elements.name.value);
+    const trials = this.form.elements.quick.checked ? plan.quick_trials : plan.trials;
+    write($("plan"), trials === null ? plan.title : `${plan.title}: ${trials} trials`);
+  }
+
+  // Why none can be started now, in a line; null where one can. The server asks the same.
+  whyNot() {
+    if (this.campaigns.some((campaign) => BUSY.has(campaign.state))) return "a campaign is running: wait for its end, or cancel it";
+    const { status, you } = this.view ?? {};
+    if (!status) return "the robot process has not answered yet";
+    if (status.holder !== null && status.holder !== you) return `${status.holder} has the robot: ask them`;
+    if (["armed", "moving"].includes(status.phase) && !this.form.elements.nice.checked) return `the arms are ${status.phase}: disarm them, or tick the box above`;
+    return null;
+  }
+
+  showWhy() {
+    const why = this.whyNot();
+    showWhy(this.form, why);
+    $("resume").disabled = why !== null;
+    $("resume").title = why ?? "Run what is missing";
+  }
+
+  choose(id) {
+    this.chosen = id;
+    history.replaceState(null, "", `#${id}`);
+    this.show();
+  }
+
+  show() {
+    $("none").hidden = this.campaigns.length > 0;
+    const campaign = this.campaigns.find((one) => one.id === this.chosen) ?? this.campaigns[0];
+    if (campaign) this.chosen = campaign.id;
+    this.showCards();
+    this.showWhy();
+    $("shown").hidden = !campaign;
+    if (campaign) this.showCampaign(campaign);
+  }
+
+  showCards() {
+    const shown = JSON.stringify([this.chosen, this.campaigns.map((one) => [one.id, one.state, one.done, one.total, one.time_left_s])]);
+    if (shown === this.shown.cards) return;
+    this.shown.cards = shown;
+    const focused = document.activeElement?.dataset?.id;
+    $("cards").replaceChildren(...this.campaigns.map((campaign) => {
+      const card = make("button", "card", "");
+      card.type = "button";
+      card.dataset.id = campaign.id;
+      card.setAttribute("aria-pressed", String(campaign.id === this.chosen));
+      const head = make("span", "", `${nameOf(campaign)}: `);
+      const state = make("span", "", campaign.state);
+      state.dataset.state = campaign.state;
+      head.append(state);
+      const bar = make("progress", "", "");
+      bar.max = 1;
+      bar.value = share(campaign);
+      bar.setAttribute("aria-label", `Progress of ${nameOf(campaign)}`);
+      card.append(head, bar, make("span", "line", `${when(campaign.began_s)}, ${progressLine(campaign)}`));
+      card.addEventListener("click", () => this.choose(campaign.id));
+      return card;
+    }));
+    document.querySelector(`.card[data-id="${focused}"]`)?.focus();
+  }
+
+  showCampaign(campaign) {
+    const address = `/api/campaigns/${campaign.id}`;
+    write($("title"), nameOf(campaign));
+    write($("state"), campaign.state);
+    $("state").dataset.state = campaign.state;
+    $("share").value = share(campaign);
+    write($("progress-line"), progressLine(campaign));
+    $("cancel-campaign").hidden = !BUSY.has(campaign.state);
+    $("cancel-campaign").disabled = campaign.state === "ending";
+    $("resume").hidden = campaign.state !== "interrupted";
+    $("csv").href = `${address}/csv`;
+    $("csv").hidden = campaign.done === 0;
+    $("report").href = `${address}/report`;
+    $("report").hidden = !campaign.report;
+    this.showFigures(campaign, address);
+    this.showClaims(campaign);
+    this.showReport(campaign, address);
+    this.results.refresh(campaign.id, campaign.done);
+  }
+
+  showFigures(campaign, address) {
+    $("preliminary").hidden = !campaign.preliminary;
+    $("no-figure").hidden = campaign.figures.length > 0;
+    const shown = JSON.stringify([campaign.id, campaign.figures]);
+    if (shown === this.shown.figures) return;
+    this.shown.figures = shown;
+    $("pictures").replaceChildren(...campaign.figures.map((drawn) => {
+      const figure = document.createElement("figure");
+      const image = document.createElement("img");
+      image.src = `${address}/figures/${drawn.id}?drawn=${drawn.drawn_s}`;
+      image.alt = drawn.name;
+      figure.append(image, make("figcaption", "", drawn.name));
+      return figure;
+    }));
+  }
+
+  showClaims(campaign) {
+    const table = $("claims").querySelector("table");
+    table.hidden = campaign.claims.length === 0;
+    $("claims").querySelector(".empty").hidden = campaign.claims.length > 0;
+    const shown = JSON.stringify([campaign.id, campaign.claims]);
+    if (shown === this.shown.claims) return;
+    this.shown.claims = shown;
+    table.tBodies[0].replaceChildren();
+    for (const claim of campaign.claims) {
+      const row = table.tBodies[0].insertRow();
+      cell(row, claim.where);
+      cell(row, claim.claim);
+      cell(row, claim.figures);
+      cell(row, claim.verdict, "verdict").dataset.verdict = claim.verdict;
+    }
+  }
+
+  showReport(campaign, address) {
+    $("no-report").hidden = campaign.report;
+    $("report-frame").hidden = !campaign.report;
+    const shown = campaign.report ? `${address}/report?done=${campaign.done}` : "";
+    if (shown === this.shown.report) return;
+    this.shown.report = shown;
+    if (shown) $("report-frame").src = shown;
+  }
+}
+
+new Page(startFrame());
+startTabs($("tabs"));

@@ -1,0 +1,49 @@
+// The running job or the last one: a sentence, its progress, and a way to end it.
+
+import { showError } from "./errors.js";
+import { stop } from "./stop.js";
+
+const ACTIVE = new Set(["starting", "running", "stopping"]);
+export const WHAT = { demonstration: "Demonstration", trial: "Trial", teleoperation: "Teleoperation" };
+
+const write = (element, text) => {
+  if (element.textContent !== text) element.textContent = text;
+};
+
+function sentence(job) {
+  const what = `${WHAT[job.kind]} ${job.number} (${job.title})`;
+  switch (job.state) {
+    case "starting": return [`${what} is being prepared.`, ""];
+    case "running": return [`${what} runs.`, ""];
+    case "stopping": return [`${what} is being stopped.`, ""];
+    case "stopped": return [`${what} was stopped: ${job.reason ?? "by the operator"}.`, "bad"];
+    case "failed": return [`${what} failed: ${job.reason}.`, "bad"];
+    default:
+      if (job.success) return [`${what} succeeded.`, "good"];
+      return [`${what} ended without success: ${job.reason}.`, "bad"];
+  }
+}
+
+// onFinished is told when a job that was seen running has ended.
+export function startJobLine(live, onFinished) {
+  const line = document.getElementById("job-line");
+  let last = null;
+  document.getElementById("cancel").addEventListener("click", stop);
+  live.onView(({ status }) => {
+    const job = status?.job;
+    if (!job) return;
+    const [text, tone] = sentence(job);
+    write(line, text);
+    line.dataset.tone = tone;
+    const active = ACTIVE.has(job.state);
+    document.getElementById("progress-row").hidden = !active || job.kind === "teleoperation"; // it has no length
+    document.getElementById("progress").value = job.progress;
+    write(document.getElementById("progress-text"), `${Math.round(job.progress * 100)} %`);
+    const state = `${job.number} ${job.state}`;
+    if (last !== null && last !== state && !active) {
+      onFinished();
+      if (job.state === "failed") showError(`${text} Both arms are stopped; mend the cause and order it again.`);
+    }
+    last = state;
+  });
+}

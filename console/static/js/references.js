@@ -1,0 +1,40 @@
+// What a trial may follow, as a choice: accepted recordings and plans, the newest first.
+
+import { get } from "./api.js";
+import { showError } from "./errors.js";
+import { plain, when } from "./formats.js";
+
+// Of today: the time is enough to tell recordings apart.
+function shortWhen(seconds) {
+  const [day, time] = when(seconds).split(" ");
+  return day === when(Date.now() / 1000).split(" ")[0] ? time : `${day} ${time.slice(0, 5)}`;
+}
+
+const text = (log) => `${log.kind === "plan" ? "plan: " : ""}${log.title || plain(log.object)}, ${shortWhen(log.when)}`;
+
+export class References {
+  constructor(form) {
+    this.select = form.elements.reference;
+    this.count = 0;
+    this.object = form.elements.object;
+    this.logs = [];
+    this.select.addEventListener("change", () => {
+      const object = this.logs.find((log) => log.id === this.select.value)?.object;
+      if ([...this.object.options].some((option) => option.value === object)) this.object.value = object;
+    });
+  }
+
+  async refresh() {
+    try {
+      this.logs = (await get("/api/logs")).filter((log) => log.recording);
+    } catch (error) {
+      showError(`The list of references is not up to date: ${error.message}`);
+      return;
+    }
+    const chosen = this.select.value;
+    this.count = this.logs.length;
+    this.select.replaceChildren(...this.logs.map((log) => new Option(text(log), log.id)));
+    if (this.count === 0) this.select.add(new Option("no recording yet", ""));
+    else if (this.logs.some((log) => log.id === chosen)) this.select.value = chosen;
+  }
+}

@@ -1,0 +1,182 @@
+"""Campaigns over HTTP: a real one of two trials, cancelled, resumed and looked at; only its own ids lead to it."""
+
+import csv
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import httpx
+import psutil
+import pytest
+
+from console.campaigns import folder
+from console.campaigns.campaigns import NICENESS
+from console.routes.campaigns import REPORT_POLICY
+from rtstack.campaign import report, store
+from rtstack.campaign.plan import plan_file
+from rtstack.live.client import RobotClient
+from tests.console.test_console_jobs import arm
+
+PATIENCE_S = 240.0
+NOBODY = "0" * 16
+
+
+@pytest.fixture
+def plan(tmp_path):
+    """Two trials of Figure 11, so that there is a figure to draw."""
+    text = plan_file("reference-spreading").path.read_text()
+    head = text[: text.index("[[experiments]]")]
+    before, _, after = head.partition("controllers = [")
+    head = f'{before}controllers = ["no_interim", "proposed"]{after[after.index("]") + 1 :]}'
+    path = tmp_path / "small.toml"
+    experiment = 'name = "figure11"\nreferences = ["rice_box/0"]\ndisplacements_mm = [-30.0]\nrepetitions = 1\n'
+    path.write_text(f"{head}[[experiments]]\n{experiment}")
+    return path
+
+
+def until(client, address, reached):
+    """Ask until what is said is as wanted; return it."""
+    deadline = time.monotonic() + PATIENCE_S
+    while True:
+        said = client.get(address).json()
+        if reached(said):
+            return said
+        assert time.monotonic() < deadline, said
+        assert said["state"] != "failed", said["message"]
+        time.sleep(0.2)
+
+
+def test_a_campaign_is_cancelled_resumed_and_shown_with_its_figures_report_results_and_logs(served, plan):
+    with served.signed_in() as (client, headers):
+        campaign = served.parts.campaigns.start(str(plan), False, 1, NICENESS)
+        address = f"/api/campaigns/{campaign.id}"
+        (child,) = [each for each in psutil.Process().children() if "console.campaigns.child" in each.cmdline()]
+        assert client.post("/api/campaigns", json={"name": "reference-spreading"}, headers=headers).status_code == 409
+        until(client, address, lambda said: said["stage"] == "trials")
+        assert child.nice() == min(19, NICENESS + os.nice(0))
+        assert all(worker.nice() >= child.nice() for worker in child.children(recursive=True))
+        said = client.post(f"{address}/cancel", headers=headers).json()
+        assert said["state"] == "ending"
+        said = until(client, address, lambda said: said["state"] == "interrupted")
+        assert not child.is_running()
+        assert (said["report"], said["total"]) == (False, 2)
+        assert client.get(f"{address}/report").status_code == 404
+        assert client.post(f"{address}/cancel", headers=headers).status_code == 409
+
+        assert client.post(f"{address}/resume", json={"workers": 1}, headers=headers).json()["state"] == "running"
+        said = until(client, address, lambda said: said["state"] == "finished")
+        assert (said["done"], said["total"], said["preliminary"]) == (2, 2, False)
+        assert {figure["name"] for figure in said["figures"]} >= {"figure5", "figure11-nominal"}
+        assert {claim["verdict"] for claim in said["claims"]}
+        for figure in said["figures"]:
+            answer = client.get(f"{address}/figures/{figure['id']}")
+            assert answer.headers["content-type"] == "image/png"
+            assert answer.content.startswith(b"\x89PNG")
+        answer = client.get(f"{address}/report")
+        assert answer.headers["content-security-policy"] == REPORT_POLICY
+        assert "sandbox" in REPORT_POLICY.split(";")[0]
+        assert answer.text.startswith("<!doctype html>")
+        results = client.get(f"{address}/results").json()
+        rows = [dict(zip(results["columns"], row, strict=True)) for row in results["rows"]]
+        assert {row["controller"] for row in rows} == {"no_interim", "proposed"}
+        table = list(csv.DictReader(client.get(f"{address}/csv").text.splitlines()))
+        assert {row["id"] for row in table} == {row["id"] for row in rows}
+
+        before = len(client.get("/api/logs").json())
+        for _ in range(2):  # a second time it is already there
+            log = client.post(f"{address}/logs/{results['logs'][0]}", headers=headers).json()["log"]
+        assert client.get(f"/api/logs/{log}").json()["row"]["controller"] == rows[0]["controller"]
+        assert len(client.get("/api/logs").json()) == before + 1
+
+        found = served.parts.campaigns.folder(campaign.id)
+        preview = [sys.executable, "-m", "console.campaigns.preview", str(found.path)]
+        assert subprocess.run(preview, capture_output=True, text=True, timeout=PATIENCE_S).stderr == ""
+        drawn, final = (place / "figure11-nominal.png" for place in (found.preview, found.path / folder.FIGURES))
+        assert drawn.read_bytes() == final.read_bytes()
+
+
+def test_a_campaign_ends_with_the_console_however_that_ends(plan, tmp_path):
+    """A console that is killed lets go of the pipe: the campaign ends, and so does everything that it started."""
+    program = (
+        "import sys, time; from pathlib import Path; from console.campaigns.campaigns import Campaigns\n"
+        f"Campaigns(Path({str(tmp_path)!r})).start({str(plan)!r}, False, 1, 10)\n"
+        "print('begun', flush=True); time.sleep(1000)"
+    )
+    console = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True)
+    assert console.stdout is not None
+    assert console.stdout.readline() == "begun\n"
+    (child,) = psutil.Process(console.pid).children()
+    (said,) = (tmp_path / "campaigns").glob("*.txt")
+    deadline = time.monotonic() + PATIENCE_S
+    while "references: " not in said.read_text():
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+    started = child.children(recursive=True)
+    console.send_signal(signal.SIGKILL)
+    console.wait()
+    console.stdout.close()
+    _, alive = psutil.wait_procs([child, *started], timeout=PATIENCE_S)
+    assert not alive, said.read_text()
+    assert "Traceback" not in said.read_text()
+
+
+def test_it_is_no_way_to_disturb_who_has_the_robot(served):
+    order = {"name": "reference-spreading", "quick": True}
+    with served.signed_in() as (client, headers):
+        arm(client, headers)
+        answer = client.post("/api/campaigns", json=order, headers=headers)
+        assert (answer.status_code, answer.json()["error"].split(":")[0]) == (409, "the arms are armed")
+        robot = RobotClient(served.parts.client._path)
+        robot.take("ben", over_from="operator 1")
+        answer = client.post("/api/campaigns", json={**order, "nice": True}, headers=headers)
+        assert (answer.status_code, answer.json()["error"].split(":")[0]) == (409, "ben has the robot")
+        robot.close()
+        assert client.post("/api/campaigns", json=order).status_code == 403
+        for bad, status, says in (
+            ({"name": "../etc"}, 404, "name: there is no"),
+            ({**order, "workers": 0}, 422, "workers"),
+        ):
+            answer = client.post("/api/campaigns", json=bad, headers=headers)
+            assert (answer.status_code, answer.json()["error"].startswith(says)) == (status, True)
+        listed = client.get("/api/campaigns").json()
+        assert listed["campaigns"] == []
+        sizes = {plan["name"]: (plan["trials"], plan["quick_trials"]) for plan in listed["plans"]}
+        assert sizes["reference-spreading"] == (850, 90)
+        assert sizes["aim-aware-grab"] == (None, None)
+
+
+def test_ids_lead_nowhere_else_and_what_others_have_put_there_is_no_campaign(served):
+    other = served.logs / "campaigns"
+    other.mkdir()
+    (other / "foreign.json").write_text('{"name": "x"}')
+    (other / "failed.json").write_text('{"name": "reference-spreading", "quick": true, "began_s": 1.0}')
+    (other / "failed.txt").write_text("rtstack: no room\n")
+    with served.signed_in() as (client, headers):
+        (failed,) = client.get("/api/campaigns").json()["campaigns"]
+        assert (failed["state"], failed["message"]) == ("failed", "rtstack: no room")
+        address = f"/api/campaigns/{failed['id']}"
+        assert client.post(f"{address}/resume", json={}, headers=headers).status_code == 409
+        for path in ("", "/report", "/results", "/csv", f"/figures/{NOBODY}"):
+            for wrong in (f"/api/campaigns/{NOBODY}{path}", f"/api/campaigns/..%2F..%2Fetc{path}"):
+                assert client.get(wrong).status_code in (404, 422), wrong
+        for path in (f"/figures/{NOBODY}", "/report"):
+            assert client.get(f"{address}{path}").status_code == 404
+        assert client.post(f"{address}/logs/{NOBODY}", headers=headers).status_code == 404
+        assert httpx.codes.is_success(client.get(f"{address}/results").status_code)
+
+
+def test_a_log_that_a_table_names_outside_of_its_folder_is_not_given_away(tmp_path):
+    (tmp_path / "secret").write_text("s")
+    one = folder.CampaignFolder(tmp_path / "one")
+    one.path.mkdir()
+    with store.Store(one.path, {"id": str, "log": str}) as results:
+        results.add({"id": "a", "log": "../secret"}, {"id": "b", "log": str(Path("/etc/hostname"))})
+    assert [one.log(folder.hidden(trial)) for trial in "ab"] == [None, None]
+    assert one.count() == 2
+
+
+def test_names_are_those_of_the_runner():
+    assert (folder.DATABASE, folder.PAGE, folder.FIGURES) == (store.DATABASE, report.PAGE, report.FIGURES)

@@ -1,0 +1,295 @@
+"""The queue of trials over HTTP, against the real desk and socket; the test is the robot that carries orders out."""
+
+import dataclasses
+import json
+import shutil
+import time
+
+import httpx
+import pytest
+
+from console.queue.entry import Entry, EntryState, QueueOrder, TrialOrder
+from console.queue.file import INTERRUPTED, QueueFileError
+from console.queue.queue import MAX_ENTRIES, Queue, QueueRefused, time_left_s
+from rtstack.cli.cells import default_cell_file
+from rtstack.live.protocol import JobState
+from rtstack.planning import GrabPlan, plan_grab
+from rtstack.planning.file import write_plan
+from tests.console.test_console_jobs import arm
+from tests.console.test_console_watch import wait_for
+
+
+class Operator:
+    """A program that has the robot: it gives signs of life with every question."""
+
+    def __init__(self, served, client, headers):
+        self.served, self.client, self.headers = served, client, headers
+
+    def post(self, path, **body):
+        return self.client.post(f"/api/{path}", json=body, headers=self.headers)
+
+    def queue(self):
+        self.post("beat")
+        return self.client.get("/api/queue").json()
+
+    def add(self, reference, repetitions=1, **trial):
+        return self.post(
+            "queue", trial={"reference": reference, "object": "rice_box", **trial}, repetitions=repetitions
+        )
+
+    def states(self):
+        return [entry["state"] for entry in self.queue()["entries"]]
+
+    def order(self):
+        """Return what the queue has ordered, once it has."""
+        taken = []
+        wait_for(lambda: (self.queue() and taken.append(self.served.desk.collect()[0])) or taken[-1] is not None)
+        self.served.desk.started("trial.mcap")
+        return taken[-1]
+
+    def end(self, state=JobState.DONE, success=True, reason=None):
+        self.served.desk.finished(state, reason, success, "trial.mcap")
+
+
+@pytest.fixture
+def operator(served, demonstration):
+    """An armed operator, with a recording and a log that is none."""
+    shutil.copy(demonstration.path, served.logs / "ref.mcap")
+    (served.logs / "foreign.mcap").write_bytes(b"no log")
+    wait_for(lambda: served.parts.watch.view.status is not None)
+    with served.signed_in() as (client, headers):
+        arm(client, headers)
+        yield Operator(served, client, headers)
+
+
+@pytest.fixture
+def reference(operator):
+    return next(row["id"] for row in operator.client.get("/api/logs").json() if row["name"] == "ref.mcap")
+
+
+def test_repetitions_run_in_order_each_with_the_next_seed_and_leave_the_time_they_took(operator, reference):
+    answer = operator.add(reference, 3, controller="contact_completion", seed=7, reaction="stop", displacement_mm=-15)
+    assert answer.status_code == 201
+    assert [entry["trial"]["seed"] for entry in answer.json()["entries"]] == [7, 8, 9]
+    assert (answer.json()["running"], answer.json()["time_left_s"]) == (False, None)
+    time.sleep(0.3)  # three looks of the runner: what nobody has started does not begin
+    assert operator.served.desk.collect()[0] is None
+    assert operator.post("queue/start").json()["operator"] == "operator 1"
+    for seed in (7, 8, 9):
+        order = operator.order()
+        assert (order.seed, order.controller, order.reaction) == (seed, "contact_completion", "stop")
+        assert (order.specification().reaction, order.specification().displacement_mm) == ("stop", -15.0)
+        assert operator.states()[seed - 7] == "running"
+        operator.end()
+    wait_for(lambda: not operator.queue()["running"])
+    queue = operator.queue()
+    assert [entry["state"] for entry in queue["entries"]] == ["succeeded"] * 3
+    assert all(entry["duration_s"] > 0.0 for entry in queue["entries"])
+    assert (queue["reason"], queue["time_left_s"]) == ("all of it is done", 0.0)
+
+
+@pytest.mark.parametrize(
+    ("state", "success", "past_failures", "goes_on", "why"),
+    [
+        (JobState.DONE, False, False, False, "a trial failed: it slipped"),
+        (JobState.DONE, False, True, True, None),
+        (JobState.FAILED, None, True, False, "a trial failed: it slipped"),
+        (JobState.STOPPED, False, True, False, "a trial was stopped: it slipped"),
+    ],
+)
+def test_it_pauses_at_what_went_wrong(operator, reference, state, success, past_failures, goes_on, why):
+    operator.add(reference, 2)
+    operator.post("queue/start", past_failures=past_failures)
+    operator.order()
+    operator.end(state, success, "it slipped")
+    if goes_on:
+        assert operator.order().seed == 1
+    wait_for(lambda: operator.states()[0] in ("failed", "stopped"))
+    queue = operator.queue()
+    assert (queue["running"], queue["reason"]) == (goes_on, why)
+    assert queue["entries"][0]["reason"] == "it slipped"
+    assert queue["entries"][1]["state"] == ("running" if goes_on else "waiting")
+
+
+def test_a_fault_pauses_whatever_was_asked_and_real_arms_wait_for_a_person(operator, reference):
+    operator.add(reference, 3)
+    operator.post("queue/start", past_failures=True)
+    operator.order()
+    desk = operator.served.desk
+    desk._description = dataclasses.replace(desk._description, simulated=False)
+    operator.end()
+    wait_for(lambda: "put the object in its place" in str(operator.queue()["reason"]))
+    operator.post("queue/start", past_failures=True)
+    operator.order()
+    desk.helm.fault("the arm hit its stop")
+    operator.end(JobState.DONE, False, "safety stop")
+    wait_for(lambda: operator.queue()["reason"] == "there is a fault: the arm hit its stop")
+    answer = operator.post("queue/start")
+    assert answer.status_code == 409
+    assert "recover first" in answer.json()["error"]
+
+
+@pytest.mark.parametrize("how", ["release", "disarm", "takeover"])
+def test_it_pauses_where_its_operator_no_longer_has_the_armed_robot(operator, reference, how):
+    operator.add(reference, 2)
+    operator.post("queue/start")
+    operator.order()
+    if how == "takeover":
+        operator.end()  # nobody takes over what moves
+        operator.served.desk.helm.take("ben", over_from="operator 1")
+        operator.served.desk.helm.arm("ben")
+    else:
+        operator.post(how)
+        operator.end(JobState.STOPPED, False, "stop requested by the operator")
+    wait_for(lambda: not operator.client.get("/api/queue").json()["running"])
+    assert operator.served.parts.queue.next() is not None
+    time.sleep(0.3)
+    assert operator.served.desk.collect()[0] is None
+    if how == "takeover":
+        assert operator.served.parts.queue.view().reason == "operator 1 no longer has the robot"
+
+
+def test_only_who_has_the_armed_robot_fills_and_starts_it_and_everybody_pauses_and_stops_it(operator, reference):
+    served = operator.served
+    cookies, headers = served.second_session()
+    operator.add(reference, 2)
+    first = operator.queue()["entries"][0]["id"]
+    with httpx.Client(base_url=served.base, cookies=cookies, trust_env=False) as second:
+        ben = Operator(served, second, headers)
+        trial = {"reference": reference, "object": "rice_box"}
+        for path, body in (
+            ("queue", {"trial": trial}), ("queue/start", {}), ("queue/clear", {}), (f"queue/{first}/remove", {}),
+            (f"queue/{first}/cancel", {}), (f"queue/{first}/move", {"to": 1}),
+        ):  # fmt: skip
+            answer = ben.post(path, **body)
+            assert (answer.status_code, answer.json()["error"].split(" has")[0]) == (409, "operator 1"), path
+        assert second.post("/api/queue/start", json={}).status_code == 403  # without the session's word
+        operator.post("queue/start")
+        operator.order()
+        assert ben.post("queue/cancel").json()["running"] is False
+        assert served.mailbox.stop_requested
+    assert operator.queue()["reason"] == "operator 2 cancelled the trial that ran"
+    operator.end(JobState.STOPPED, False, "stop requested by the operator")
+    wait_for(lambda: operator.states() == ["stopped", "waiting"])
+    answer = operator.post("queue/start")
+    assert answer.status_code == 409
+    assert "arm them first" in answer.json()["error"]
+
+
+def test_entries_move_are_cancelled_and_removed(operator, reference):
+    operator.add(reference, 4)
+    ids = [entry["id"] for entry in operator.queue()["entries"]]
+    operator.post(f"queue/{ids[3]}/move", to=0)
+    operator.post(f"queue/{ids[0]}/move", to=99)
+    operator.post(f"queue/{ids[1]}/cancel")
+    assert [entry["id"] for entry in operator.queue()["entries"]] == [ids[3], ids[1], ids[2], ids[0]]
+    answer = operator.post(f"queue/{ids[1]}/move", to=0)
+    assert (answer.status_code, answer.json()["error"]) == (
+        409, "it is cancelled: only what waits can be moved or cancelled",
+    )  # fmt: skip
+    assert operator.post("queue/0123456789abcdef/remove").status_code == 409
+    assert operator.post("queue/..%2F..%2Fetc/remove").status_code in (404, 422)
+    operator.post(f"queue/{ids[2]}/remove")
+    operator.post("queue/start")
+    assert operator.order().seed == 3
+    answer = operator.post(f"queue/{ids[3]}/remove")
+    assert answer.json()["error"] == "it is running: cancel it first"
+    assert [e["state"] for e in operator.post("queue/clear", finished_only=True).json()["entries"]] == [
+        "running", "waiting",
+    ]  # fmt: skip
+    assert len(operator.post("queue/clear", finished_only=False).json()["entries"]) == 1
+
+
+@pytest.mark.parametrize(
+    ("change", "status", "says"),
+    [
+        ({"object": "piano"}, 409, "object: the cell has no piano"),
+        ({"controller": "best"}, 422, "trial.controller"),
+        ({"reaction": "flee"}, 422, "trial.reaction"),
+        ({"displacement_mm": 1e9}, 422, "trial.displacement_mm"),
+        ({"seed": 2**31 - 1}, 409, "seed: the last repetition would have"),
+        ({"reference": "0" * 32}, 404, "there is no such recording or plan"),
+    ],
+)
+def test_a_bad_value_is_one_line_and_nothing_is_added(operator, reference, change, status, says):
+    answer = operator.add(**{"reference": reference, "repetitions": 2, **change})
+    assert answer.status_code == status
+    assert answer.json()["error"].startswith(says)
+    assert "\n" not in answer.json()["error"]
+    assert operator.add(reference, 0).status_code == 422
+    assert operator.queue()["entries"] == []
+
+
+def test_a_plan_may_be_followed_and_what_is_no_reference_or_was_rejected_may_not(operator, reference, cell):
+    write_plan(operator.served.logs / "plan.mcap", plan_grab(cell, "rice_box", GrabPlan()), cell, default_cell_file())
+    arm(operator.client, operator.headers)  # planning took longer than a lease
+    rows = {row["name"]: row for row in operator.client.get("/api/logs").json()}
+    assert (rows["plan.mcap"]["recording"], rows["plan.mcap"]["outcome"]) == (True, "planned")
+    assert operator.add(rows["plan.mcap"]["id"]).status_code == 201
+    answer = operator.add(rows["foreign.mcap"]["id"])
+    assert (answer.status_code, answer.json()["error"]) == (
+        409, "no trial may follow this log; choose an accepted recording or a plan",
+    )  # fmt: skip
+    operator.add(reference)
+    operator.post(f"recordings/{reference}", verdict="rejected")
+    operator.post("queue/start")
+    assert operator.order().reference.endswith("plan.mcap")
+    operator.end()
+    wait_for(lambda: "no trial may follow this log" in str(operator.queue()["reason"]))
+    assert operator.states() == ["succeeded", "waiting"]
+
+
+def trial(reference="a", seed=0):
+    return TrialOrder(reference=reference, object="rice_box", seed=seed)
+
+
+def test_a_restart_finds_the_queue_paused_and_what_ran_is_not_run_again(tmp_path):
+    file = tmp_path / "queue.json"
+    queue = Queue(file)
+    queue.add(QueueOrder(trial(), 3), "reference")
+    queue.start("anna", False)
+    assert queue.claim(queue.view().entries[0].id, "anna")
+    assert not queue.claim(queue.view().entries[2].id, "anna")  # it is not its turn
+    again = Queue(file)
+    view = again.view()
+    assert [entry.state for entry in view.entries] == ["stopped", "waiting", "waiting"]
+    assert (view.entries[0].reason, view.running) == (INTERRUPTED, False)
+    assert again.next() == view.entries[1]
+    with pytest.raises(QueueRefused, match="room for"):
+        again.add(QueueOrder(trial(), 200), "") or [again.add(QueueOrder(trial(), 200), "") for _ in range(3)]
+    assert len(again.view().entries) == len(Queue(file).view().entries) <= MAX_ENTRIES
+    file.write_text(json.dumps([{"id": 1}]))
+    with pytest.raises(QueueFileError, match="remove the file to begin with an empty queue"):
+        Queue(file)
+
+
+def test_a_disk_that_is_full_changes_nothing_that_a_person_asks_for_and_hides_nothing_that_happened(tmp_path):
+    queue = Queue(tmp_path / "queue.json")
+    queue.add(QueueOrder(trial()), "")
+    entry = queue.view().entries[0]
+    (tmp_path / "queue.json.new").mkdir()  # as unwritable as a full disk, for root too
+    with pytest.raises(QueueFileError, match="cannot be written"):
+        queue.add(QueueOrder(trial()), "")
+    assert queue.view().entries == (entry,)
+    queue.start("anna", False)
+    with pytest.raises(QueueFileError):
+        queue.claim(entry.id, "anna")
+    assert queue.running() is None  # it does not begin where that cannot be kept
+    with pytest.raises(QueueFileError):
+        queue.note(entry.id, state=EntryState.SUCCEEDED)
+    assert queue.view().entries[0].state is EntryState.SUCCEEDED
+
+
+def test_the_time_left_comes_from_trials_of_the_same_reference():
+    def entry(reference, state, **more):
+        return Entry(reference, trial(reference), "", state=state, **more)
+
+    measured = [
+        entry("a", EntryState.SUCCEEDED, duration_s=10.0), entry("a", EntryState.FAILED, duration_s=14.0),
+        entry("b", EntryState.SUCCEEDED, duration_s=30.0), entry("a", EntryState.STOPPED, duration_s=1.0),
+    ]  # fmt: skip
+    waiting = [entry("a", EntryState.RUNNING, began_s=95.0), entry("a", EntryState.WAITING)]
+    assert time_left_s(measured + waiting, 100.0) == pytest.approx(7.0 + 12.0)
+    assert time_left_s([*measured, entry("c", EntryState.WAITING)], 100.0) == pytest.approx(18.0)
+    assert time_left_s(waiting, 100.0) is None
+    assert time_left_s(measured, 100.0) == 0.0
