@@ -20,7 +20,8 @@ from console.app import create_app
 from console.campaigns.campaigns import Campaigns
 from console.parts import Parts
 from console.presence import Presence
-from console.queue.file import FILE_NAME, QueueFileError
+from console.queue.file import FILE_NAME as QUEUE_FILE
+from console.queue.file import QueueFileError
 from console.queue.queue import Queue
 from console.queue.runner import QueueRunner
 from console.review.cache import ReviewCache
@@ -111,7 +112,7 @@ def _parts(asked: argparse.Namespace, port: int, stack: ExitStack) -> Parts:
     review_scenes = ReviewScenes(cell)
     stack.callback(review_scenes.close)
     catalogue = Catalogue(asked.logs)
-    queue = Queue(asked.logs / FILE_NAME)
+    queue = Queue(asked.logs / QUEUE_FILE)
     runner = QueueRunner(queue, client, catalogue, lambda: watch.view, watch.learn)
     stack.callback(runner.close)
     runner.start()

@@ -135,10 +135,8 @@ def test_it_is_no_way_to_disturb_who_has_the_robot(served):
         assert (answer.status_code, answer.json()["error"].split(":")[0]) == (409, "ben has the robot")
         robot.close()
         assert client.post("/api/campaigns", json=order).status_code == 403
-        for bad, status, says in (
-            ({"name": "../etc"}, 404, "name: there is no"),
-            ({**order, "workers": 0}, 422, "workers"),
-        ):
+        wrong = ({"name": "../etc"}, 404, "name: there is no"), ({**order, "workers": 0}, 422, "workers")
+        for bad, status, says in wrong:
             answer = client.post("/api/campaigns", json=bad, headers=headers)
             assert (answer.status_code, answer.json()["error"].startswith(says)) == (status, True)
         listed = client.get("/api/campaigns").json()

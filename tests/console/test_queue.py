@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import shutil
+import threading
 import time
 
 import httpx
@@ -20,7 +21,7 @@ from tests.console.test_console_watch import wait_for
 
 
 class Operator:
-    """A program that has the robot: it gives signs of life with every question."""
+    """A program that has the robot."""
 
     def __init__(self, served, client, headers):
         self.served, self.client, self.headers = served, client, headers
@@ -29,7 +30,6 @@ class Operator:
         return self.client.post(f"/api/{path}", json=body, headers=self.headers)
 
     def queue(self):
-        self.post("beat")
         return self.client.get("/api/queue").json()
 
     def add(self, reference, repetitions=1, **trial):
@@ -57,9 +57,19 @@ def operator(served, demonstration):
     shutil.copy(demonstration.path, served.logs / "ref.mcap")
     (served.logs / "foreign.mcap").write_bytes(b"no log")
     wait_for(lambda: served.parts.watch.view.status is not None)
+    gone = threading.Event()
+
+    def live():
+        while not gone.wait(0.1):
+            served.parts.presence.note("operator 1")  # a busy machine takes longer than a lease between two questions
+
     with served.signed_in() as (client, headers):
+        thread = threading.Thread(target=live)
+        thread.start()
         arm(client, headers)
         yield Operator(served, client, headers)
+        gone.set()
+        thread.join()
 
 
 @pytest.fixture
@@ -222,7 +232,6 @@ def test_a_bad_value_is_one_line_and_nothing_is_added(operator, reference, chang
 
 def test_a_plan_may_be_followed_and_what_is_no_reference_or_was_rejected_may_not(operator, reference, cell):
     write_plan(operator.served.logs / "plan.mcap", plan_grab(cell, "rice_box", GrabPlan()), cell, default_cell_file())
-    arm(operator.client, operator.headers)  # planning took longer than a lease
     rows = {row["name"]: row for row in operator.client.get("/api/logs").json()}
     assert (rows["plan.mcap"]["recording"], rows["plan.mcap"]["outcome"]) == (True, "planned")
     assert operator.add(rows["plan.mcap"]["id"]).status_code == 201
