@@ -1,0 +1,89 @@
+"""The page Trials in a real Chromium against a real stack: a queue is filled, ordered, run, paused and reordered."""
+
+import csv
+import re
+
+import pytest
+from playwright.sync_api import expect
+
+pytestmark = pytest.mark.browser
+PATIENCE_MS = 120_000
+
+
+@pytest.fixture
+def trials(recorded):
+    """The page Trials, with control and armed arms."""
+    page = recorded.page
+    page.goto(recorded.address.split("?")[0] + "trials")
+    recorded.arm()
+    return recorded
+
+
+def test_a_queue_is_filled_ordered_and_run_and_its_results_lead_to_their_logs(trials, tmp_path):
+    page = trials.page
+    rows = page.locator("#queue tbody tr")
+    page.select_option("#trial select[name=reaction]", "stop")
+    page.fill("#trial input[name=repetitions]", "2")
+    page.fill("#trial input[name=seed]", "5")
+    page.click("#trial button[type=submit]")
+    page.select_option("#trial select[name=controller]", "contact_completion")
+    page.fill("#trial input[name=repetitions]", "1")
+    page.click("#trial button[type=submit]")
+    expect(rows).to_have_count(3, timeout=PATIENCE_MS)
+    expect(rows.nth(2)).to_contain_text("contact completion, stop")
+    rows.nth(2).get_by_label("Earlier").click()
+    expect(rows.nth(1)).to_contain_text("contact completion, stop", timeout=PATIENCE_MS)
+    rows.nth(2).get_by_label("Cancel this trial").click()
+    expect(rows.nth(2).locator("td.state")).to_have_text("cancelled", timeout=PATIENCE_MS)
+    expect(page.locator("#queue-state")).to_have_text("paused")
+
+    trials.arm()
+    page.locator("#past-failures").check()
+    page.click("#queue-start")
+    expect(rows.nth(0).locator("td.state")).to_have_text("running", timeout=PATIENCE_MS)
+    expect(page.locator("#mode-now")).to_have_text(re.compile("ante-impact|interim|post-impact"), timeout=PATIENCE_MS)
+    expect(page.locator("#speed-now")).to_have_text(re.compile(r"[\d.]+ / [\d.]+ m/s"))
+    page.click("#queue-pause")
+    expect(page.locator("#queue-reason")).to_contain_text("paused it")
+    ended = re.compile("^(succeeded|failed: .+)$")
+    expect(rows.nth(0).locator("td.state")).to_have_text(ended, timeout=PATIENCE_MS)
+    expect(page.locator("#queue-left")).to_have_text(re.compile("^2 of 3, .*left$"))
+    expect(rows.nth(1).locator("td.state")).to_have_text("waiting")
+
+    log = rows.nth(0).locator("a").get_attribute("href")
+    results = page.locator("#logs tbody tr")
+    expect(results.first.locator("a").first).to_have_attribute("href", log or "", timeout=PATIENCE_MS)
+    page.fill("#filter", "no_such_controller")
+    expect(page.locator(".logs .empty")).to_have_text("No log matches the filter.", timeout=PATIENCE_MS)
+    page.fill("#filter", "seed:5 reaction:stop")
+    expect(results).to_have_count(1, timeout=PATIENCE_MS)
+    with page.expect_download() as download:
+        page.click("#table-csv")
+    download.value.save_as(tmp_path / "trials.csv")
+    (row,) = csv.DictReader((tmp_path / "trials.csv").read_text().splitlines())
+    assert (row["controller"], row["seed"]) == ("proposed", "5")
+    page.fill("#filter", "")
+
+
+def test_every_control_of_the_page_fits_into_the_smallest_window_and_no_script_failed(trials):
+    page = trials.page
+    page.set_viewport_size({"width": 1280, "height": 720})
+    for selector in (
+        "#stop",
+        "#disarm",
+        "#trial button[type=submit]",
+        "#queue-start",
+        "#clear-all",
+        "#mode-strip",
+        "#table-csv",
+    ):
+        box = page.locator(selector).bounding_box()
+        assert box is not None, selector
+        assert box["x"] + box["width"] <= 1280, selector
+        assert box["y"] + box["height"] <= 720, selector
+    assert page.evaluate("document.documentElement.scrollWidth") <= 1280
+    page.set_viewport_size({"width": 1440, "height": 900})
+    page.goto(trials.address.split("?")[0] + "campaigns")
+    expect(page.locator("#start select[name=name] option")).not_to_have_count(0, timeout=PATIENCE_MS)
+    expect(page.locator("#plan")).to_have_text(re.compile(r"90 trials"))
+    assert trials.errors == []
