@@ -24,30 +24,32 @@ def series(stiffness: float, other: float) -> float:
 
 
 def set_contacts(model: mujoco.MjModel, scene: Scene, thing: GraspObject) -> None:
-    """Set solref and solimp of every geom: pads on the object, the object on the table, and hard links.
+    """Set solref and solimp of every geom: pads on the object or on the platform, the object on the table, hard links.
 
-    The damping is 2 zeta sqrt(K m), m the object's mass: the ratio of the object alone on that face.
+    The damping on an object is 2 zeta sqrt(K m), m the object's mass: the ratio of the object alone on that face.
     """
+
+    def damping(stiffness: float) -> float:
+        return 2.0 * thing.damping_ratio * sqrt(stiffness * thing.mass)
+
     weights = model.body_invweight0[:, 0]
     w_object = weights[model.body("object").id]
     on_table = series(thing.stiffness, scene.table.stiffness)
-    _set(model, slice(None), scene, thing, on_table, w_object)
+    _set(model, slice(None), scene, on_table, damping(on_table), w_object)
     for side in ("left", "right"):
         body = model.body(f"{side}_pad").id
+        geom = model.geom(f"{side}_pad").id
+        if scene.platform is not None:  # which does not move
+            _set(model, geom, scene, scene.platform.stiffness, scene.platform.damping, weights[body])
+            continue
         on_pad = series(thing.stiffness, scene.pad.stiffness)
-        _set(model, model.geom(f"{side}_pad").id, scene, thing, on_pad, w_object + weights[body])
+        _set(model, geom, scene, on_pad, damping(on_pad), w_object + weights[body])
 
 
 def _set(
-    model: mujoco.MjModel,
-    geoms: slice | int,
-    scene: Scene,
-    thing: GraspObject,
-    stiffness: float,
-    inverse_mass: float,
+    model: mujoco.MjModel, geoms: slice | int, scene: Scene, stiffness: float, damping: float, inverse_mass: float
 ) -> None:
     d = scene.contact.impedance
     normalised = (1.0 - d) * inverse_mass / POINTS_PER_FACE
-    damping = 2.0 * thing.damping_ratio * sqrt(stiffness * thing.mass)
     model.geom_solref[geoms] = (-stiffness * normalised, -damping * normalised)
     model.geom_solimp[geoms] = np.array([d, d, 1e-3, 0.5, 2.0])  # constant impedance

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from sim_robot.arm_description import JOINTS, ArmDescription
 from sim_robot.contact import set_contacts
-from sim_robot.scene import ArmPlacement, GraspObject, ObjectPlacement, Scene
+from sim_robot.scene import ArmPlacement, GraspObject, ObjectPlacement, Platform, Scene
 
 Array = NDArray[np.float64]
 SIDES = ("left", "right")
@@ -108,6 +108,8 @@ def cell_xml(scene: Scene, object_name: str, placement: ObjectPlacement, arms: t
     geom.set("size", _text((table.size_xy[0] / 2.0, table.size_xy[1] / 2.0, table.top_z / 2.0)))
     geom.set("friction", f"{table.friction!r} 0 0")
     _collides(geom, "table")
+    if scene.platform is not None:
+        _add_platform(world, scene.platform)
     if placement.on_wedge:
         _add_wedge(world, scene, thing, placement)
     body = SubElement(world, "body", name="object", pos=_text(placement.position), quat=_text(placement.wxyz))
@@ -117,6 +119,16 @@ def cell_xml(scene: Scene, object_name: str, placement: ObjectPlacement, arms: t
     geom.set("friction", f"{table.friction!r} 0 0")
     _collides(geom, "object")
     return ElementTree.tostring(root, encoding="unicode")
+
+
+def _add_platform(world: Element, platform: Platform) -> None:
+    half = np.array(platform.size) / 2.0
+    angle = -np.radians(platform.inclination_deg)  # about y, which would turn x down
+    down = half[2] * np.array([np.sin(angle), 0.0, np.cos(angle)])
+    geom = SubElement(world, "geom", name="platform", type="box", pos=_text(np.array(platform.centre) - down))
+    geom.set("size", _text(half))
+    geom.set("quat", _text((np.cos(angle / 2.0), 0.0, np.sin(angle / 2.0), 0.0)))
+    _collides(geom, "table")
 
 
 def _add_wedge(world: Element, scene: Scene, thing: GraspObject, placement: ObjectPlacement) -> None:

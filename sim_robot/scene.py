@@ -66,6 +66,25 @@ class Pad:
 
 
 @dataclass(frozen=True, slots=True)
+class Platform:
+    """A plate that is held in space, its upper surface at `centre` m, inclined about the world's y.
+
+    Positive: its far edge, towards x, is the higher one. stiffness N/m and damping Ns/m of a pad's whole face on it.
+    """
+
+    centre: Vector3
+    size: Vector3
+    inclination_deg: float
+    stiffness: float
+    damping: float
+
+    def __post_init__(self) -> None:
+        _positive(size_x=self.size[0], size_y=self.size[1], size_z=self.size[2], stiffness=self.stiffness)
+        if self.damping < 0.0 or abs(self.inclination_deg) > 45.0:
+            raise ValueError("damping must not be negative, inclination_deg must be within -45 and 45")
+
+
+@dataclass(frozen=True, slots=True)
 class ContactModel:
     """MuJoCo's constraint impedance d, and its ratio of frictional to normal impedance."""
 
@@ -115,7 +134,10 @@ class ObjectPlacement:
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """The whole cell. Object 'sizes', positions and poses are in the world's frame."""
+    """The whole cell. Object 'sizes', positions and poses are in the world's frame.
+
+    platform: what the pads meet instead of an object, in scenes that have one.
+    """
 
     name: str
     object_position_xy: Vector2
@@ -127,6 +149,7 @@ class Scene:
     contact: ContactModel
     placement_scatter: PlacementScatter
     objects: dict[str, GraspObject]
+    platform: Platform | None = None
 
     def __post_init__(self) -> None:
         if not self.objects:

@@ -2,8 +2,9 @@
 
 import math
 import tomllib
+import types
 import typing
-from dataclasses import fields, is_dataclass
+from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -28,7 +29,8 @@ def record_from_table(kind: type[Record], table: Any, where: str) -> Record:
     """Return the dataclass `kind` filled from `table`. Raises BadParameterFile.
 
     Field types: float, int, str, bool, another dataclass, tuple[X, ...] or tuple of a fixed length, dict[str,
-    X]. An integer is taken for a float, nothing else is converted; floats are finite.
+    X], X | None. An integer is taken for a float, nothing else is converted; floats are finite. A field that has a
+    default may be missing.
     """
     if not isinstance(table, dict):
         raise BadParameterFile(f"{where}: expected a table, got {table!r}")
@@ -37,10 +39,10 @@ def record_from_table(kind: type[Record], table: Any, where: str) -> Record:
     for key in table:
         if key not in names:
             raise BadParameterFile(f"{where}: unknown key '{key}'; known keys: {', '.join(names)}")
-    for name in names:
-        if name not in table:
-            raise BadParameterFile(f"{where}: missing key '{name}'")
-    values = {name: _value(kinds[name], table[name], f"{where}: {name}") for name in names}
+    for field in fields(kind):  # type: ignore[arg-type]
+        if field.name not in table and field.default is MISSING:
+            raise BadParameterFile(f"{where}: missing key '{field.name}'")
+    values = {name: _value(kinds[name], value, f"{where}: {name}") for name, value in table.items()}
     try:
         return kind(**values)
     except ValueError as error:
@@ -49,6 +51,8 @@ def record_from_table(kind: type[Record], table: Any, where: str) -> Record:
 
 def _value(kind: Any, value: Any, where: str) -> Any:
     origin, arguments = typing.get_origin(kind), typing.get_args(kind)
+    if origin is types.UnionType:  # of a record and None, which TOML cannot say
+        return _value(arguments[0], value, where)
     if is_dataclass(kind):
         return record_from_table(kind, value, where)  # type: ignore[arg-type]
     if origin is dict:
