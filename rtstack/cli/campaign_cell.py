@@ -22,15 +22,20 @@ FRICTION_DRAW = 3  # beside 0 arms and placement, 1 sensors, 2 tracker (sim_robo
 
 
 def open_conditioned_cell(
-    object_name: str, displacement_m: float, seed: int, conditions: Conditions, script: Sequence[dict[str, Any]] = ()
-) -> Cell:
+    object_name: str, displacement_m: float, seed: int, conditions: Conditions, script: Sequence[dict[str, Any]] = (),
+    wider_mm: float = 0.0,
+) -> Cell:  # fmt: skip
     """Open the cell in this process, in lockstep, with the object in its place. Raises HardwareError.
 
-    script: what goes wrong, tables as in a faults file (sim_robot/faults/kinds.py).
+    script: what goes wrong, tables as in a faults file (sim_robot/faults/kinds.py). wider_mm: the object along y.
     """
     faults = faults_in({"fault": list(script)}, "the campaign's script")
     nominal, parameters = simulated_files()
     scene = conditioned(nominal, conditions, seed)
+    if wider_mm:
+        thing = scene.find(object_name)
+        x, y, z = thing.size
+        scene = replace(scene, objects={object_name: replace(thing, size=(x, y + 1e-3 * wider_mm, z))})
     sensors = replace(parameters.sensors, tau_ext_cutoff_hz=conditions.tau_ext_cutoff_hz)
     parameters = replace(parameters, sensors=sensors)
     plant = Plant(scene, parameters, object_name, displacement_m, seed, tilt_deg=tilt_of(faults))

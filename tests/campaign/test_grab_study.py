@@ -5,12 +5,13 @@ from dataclasses import replace
 
 import pytest
 
-from rtstack.studies.grab.cases import FaultKind, judged_file, load_judged
+from rtstack.studies.grab.cases import FURTHER, MARKED, TRUE_KIND, FaultKind, judged_file, load_judged
 from rtstack.studies.grab.report import page, summarise
 from rtstack.studies.grab.results import RESULTS, Results, check_folder
 from rtstack.studies.grab.worker import Finding
 from rtstack.trials.errors import TrialError
 from rtstack.trials.monitoring import load_tuning
+from rtstack.trials.unexpected import Unexpected
 
 FINDING = Finding(
     id="good-0000", fault=None, reference="rice_box/11", displacement_mm=3.0, seed=1, verdict="expected", reason=None,
@@ -23,12 +24,15 @@ def test_the_cases_are_those_of_the_mark() -> None:
     cases = study.cases(quick=False)
     count = Counter(case.fault for case in cases)
     assert count[None] == 400
-    assert sum(count.values()) == 800
-    assert all(66 <= count[kind] <= 67 for kind in FaultKind)
-    assert len({case.seed for case in cases}) == 800
+    assert sum(count[kind] for kind in MARKED) == 400
+    assert all(66 <= count[kind] <= 67 for kind in MARKED)
+    assert all(count[kind] == 10 for kind in FURTHER)
+    assert set(TRUE_KIND.values()) == set(Unexpected) - {Unexpected.UNKNOWN}  # the confusion table has a row for each
+    assert len({case.seed for case in cases}) == len(cases) == 830
     shifted = {abs(case.displacement_mm) for case in cases if case.fault is FaultKind.SHIFTED}
     assert shifted == {60.0}
-    others = [case.displacement_mm for case in cases if case.fault is not FaultKind.SHIFTED]
+    displaced = (FaultKind.SHIFTED, FaultKind.FAR_SIDE)
+    others = [case.displacement_mm for case in cases if case.fault not in displaced]
     assert -30.0 <= min(others) < -29.0
     assert 29.0 < max(others) <= 30.0
     assert cases == study.cases(quick=False)
@@ -48,6 +52,10 @@ def test_a_verdict_counts_where_it_is_right() -> None:
     assert not summary.reached
     assert summary.confusion["too light"] == {"expected": 1}
     assert len(summary.wrong) == 3
+    wide = replace(missed, fault=str(FaultKind.WIDER))
+    further = summarise([FINDING, late, early, missed, alarm, wide])
+    assert further.found == summary.found  # the mark does not count it
+    assert further.confusion["too early"] == {"expected": 1}
     (line,) = (line for line in summary.lines if line.name == FaultKind.PUSH)
     assert line.delay_ms[0] == pytest.approx(20.0)
     assert "not reached" in page(summary, {"seeds": [1]}, "a test")

@@ -31,7 +31,14 @@ class FaultKind(StrEnum):
     LIGHT = "1/3 of the mass"
     TILTED = "tilted 15 deg"
     PUSH = "pushed by 40 N"
+    # beside the mark, for the confusion table: what the classification can say besides
+    WIDER = "40 mm wider"
+    NARROWER = "40 mm narrower"
+    FAR_SIDE = "one side 120 mm away"
 
+
+MARKED = tuple(FaultKind)[:6]  # what the mark counts
+FURTHER = tuple(FaultKind)[6:]
 
 # what a classification that is right says
 TRUE_KIND = {
@@ -41,12 +48,18 @@ TRUE_KIND = {
     FaultKind.LIGHT: Unexpected.TOO_LIGHT,
     FaultKind.TILTED: Unexpected.TILTED,
     FaultKind.PUSH: Unexpected.PUSH,
+    FaultKind.WIDER: Unexpected.TOO_EARLY,
+    FaultKind.NARROWER: Unexpected.TOO_LATE,
+    FaultKind.FAR_SIDE: Unexpected.ONE_SIDE,
 }
 
 
 @checked(frozen=True, slots=True, config=STRICT)
 class Faults:
-    """How much goes wrong: mm, factors of the mass, degrees, N and s."""
+    """How much goes wrong: mm, factors of the mass, degrees, N and s.
+
+    wider_mm: the object's width, both its sides nearer; narrower_mm: further away; far_side_mm: one side alone.
+    """
 
     shifted_mm: Positive
     heavy: Positive
@@ -54,6 +67,9 @@ class Faults:
     tilted_deg: Positive
     push_n: Positive
     push_s: Positive
+    wider_mm: Positive
+    narrower_mm: Positive
+    far_side_mm: Positive
 
 
 @checked(frozen=True, slots=True, config=STRICT)
@@ -65,18 +81,21 @@ class Judged:
     references: tuple[Annotated[str, Field(pattern=r"^[a-z0-9_]+/\d+$")], ...]
     good: Count
     faulty: Count
+    further: Count
     displacement_mm: Positive
     quick_references: Count
     quick_good: Count
     quick_faulty: Count
+    quick_further: Count
     faults: Faults
     conditions: Conditions
 
     def cases(self, quick: bool) -> list["Case"]:
         """Return all cases, good and faulty in turn, so that what was run of them is a sample of both."""
         good, faulty = (self.quick_good, self.quick_faulty) if quick else (self.good, self.faulty)
-        kinds = list(FaultKind)
-        dealt = [*((k, None) for k in range(good)), *((k, kinds[k % len(kinds)]) for k in range(faulty))]
+        further = self.quick_further if quick else self.further
+        dealt = [*((k, None) for k in range(good)), *((k, MARKED[k % len(MARKED)]) for k in range(faulty))]
+        dealt += [(k, FURTHER[k % len(FURTHER)]) for k in range(further)]
         return sorted((self._case(number, kind, quick) for number, kind in dealt), key=lambda case: case.number)
 
     def recorded(self, quick: bool) -> tuple[Reference, ...]:
@@ -85,13 +104,15 @@ class Judged:
         return tuple(map(Reference.named, names))
 
     def _case(self, number: int, kind: FaultKind | None, quick: bool) -> "Case":
-        what = "good" if kind is None else "faulty"
+        what = "good" if kind is None else "further" if kind in FURTHER else "faulty"
         seed = seed_of(self.seed, what, number)
         draw = np.random.default_rng([seed, 1])
         references = self.recorded(quick)
         displacement_mm = float(draw.uniform(-self.displacement_mm, self.displacement_mm))
         if kind is FaultKind.SHIFTED:
             displacement_mm = float(draw.choice([-1.0, 1.0])) * self.faults.shifted_mm
+        elif kind is FaultKind.FAR_SIDE:  # what the object lacks, it lacks on one side
+            displacement_mm = float(draw.choice([-1.0, 1.0])) * self.faults.far_side_mm / 2.0
         return Case(f"{what}-{number:04d}", number, kind, references[number % len(references)], displacement_mm, seed)
 
 
@@ -105,6 +126,12 @@ class Case:
     reference: Reference
     displacement_mm: float
     seed: int
+
+    def wider_mm(self, faults: Faults) -> float:
+        """Return by how much the object is wider, along the world's y, than it should be."""
+        widths = {FaultKind.WIDER: faults.wider_mm, FaultKind.NARROWER: -faults.narrower_mm}
+        widths[FaultKind.FAR_SIDE] = -faults.far_side_mm
+        return widths.get(self.fault, 0.0) if self.fault is not None else 0.0
 
     def script(self, faults: Faults, impact: ExpectedImpact) -> list[dict[str, Any]]:
         """Return the tables of a faults file, and nothing for a good trial."""

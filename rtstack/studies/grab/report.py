@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rtstack.campaign.statistics import Interval, proportion
-from rtstack.studies.grab.cases import TRUE_KIND, FaultKind
+from rtstack.studies.grab.cases import FURTHER, TRUE_KIND, FaultKind
 from rtstack.studies.grab.worker import Finding
 
 WANTED_FOUND, WANTED_FALSE = 0.99, 0.01  # the mark
@@ -30,8 +30,8 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """found: share of faults, false_alarms: share of good trials, both with a 95 % interval. confusion: what is true ->
-    what was said -> how often."""
+    """found: share of the mark's faults, false_alarms: share of good trials, both with a 95 % interval. confusion: what
+    is true -> what was said -> how often, of further faults too."""
 
     found: Interval | None
     false_alarms: Interval | None
@@ -62,7 +62,7 @@ class Summary:
 
 def summarise(findings: Sequence[Finding]) -> Summary:
     """Return what the findings say."""
-    faulty = [finding for finding in findings if finding.fault is not None]
+    faulty = [finding for finding in findings if finding.fault is not None and finding.fault not in FURTHER]
     good = [finding for finding in findings if finding.fault is None]
     confusion: dict[str, Counter[str]] = {}
     for finding in findings:

@@ -16,8 +16,8 @@ from rtstack.studies.grab.cases import Case, FaultKind, Faults
 from rtstack.trials.run import PreparedTrial, prepare_trial, run_trial
 from rtstack.trials.specification import TrialSpecification
 
-# object, displacement m, seed, conditions, what goes wrong -> cell
-OpenFaultyCell = Callable[[str, float, int, Conditions, Sequence[dict[str, Any]]], Cell]
+# object, displacement m, seed, conditions, what goes wrong, by how many mm the object is too wide -> cell
+OpenFaultyCell = Callable[[str, float, int, Conditions, Sequence[dict[str, Any]], float], Cell]
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +87,10 @@ def run_case(bed: Bed, case: Case) -> Finding:
     script = case.script(bed.faults, prepared.reference.impact)
     specification = replace(prepared.specification, displacement_mm=case.displacement_mm, seed=case.seed)
     prepared = replace(prepared, specification=specification)
-    cell = bed.open_cell(case.reference.object, case.displacement_mm * 1e-3, case.seed, bed.conditions, script)
+    cell = bed.open_cell(
+        case.reference.object, case.displacement_mm * 1e-3, case.seed, bed.conditions, script,
+        case.wider_mm(bed.faults),
+    )  # fmt: skip
     try:
         result = run_trial(prepared, cell, log=None, criterion=bed.bench.criterion)
     finally:
