@@ -18,7 +18,7 @@ from rtstack.cli.campaign_cell import open_conditioned_cell, plant_files
 from rtstack.cli.cells import load_description
 from rtstack.impact_validation.plan import is_validation
 from rtstack.model.cell_description import CellDescription
-from rtstack.studies.aim_aware.study import is_study
+from rtstack.studies.aim_aware.tuned import study_kind
 from rtstack.trials.errors import TrialError
 from rtstack.trials.run import check_object
 
@@ -39,10 +39,11 @@ def campaign(name: str, out: Path, quick: bool, workers: int | None, scheduler: 
     file = plan_file(name)
     out = out.resolve()
     at_once = workers or len(os.sched_getaffinity(0))
-    if is_study(file.path):
-        run = study.prepare(file, out, quick, resume)
+    kind = study_kind(file.path)
+    if kind is not None:
+        prepared = study.prepare(kind, file, out, quick, resume)
         with resumable(_again(name, out, quick)):
-            study.run_all(run, file, out, at_once, scheduler)
+            study.run_all(prepared, file, out, at_once, scheduler)
         return
     if is_validation(file.path):
         plan, bench, described = validation.prepare(file, out, quick, resume)

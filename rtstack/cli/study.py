@@ -1,46 +1,76 @@
-"""`rtstack campaign` for the studies that simulate plants of their own: checked, run on workers, reported."""
+"""`rtstack campaign` for the studies of the collision-monitoring paper: checked, run on workers, reported."""
 
 import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import typer
 
 from rtstack.campaign.plan import PlanFile
-from rtstack.campaign.store import Store, check_folder
-from rtstack.studies.aim_aware.study import StudyRun, load_run
-from rtstack.studies.aim_aware.worker import columns, run_plan
+from rtstack.campaign.store import Row, Store, check_folder
+from rtstack.studies.aim_aware import study as planar
+from rtstack.studies.aim_aware import worker as planar_worker
+from rtstack.studies.aim_aware.arm import study as arm
+from rtstack.studies.aim_aware.arm import worker as arm_worker
+from rtstack.studies.aim_aware.grid import Case
 
 FAILED = 1
 
 
-def prepare(file: PlanFile, out: Path, quick: bool, resume: bool) -> StudyRun:
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """A study that may be run: what a worker does with some of its cases, the columns of the rows, and its report."""
+
+    run: Any  # StudyRun or ArmRun, which `work` and `report` take
+    work: Callable[[Any, Sequence[Case]], list[Row]]
+    columns: dict[str, Any]
+    report: Callable[[Store, Any, PlanFile], Path]
+
+
+def prepare(kind: str, file: PlanFile, out: Path, quick: bool, resume: bool) -> Prepared:
     """Check everything before the folder is made. Raises ConfigurationError or TrialError."""
-    run = load_run(file.path, quick)
-    check_folder(out, run, resume, columns(run))
-    return run
+    prepared = _arm(file, quick) if kind == arm.STUDY else _planar(file, quick)
+    check_folder(out, prepared.run, resume, prepared.columns)
+    return prepared
 
 
-def run_all(run: StudyRun, file: PlanFile, out: Path, workers: int, scheduler: str | None) -> None:
+def _planar(file: PlanFile, quick: bool) -> Prepared:
+    from rtstack.studies.aim_aware.report import write_report
+
+    run = planar.load_run(file.path, quick)
+    return Prepared(run, planar_worker.run_cases, planar_worker.columns(run), write_report)
+
+
+def _arm(file: PlanFile, quick: bool) -> Prepared:
+    from rtstack.cli.platform_cell import open_platform_cell, platform_files
+    from rtstack.studies.aim_aware.arm.report import write_report
+
+    run = arm.load_arm_run(file.path, quick, open_platform_cell, platform_files())
+    return Prepared(run, arm_worker.run_hits, arm_worker.columns(run), write_report)
+
+
+def run_all(prepared: Prepared, file: PlanFile, out: Path, workers: int, scheduler: str | None) -> None:
     """Run what is missing, and write the report."""
     from rtstack.campaign.crew import distant_crew, local_crew
     from rtstack.cli.campaign_progress import campaign_progress
-    from rtstack.studies.aim_aware.report import write_report
     from rtstack.studies.aim_aware.runner import run_study
 
+    run = prepared.run
     with (
         campaign_progress() as progress,
         distant_crew(scheduler) if scheduler else local_crew(workers) as client,
     ):
         out.mkdir(exist_ok=True)
-        with Store(out, columns(run)) as store:
+        with Store(out, prepared.columns) as store:
             store.claim(run, file)
             # one here before the workers begin: what is compiled, is compiled once
             progress.begin("compiling", 0, 1)
-            first = next(run.grid.cases())
-            run_plan(run, first.approach_deg, first.location_m, (first.inclination_deg,))
+            prepared.work(run, [next(run.grid.cases())])
             progress.advance(0.0)
-            failures = run_study(run, store, client, progress)
-            page = write_report(store, run, file)
+            failures = run_study(run, prepared.work, store, client, progress)
+            page = prepared.report(store, run, file)
             rows = store.rows()
     print(f"{len(rows)} simulations, {sum(row['cpu_s'] for row in rows):.0f} s of a CPU")
     print(f"report: {page}", flush=True)

@@ -10,7 +10,9 @@ from rtstack.campaign.runner import select
 from rtstack.campaign.trial import Reference, seed_of
 from rtstack.configuration import ConfigurationError
 from rtstack.impact_validation.plan import is_validation, load_validation_plan
-from rtstack.studies.aim_aware.study import is_study, load_study
+from rtstack.studies.aim_aware.arm.study import load_arm_study
+from rtstack.studies.aim_aware.study import load_study
+from rtstack.studies.aim_aware.tuned import study_kind
 from rtstack.trials.errors import TrialError
 
 
@@ -63,8 +65,9 @@ def test_every_plan_is_read_and_has_a_sample():
     assert "reference-spreading" in plan_names()
     for name in plan_names():
         path = plan_file(name).path
-        if is_study(path):
-            assert load_study(path).name == name
+        if study_kind(path) is not None:
+            load = load_arm_study if study_kind(path) == "aim_aware_arm" else load_study
+            assert load(path).name == name
             continue
         if is_validation(path):
             assert load_validation_plan(path).name == name

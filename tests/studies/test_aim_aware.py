@@ -8,7 +8,8 @@ from rtstack.configuration import ConfigurationError
 from rtstack.studies.aim_aware.bands import Bands, bands
 from rtstack.studies.aim_aware.claims import judge
 from rtstack.studies.aim_aware.classification import plan_case, simulate_case
-from rtstack.studies.aim_aware.study import Case, load_run
+from rtstack.studies.aim_aware.grid import Case
+from rtstack.studies.aim_aware.study import load_run
 from rtstack.studies.aim_aware.tuning import Need, find, separate
 from rtstack.studies.aim_aware.worker import run_plan
 
@@ -80,11 +81,11 @@ def test_a_tuning_lies_between_what_wanted_and_unwanted_cases_need(study_run):
     search = study_run.study.tuning
     needs = {Case(90.0, 0.3, 0.0): Need(0.01, 0.05), Case(90.0, 0.3, 1.0): Need(9.0, 9.0)}
     needs |= {Case(90.0, 0.3, 2.0): Need(0.04, 0.01), Case(90.0, 0.3, -2.0): Need(0.005, 0.8)}
-    found = separate(needs, 0.0, search)
+    found = separate(needs, (0.0, 0.0), search.ambiguity_deg)
     assert found is not None
     assert (found.configuration_rad, found.velocity_rad_s, found.separation) == (0.02, 0.1, 4.0)
     needs[Case(90.0, 0.3, 2.0)] = Need(0.009, 0.04)  # needs less than a wanted one
-    assert separate(needs, 0.0, search) is None
+    assert separate(needs, (0.0, 0.0), search.ambiguity_deg) is None
 
 
 def test_a_case_is_the_same_again_and_unseen_by_the_tuning_where_it_says_so(study_run):

@@ -1,23 +1,39 @@
 """One case: simulated once, then seen by every tuning."""
 
 from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rtstack.monitor.monitor import Assessment, Monitor
 from rtstack.monitor.parameters import MonitorParameters
-from rtstack.studies.aim_aware.study import Case, Study
+from rtstack.studies.aim_aware.grid import Case
+from rtstack.studies.aim_aware.study import Study
 from rtstack.studies.planar.plan import Plan, plan_impact
 from rtstack.studies.planar.simulation import simulate
 
 
+class Meant(Protocol):
+    """What was meant: time s, joints (n,) at the impact, joint velocities (ticks, n) after it."""
+
+    @property
+    def t_d_s(self) -> float: ...
+    @property
+    def q_d(self) -> NDArray[np.floating]: ...
+    @property
+    def dq_post(self) -> NDArray[np.floating]: ...
+
+
+P = TypeVar("P", bound=Meant, covariant=True)
+
+
 @dataclass(frozen=True, slots=True)
-class Impact:
-    """A planned impact on a surface that is inclined otherwise. ticks: of rtstack.studies.planar.simulation.TICK."""
+class Impact(Generic[P]):
+    """A planned impact on a surface that is inclined otherwise. ticks: of TICK, of a simulation or of a hit."""
 
     case: Case
-    plan: Plan
+    plan: P
     ticks: NDArray[np.void]
 
     @property
@@ -47,7 +63,7 @@ def plan_case(study: Study, approach_deg: float, location_m: float) -> Plan:
     return plan_impact(study.arm, study.task, study.gains, np.radians(approach_deg), location_m)
 
 
-def simulate_case(study: Study, plan: Plan, case: Case, residual_rate_nm_s: float) -> Impact:
+def simulate_case(study: Study, plan: Plan, case: Case, residual_rate_nm_s: float) -> Impact[Plan]:
     """Simulate a case."""
     inclination = np.radians(case.inclination_deg)
     rates = (residual_rate_nm_s,) * 3

@@ -11,18 +11,19 @@ from rtstack.campaign.figures import STYLE, new_figure, save
 from rtstack.monitor.parameters import MonitorParameters
 from rtstack.monitor.records import Verdict
 from rtstack.studies.aim_aware.bands import Bands
-from rtstack.studies.aim_aware.classification import Impact
+from rtstack.studies.aim_aware.classification import Impact, Meant
+from rtstack.studies.planar.plan import Plan
 
 ANTE, POST, MEASURED, RED, BAND = "#009E73", "#E69F00", "#0072B2", "#D55E00", "#0072B2"
 BEFORE_MS, AFTER_MS = 60.0, 160.0
 
 
-def _t_ms(impact: Impact) -> NDArray[np.float64]:
+def _t_ms(impact: Impact[Meant]) -> NDArray[np.float64]:
     return 1e-6 * (impact.ticks["t_ns"] - impact.t_d_ns)
 
 
 @mpl.rc_context(STYLE)
-def figure3(path: Path, impact: Impact) -> None:
+def figure3(path: Path, impact: Impact[Plan]) -> None:
     """Draw the ante- and post-impact references, dashed where extended, and what the arm did."""
     figure, axes = new_figure(9.0, 4.2, nrows=2, ncols=3, sharex=True)
     t_ms = _t_ms(impact)
@@ -49,7 +50,7 @@ def figure3(path: Path, impact: Impact) -> None:
 
 
 @mpl.rc_context(STYLE)
-def figure4(path: Path, impact: Impact, parameters: MonitorParameters) -> None:
+def figure4(path: Path, impact: Impact[Plan], parameters: MonitorParameters) -> None:
     """Draw the residual and its numerical derivative with the bound r_b, and the corners' forces below."""
     trace = impact.trace(parameters)
     figure, axes = new_figure(7.5, 5.2, nrows=3, sharex=True)
@@ -73,17 +74,19 @@ def figure4(path: Path, impact: Impact, parameters: MonitorParameters) -> None:
 
 
 @mpl.rc_context(STYLE)
-def figure6(path: Path, impacts: Sequence[Impact], parameters: MonitorParameters) -> None:
+def figure6(
+    path: Path, impacts: Sequence[Impact[Meant]], parameters: MonitorParameters, joints: Sequence[int] = (0, 1, 2)
+) -> None:
     """Draw the velocity error and its envelope; blue what is used for the verdict, red where it leaves zero out."""
-    figure, axes = new_figure(9.0, 5.4, nrows=3, ncols=len(impacts), sharex="col", sharey="row")
+    figure, axes = new_figure(9.0, 5.4, nrows=len(joints), ncols=len(impacts), sharex="col", sharey="row")
     for column, impact in enumerate(impacts):
         trace, t_ms = impact.trace(parameters), _t_ms(impact)
         shown = (t_ms > -BEFORE_MS) & (t_ms < AFTER_MS + 60.0)
         since = trace["t_ns"] - trace["t_impact_ns"]
         used = (trace["impacts"] > 0) & (since >= 1e6 * parameters.delay) & (since <= 1e9 * parameters.horizon_s)
         last = trace["t_impact_ns"] == trace["t_impact_ns"][-1]  # earlier impacts' windows were given up
-        for i in range(3):
-            axis = axes[i][column]
+        for row, i in enumerate(joints):
+            axis = axes[row][column]
             low, high = (trace[name][:, i] for name in ("lower", "upper"))
             low, high = low - parameters.velocity_rad_s, high + parameters.velocity_rad_s
             axis.plot(t_ms[shown], trace["error"][shown, i], color="#56B4E9", linewidth=0.9)
@@ -95,22 +98,23 @@ def figure6(path: Path, impacts: Sequence[Impact], parameters: MonitorParameters
                 axis.set_ylabel(f"joint {i + 1}, rad/s")
         verdict = Verdict(trace["verdict"][-1]).name.lower()
         axes[0][column].set_title(f"{impact.case.inclination_deg:+g} deg: {verdict}", loc="left", fontsize=9)
-        axes[2][column].set_xlabel("time from $t_d$, ms")
+        axes[-1][column].set_xlabel("time from $t_d$, ms")
     save(figure, path)
 
 
 @mpl.rc_context(STYLE)
-def figure7(path: Path, found: Mapping[str, Bands], wanted: Mapping[str, float]) -> None:
-    """Draw the share of expected impacts by inclination, a panel a tuning, with the paper's band."""
-    figure, axes = new_figure(7.5, 5.6, nrows=len(found), sharex=True)
+def shares(path: Path, found: Mapping[str, Bands], wanted: Mapping[str, tuple[float, float]]) -> None:
+    """Draw the share of expected impacts by inclination, a panel a tuning, with the paper's band: Figures 7 and 8."""
+    figure, axes = new_figure(7.5, 1.87 * len(found), nrows=len(found), sharex=True)
     for axis, (name, each) in zip(axes[:, 0], found.items(), strict=True):
         degrees = list(each.shares)
+        half = 0.5 * min(np.diff(degrees), default=1.0)
         always = each.always
         if always is not None:
-            axis.axvspan(always[0] - 0.5, always[1] + 0.5, color=BAND, alpha=0.15, linewidth=0)
-        axis.bar(degrees, [100.0 * share for share in each.shares.values()], width=0.8, color=BAND)
-        for sign in (-1.0, 1.0):
-            axis.axvline(sign * (wanted[name] + 0.5), color=RED, linestyle="--", linewidth=1.0)
+            axis.axvspan(always[0] - half, always[1] + half, color=BAND, alpha=0.15, linewidth=0)
+        axis.bar(degrees, [100.0 * share for share in each.shares.values()], width=1.6 * half, color=BAND)
+        for edge, sign in zip(wanted[name], (-1.0, 1.0), strict=True):
+            axis.axvline(edge + sign * half, color=RED, linestyle="--", linewidth=1.0)
         axis.set_ylabel(f"({name}) expected, %")
         axis.set_ylim(0.0, 105.0)
         axis.set_xticks(degrees)

@@ -1,100 +1,32 @@
-"""What the study consists of, from its file in deploy/campaigns, and the tuning that was found for it."""
+"""What the planar study consists of, from its file in deploy/campaigns, and the tuning that was found for it."""
 
-import hashlib
-import tomllib
-from collections.abc import Iterator
 from dataclasses import dataclass, field
-from importlib.resources import as_file, files
-from itertools import product
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
 from rtstack.configuration import STRICT, ConfigurationError, load_toml
 from rtstack.monitor.parameters import MonitorParameters
-from rtstack.studies.planar.parameters import Contact, Gains, NotNegative, PlanarArm, Positive, Real, Task
+from rtstack.studies.aim_aware.grid import Case, Column, Found, Grid, monitors_of
+from rtstack.studies.aim_aware.tuned import tuned_for
+from rtstack.studies.planar.parameters import Contact, Gains, NotNegative, PlanarArm, Positive, Task
 
 STUDY = "aim_aware_planar"
 COMMAND = "python -m rtstack.studies.aim_aware.tuning"
 
 
 @checked(frozen=True, slots=True, config=STRICT)
-class Range:
-    """first, first + step, ..., last."""
-
-    first: Real
-    last: Real
-    step: Positive
-
-    def values(self) -> tuple[float, ...]:
-        """Return the values, without the noise of the additions."""
-        count = round((self.last - self.first) / self.step) + 1
-        return tuple(round(float(value), 6) for value in np.linspace(self.first, self.last, count))
-
-
-@dataclass(frozen=True, slots=True)
-class Case:
-    """An impact: degrees, m, degrees."""
-
-    approach_deg: float
-    location_m: float
-    inclination_deg: float
-
-    @property
-    def id(self) -> str:
-        """Its name."""
-        return f"{self.approach_deg:g}deg-{self.location_m:g}m-{self.inclination_deg:+g}deg"
-
-
-@checked(frozen=True, slots=True, config=STRICT)
-class Grid:
-    """Approach angles x locations x inclinations."""
-
-    approach_deg: Range
-    location_m: Range
-    inclination_deg: Range
-
-    def plans(self) -> list[tuple[float, float]]:
-        """Return what is planned: approach angle and location."""
-        return list(product(self.approach_deg.values(), self.location_m.values()))
-
-    def cases(self) -> Iterator[Case]:
-        """Yield all cases."""
-        for approach_deg, location_m in self.plans():
-            for inclination_deg in self.inclination_deg.values():
-                yield Case(approach_deg, location_m, inclination_deg)
-
-    def size(self) -> int:
-        """Number of cases."""
-        return len(self.plans()) * len(self.inclination_deg.values())
-
-
-@checked(frozen=True, slots=True, config=STRICT)
-class Column:
+class PlanarColumn(Column):
     """A column of Table 1, and the inclinations that Figure 7 always has as expected: |beta| <= always_deg."""
 
     always_deg: NotNegative
-    window: int
-    delay: int
-    decay_1_s: Positive
-    time_s: Positive
-    horizon_s: Positive
-    spacing_s: Positive
-    configuration_rad: Positive
-    velocity_rad_s: Positive
 
-    def parameters(
-        self, residual_rate_nm_s: float, configuration_rad: float, velocity_rad_s: float
-    ) -> MonitorParameters:
-        """Return the monitor's tuning with these epsilon and e_m in place of the paper's."""
-        return MonitorParameters(
-            residual_rate_nm_s=(residual_rate_nm_s,) * 3, window=self.window, delay=self.delay,
-            decay_1_s=self.decay_1_s, configuration_rad=configuration_rad, time_s=self.time_s,
-            horizon_s=self.horizon_s, velocity_rad_s=velocity_rad_s, spacing_s=self.spacing_s,
-        )  # fmt: skip
+    @property
+    def band(self) -> tuple[float, float]:
+        """From and to, degrees."""
+        return -self.always_deg, self.always_deg
 
 
 @checked(frozen=True, slots=True, config=STRICT)
@@ -103,15 +35,6 @@ class Search:
 
     residual_rate_nm_s: tuple[Positive, ...]
     ambiguity_deg: Positive
-
-
-@checked(frozen=True, slots=True, config=STRICT)
-class Found:
-    """epsilon and e_m; separation: see tuning.py."""
-
-    configuration_rad: Positive
-    velocity_rad_s: Positive
-    separation: Positive
 
 
 @checked(frozen=True, slots=True, config=STRICT)
@@ -139,7 +62,7 @@ class Study:
     quick: Grid
     coarse: Grid
     tuning: Search
-    tunings: dict[str, Column]
+    tunings: dict[str, PlanarColumn]
 
     def check(self, path: Path) -> None:
         """Raise ConfigurationError where the parts do not fit together."""
@@ -172,22 +95,12 @@ class StudyRun:
 
     def monitors(self) -> dict[str, MonitorParameters]:
         """Return the three tunings by name, and with the prefix paper_ those of Table 1 to the letter."""
-        rate = self.tuned.residual_rate_nm_s
-        found = self.tuned.tunings
-        ours = {
-            name: column.parameters(rate, found[name].configuration_rad, found[name].velocity_rad_s)
-            for name, column in self.study.tunings.items()
-        }
-        paper = {
-            f"paper_{name}": column.parameters(rate, column.configuration_rad, column.velocity_rad_s)
-            for name, column in self.study.tunings.items()
-        }
-        return ours | paper
+        rates = (self.tuned.residual_rate_nm_s,) * 3
+        return monitors_of(self.study.tunings, self.tuned.tunings, rates)
 
-
-def digest_of(*contents: bytes) -> str:
-    """Return the digest of files."""
-    return hashlib.sha256(b"".join(hashlib.sha256(content).digest() for content in contents)).hexdigest()[:16]
+    def batch_of(self, case: Case) -> tuple[float, float]:
+        """Return what a case shares with those that are run with it: its plan."""
+        return case.approach_deg, case.location_m
 
 
 def load_study(path: Path) -> Study:
@@ -202,19 +115,5 @@ def load_study(path: Path) -> Study:
 def load_run(path: Path, quick: bool) -> StudyRun:
     """Read a study with the tuning that was found for it. Raises ConfigurationError with one line."""
     study = load_study(path)
-    with as_file(files("deploy.tunings") / f"{study.name}.toml") as tuning:
-        if not tuning.exists():
-            raise ConfigurationError(f"{path}: there is no tuning for {study.name}: find it with `{COMMAND} {path}`")
-        tuned = load_toml(tuning, Tuned)
-        content = tuning.read_bytes()
-    if tuned.study_digest != digest_of(path.read_bytes()):
-        raise ConfigurationError(f"{tuning} was found for another {path.name}: find it again with `{COMMAND} {path}`")
-    return StudyRun(study, tuned, quick, digest_of(path.read_bytes(), content), (path,))
-
-
-def is_study(path: Path) -> bool:
-    """Whether the file is one of a study, and not of a campaign of trials."""
-    try:
-        return "study" in tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return False  # who reads it as a campaign says what is wrong
+    tuned, digest = tuned_for(path, study.name, Tuned, f"{COMMAND} {path}")
+    return StudyRun(study, tuned, quick, digest, (path,))

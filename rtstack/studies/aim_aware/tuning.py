@@ -13,6 +13,7 @@ largest.
 
 import argparse
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,7 +22,9 @@ from rich.progress import track
 
 from rtstack.configuration import ConfigurationError
 from rtstack.studies.aim_aware.classification import Impact, plan_case, simulate_case
-from rtstack.studies.aim_aware.study import COMMAND, Case, Column, Found, Search, Study, Tuned, digest_of, load_study
+from rtstack.studies.aim_aware.grid import Banded, Case, Found
+from rtstack.studies.aim_aware.study import COMMAND, Study, Tuned, load_study
+from rtstack.studies.aim_aware.tuned import digest_of
 
 ROOT = Path(__file__).resolve().parents[3]
 LARGE = 1e3  # bounds that nothing reaches
@@ -35,7 +38,7 @@ class Need:
     velocity_rad_s: float
 
 
-def need(impact: Impact, column: Column, residual_rate_nm_s: float) -> Need:
+def need(impact: Impact, column: Banded, residual_rate_nm_s: tuple[float, ...]) -> Need:
     """Return what a case needs under the other bounds of a column."""
     trace = impact.trace(column.parameters(residual_rate_nm_s, LARGE, LARGE))
     hits = np.flatnonzero(trace["impact"])
@@ -45,16 +48,25 @@ def need(impact: Impact, column: Column, residual_rate_nm_s: float) -> Need:
     return Need(float(distances.max()), float(LARGE * (1.0 - trace["window_margin"][-1])))
 
 
-def separate(needs: dict[Case, Need], always_deg: float, search: Search) -> Found | None:
-    """Return the tuning for a band, None where a wanted case cannot be told from an unwanted one."""
-    wanted = [need for case, need in needs.items() if abs(case.inclination_deg) <= always_deg]
-    unwanted = [need for case, need in needs.items() if abs(case.inclination_deg) >= always_deg + search.ambiguity_deg]
+def separate(
+    needs: Mapping[Case, Need], band: tuple[float, float], ambiguity_deg: float, overlapping: bool = False
+) -> Found | None:
+    """Return the tuning for a band, None where a wanted case cannot be told from an unwanted one.
+
+    overlapping: then what the wanted cases need, and no more.
+    """
+    low, high = band
+    wanted = [need for case, need in needs.items() if low <= case.inclination_deg <= high]
+    outside = (low - ambiguity_deg, high + ambiguity_deg)
+    unwanted = [need for case, need in needs.items() if not outside[0] < case.inclination_deg < outside[1]]
     configuration = max(each.configuration_rad for each in wanted)
     velocity = max(each.velocity_rad_s for each in wanted)
-    separation = min(max(each.configuration_rad / configuration, each.velocity_rad_s / velocity) for each in unwanted)
-    if not (np.isfinite(configuration) and np.isfinite(separation) and separation > 1.0 and velocity > 0.0):
+    if not (np.isfinite(configuration) and configuration > 0.0 and velocity > 0.0):
         return None
-    scale = float(np.sqrt(separation))
+    separation = min(max(each.configuration_rad / configuration, each.velocity_rad_s / velocity) for each in unwanted)
+    if not (np.isfinite(separation) and (separation > 1.0 or overlapping)):
+        return None
+    scale = max(1.0, float(np.sqrt(separation)))
     return Found(
         configuration_rad=round(scale * configuration, 4),
         velocity_rad_s=round(scale * velocity, 4),
@@ -73,8 +85,9 @@ def find(study: Study, residual_rate_nm_s: float) -> dict[str, Found] | None:
         assert plan is not None
         impact = simulate_case(study, plan, case, residual_rate_nm_s)
         for name, column in study.tunings.items():
-            needs[name][case] = need(impact, column, residual_rate_nm_s)
-    found = {name: separate(needs[name], column.always_deg, study.tuning) for name, column in study.tunings.items()}
+            needs[name][case] = need(impact, column, (residual_rate_nm_s,) * 3)
+    ambiguity_deg = study.tuning.ambiguity_deg
+    found = {name: separate(needs[name], column.band, ambiguity_deg) for name, column in study.tunings.items()}
     good = {name: each for name, each in found.items() if each is not None}
     return good if len(good) == len(found) else None
 
@@ -100,11 +113,25 @@ def as_toml(tuned: Tuned, study_name: str) -> str:
         f'study_digest = "{tuned.study_digest}"',
         f"residual_rate_nm_s = {tuned.residual_rate_nm_s}",
         "",
-        "# of each candidate for r_b, by tuning; none where wanted and unwanted cases cannot be told apart",
-        "[separations]",
-        *(f'"{rate}" = {json.dumps(values)}' for rate, values in tuned.separations.items()),
+        *separation_lines(tuned.separations, "r_b"),
+        *found_lines(tuned.tunings),
     ]
-    for name, found in tuned.tunings.items():
+    return "\n".join(lines) + "\n"
+
+
+def separation_lines(separations: Mapping[str, list[float]], of_what: str) -> list[str]:
+    """Return the lines of a tuning's file that say how good the candidates were."""
+    return [
+        f"# of each candidate for {of_what}, by tuning; none where wanted and unwanted cases cannot be told apart",
+        "[separations]",
+        *(f'"{candidate}" = {json.dumps(values)}' for candidate, values in separations.items()),
+    ]
+
+
+def found_lines(tunings: Mapping[str, Found]) -> list[str]:
+    """Return the lines of a tuning's file that say what was found."""
+    lines = []
+    for name, found in tunings.items():
         lines += [
             "",
             f"[tunings.{name}]",
@@ -112,7 +139,7 @@ def as_toml(tuned: Tuned, study_name: str) -> str:
             f"velocity_rad_s = {found.velocity_rad_s}",
             f"separation = {found.separation}",
         ]
-    return "\n".join(lines) + "\n"
+    return lines
 
 
 def main() -> None:

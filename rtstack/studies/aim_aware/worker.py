@@ -2,10 +2,13 @@
 
 import os
 import time
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from rtstack.studies.aim_aware.classification import plan_case, simulate_case
-from rtstack.studies.aim_aware.study import Case, StudyRun
+from rtstack.monitor.parameters import MonitorParameters
+from rtstack.studies.aim_aware.classification import Impact, Meant, plan_case, simulate_case
+from rtstack.studies.aim_aware.grid import Case
+from rtstack.studies.aim_aware.study import StudyRun
 from rtstack.trials.provenance import git_commit
 
 Row = dict[str, Any]
@@ -17,13 +20,47 @@ def columns(run: StudyRun) -> dict[str, Any]:
         "id": str, "approach_deg": float, "location_m": float, "inclination_deg": float, "tuned_on": bool,
         "impulse_ns": float, "impacts": int, "first_ms": float, "last_ms": float,
     }  # fmt: skip
-    for name in run.monitors():
+    return known | verdict_columns(run.monitors())
+
+
+def verdict_columns(names: Iterable[str]) -> dict[str, Any]:
+    """Return the columns of what `verdicts` and `origin` say: name -> type."""
+    known: dict[str, Any] = {}
+    for name in names:
         known |= {f"verdict_{name}": str, f"reason_{name}": str, f"joint_{name}": int, f"margin_{name}": float}
     return known | {"git_commit": str, "digest": str, "cpu_s": float, "worker": str}
 
 
+def verdicts(impact: Impact[Meant], monitors: Mapping[str, MonitorParameters]) -> Row:
+    """Return what each tuning makes of an impact, and its detected impacts, which all tunings share.
+
+    first_ms, last_ms: after the planned time; None without one.
+    """
+    row: Row = {}
+    for name, parameters in monitors.items():
+        found = impact.assess(parameters)
+        row[f"verdict_{name}"], row[f"reason_{name}"] = found.verdict.name.lower(), found.reason.name.lower()
+        row[f"joint_{name}"], row[f"margin_{name}"] = found.joint, found.margin
+        offsets = [1e-6 * (t_ns - impact.t_d_ns) for t_ns in (found.t_first_ns, found.t_impact_ns)]
+        row["impacts"] = found.impacts
+        row["first_ms"], row["last_ms"] = offsets if found.impacts else (None, None)
+    return row
+
+
+def origin(digest: str, cpu_s: float) -> Row:
+    """Return where a row comes from."""
+    worker = f"{os.uname().nodename}:{os.getpid()}"
+    return {"git_commit": git_commit(), "digest": digest, "cpu_s": cpu_s, "worker": worker}
+
+
+def run_cases(run: StudyRun, cases: Sequence[Case]) -> list[Row]:
+    """Return the rows of cases of one plan."""
+    first = cases[0]
+    return run_plan(run, first.approach_deg, first.location_m, tuple(case.inclination_deg for case in cases))
+
+
 def run_plan(run: StudyRun, approach_deg: float, location_m: float, inclinations_deg: tuple[float, ...]) -> list[Row]:
-    """Return a row for each inclination. first_ms, last_ms: of the impacts, after the planned time; None without one.
+    """Return a row for each inclination.
 
     impulse_ns: the smaller one that the impact map gives the two corners.
     """
@@ -39,15 +76,6 @@ def run_plan(run: StudyRun, approach_deg: float, location_m: float, inclinations
             "id": case.id, "approach_deg": approach_deg, "location_m": location_m, "inclination_deg": inclination_deg,
             "tuned_on": case in seen, "impulse_ns": float(plan.impulses.min()),
         }  # fmt: skip
-        for name, parameters in monitors.items():
-            found = impact.assess(parameters)
-            row[f"verdict_{name}"], row[f"reason_{name}"] = found.verdict.name.lower(), found.reason.name.lower()
-            row[f"joint_{name}"], row[f"margin_{name}"] = found.joint, found.margin
-            offsets = [1e-6 * (t_ns - impact.t_d_ns) for t_ns in (found.t_first_ns, found.t_impact_ns)]
-            row["impacts"] = found.impacts
-            row["first_ms"], row["last_ms"] = offsets if found.impacts else (None, None)
-        rows.append(row)
+        rows.append(row | verdicts(impact, monitors))
     cpu_s = (time.process_time() - began_s) / len(rows)
-    origin = {"git_commit": git_commit(), "digest": run.digest, "cpu_s": cpu_s}
-    worker = f"{os.uname().nodename}:{os.getpid()}"
-    return [row | origin | {"worker": worker} for row in rows]
+    return [row | origin(run.digest, cpu_s) for row in rows]

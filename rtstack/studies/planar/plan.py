@@ -11,6 +11,7 @@ from rtstack.studies.planar.impact import simultaneous_impact
 from rtstack.studies.planar.parameters import Gains, PlanarArm, Task
 
 Array = NDArray[np.floating]
+Reference = tuple[Array, Array, Array]  # position, velocity, acceleration, (ticks, 3) each
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +61,8 @@ class Plan:
     q_start: Array
     q_d: Array
     impulses: Array
-    ante: tuple[Array, Array, Array]  # position, velocity, acceleration
-    post: tuple[Array, Array, Array]
+    ante: Reference
+    post: Reference
     dq_post: Array
 
 
@@ -72,7 +73,7 @@ def plan_impact(planar: PlanarArm, task: Task, gains: Gains, approach_rad: float
     """
     arm = planar.record()
     hit = np.array([x_m, task.surface_height_m, 0.0])
-    before = -task.speed_m_s * np.array([np.cos(approach_rad), np.sin(approach_rad), 0.0])
+    before = approach_velocity(task, approach_rad)
     q_d = joints_at(arm, hit)
     model = model_at(arm, q_d, np.zeros(3))
     corners = np.array([model.J[1] - planar.half_width_m * model.J[2], model.J[1] + planar.half_width_m * model.J[2]])
@@ -81,12 +82,7 @@ def plan_impact(planar: PlanarArm, task: Task, gains: Gains, approach_rad: float
     after = model.J @ dq_after
     t_d = task.approach_s
     t_s = gains.period_s * np.arange(round(task.duration_s / gains.period_s))
-    end = t_s[-1] + gains.period_s
-    still = np.zeros(3)
-    beyond = (end, hit + before * (end - t_d), before)
-    ante = _path(t_s, [(0.0, hit - before * t_d / 2.0, still), (t_d, hit, before), beyond])
-    rest = (t_d + task.settle_s, hit + after * task.settle_s / 2.0, still)
-    post = _path(t_s, [(0.0, hit - after * t_d, after), (t_d, hit, after), rest])
+    ante, post = impact_references(task, t_s, hit, before, after)
     q_ref = joints_at(arm, np.concatenate([ante[0], post[0]]))
     if not np.isfinite(q_ref[: len(t_s)][t_s <= t_d]).all() or not np.isfinite(q_ref[len(t_s) :]).all():
         raise ValueError(f"the way to x = {x_m:g} m is out of the arm's reach")
@@ -94,7 +90,25 @@ def plan_impact(planar: PlanarArm, task: Task, gains: Gains, approach_rad: float
     return Plan(t_d, q_ref[0], q_d, impulses, ante, post, np.array(dq_post))
 
 
-def _path(t_s: Array, points: list[tuple[float, Array, Array]]) -> tuple[Array, Array, Array]:
+def impact_references(task: Task, t_s: Array, hit: Array, before: Array, after: Array) -> tuple[Reference, Reference]:
+    """Return references at the times t_s (n,) that hit at task.approach_s, and that go to rest from there.
+
+    hit (3,): x, y, phi; before, after (3,): their rates. Each is extended with its own rates beyond the impact.
+    """
+    t_d, end, still = task.approach_s, t_s[-1] + t_s[1] - t_s[0], np.zeros(3)
+    beyond = (end, hit + before * (end - t_d), before)
+    ante = _path(t_s, [(0.0, hit - before * t_d / 2.0, still), (t_d, hit, before), beyond])
+    rest = (t_d + task.settle_s, hit + after * task.settle_s / 2.0, still)
+    post = _path(t_s, [(0.0, hit - after * t_d, after), (t_d, hit, after), rest])
+    return ante, post
+
+
+def approach_velocity(task: Task, approach_rad: float) -> Array:
+    """Return the rates (3,) of x, y, phi down a line of this angle to the surface, from above at 90 degrees."""
+    return -task.speed_m_s * np.array([np.cos(approach_rad), np.sin(approach_rad), 0.0])
+
+
+def _path(t_s: Array, points: list[tuple[float, Array, Array]]) -> Reference:
     """Return quintics through (time, position, velocity) for each coordinate; equal velocities make a straight line."""
     columns = [quintic_path([ViaPoint(t, x[i], v[i]) for t, x, v in points], t_s) for i in range(3)]
     position, velocity = (np.stack([column[k] for column in columns], axis=1) for k in range(2))

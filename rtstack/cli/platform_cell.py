@@ -1,0 +1,51 @@
+"""The simulated cell of the aim-aware arm study: one robot, and a platform that is set up not quite exactly."""
+
+from dataclasses import replace
+from functools import lru_cache
+from importlib.resources import as_file, files
+from pathlib import Path
+
+import numpy as np
+
+from hal.cell import Cell
+from rtstack.studies.platform.setup import Joints, Setup
+from sim_robot.cell import SimulatedCell
+from sim_robot.plant import Plant
+from sim_robot.plant_parameters import PlantParameters, load_plant_parameters
+from sim_robot.scene import Scene, load_scene
+
+PLATFORM_DRAW = 3  # beside 0 arms and placement, 1 sensors, 2 tracker (sim_robot)
+NOTHING = "nothing"
+
+
+def platform_files() -> list[Path]:
+    """Return the files of the simulated cell."""
+    paths = []
+    for package, name in (("sim_robot.scenes", "platform.toml"), ("sim_robot.parameters", "plant.toml")):
+        with as_file(files(package) / name) as path:
+            paths.append(path)
+    return paths
+
+
+@lru_cache(maxsize=1)
+def _simulated() -> tuple[Scene, PlantParameters]:
+    return load_scene(platform_files()[0]), load_plant_parameters()
+
+
+def open_platform_cell(setup: Setup, home: Joints, inclination_deg: float, seed: int) -> Cell:
+    """Open the cell in this process, in lockstep, the left arm at rest at home (7,). Raises HardwareError.
+
+    The same robot whatever the seed, which draws noise, and how exactly the platform is set up.
+    """
+    scene, parameters = _simulated()
+    assert scene.platform is not None
+    draw = np.random.default_rng(np.random.SeedSequence([seed, PLATFORM_DRAW])).standard_normal(2)
+    x, y, z = scene.platform.centre
+    platform = replace(
+        scene.platform,
+        centre=(x, y, z + 1e-3 * setup.height_mm * float(draw[0])),
+        inclination_deg=inclination_deg + setup.inclination_deg * float(draw[1]),
+    )
+    scene = replace(scene, platform=platform, left=replace(scene.left, home=home))
+    plant = Plant(scene, parameters, NOTHING, 0.0, seed, arms_seed=setup.robot)
+    return SimulatedCell(plant, scene, parameters, seed).as_cell("direct")

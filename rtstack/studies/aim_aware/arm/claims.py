@@ -1,0 +1,81 @@
+"""The paper's claims about the experiment with the arm, one by one, with what came out here."""
+
+from collections.abc import Sequence
+
+from rtstack.campaign.claims import Claim, Verdict
+from rtstack.studies.aim_aware.arm.study import ArmColumn, ArmRun
+from rtstack.studies.aim_aware.bands import Bands, bands
+from rtstack.studies.aim_aware.claims import band_words, edge_words, growing, side_words, verdict_of, width_words
+from rtstack.studies.aim_aware.worker import Row
+
+
+def judge(run: ArmRun, rows: Sequence[Row]) -> list[Claim]:
+    """Return every claim with its verdict. The thresholds are the study file's."""
+    if not rows:
+        return []
+    found = {name: bands(rows, name) for name in run.study.tunings}
+    claims: list[Claim] = []
+    for name, column in run.columns.items():
+        claims += _of_tuning(run, f"Figure 8({name})", column, found[name])
+    last = list(found)[-1]
+    return [
+        *claims,
+        growing("IV-B", found),
+        _one_sided(run, f"Figure 8({last})", found[last]),
+        *(_asymmetric(run, f"Figure 8({name})", each) for name, each in found.items()),
+    ]
+
+
+def difference_deg(found: Bands) -> float | None:
+    """Return by how much what may be expected reaches further on one side; None where it has no end."""
+    below, above = found.never
+    return None if below is None or above is None else abs(abs(below) - abs(above))
+
+
+def _of_tuning(run: ArmRun, where: str, column: ArmColumn, found: Bands) -> list[Claim]:
+    limits, always = run.study.claims, found.always
+    near = always is not None and all(
+        abs(edge - wanted) <= limits.within_deg for edge, wanted in zip(always, column.band, strict=True)
+    )
+    widths = found.ambiguity_deg
+    sometimes = side_words(found.sometimes)
+    return [
+        Claim(
+            where,
+            f"{band_words(column.band)} always expected (within {limits.within_deg:g} deg)",
+            band_words(always),
+            verdict_of(near),
+        ),
+        Claim(
+            where,
+            f"between always and never lies an ambiguous area (here: of {limits.ambiguity_deg:g} deg a side at most)",
+            f"{width_words(widths[0])} and {width_words(widths[1])}; sometimes expected are {sometimes}",
+            verdict_of(max(widths) <= limits.ambiguity_deg),
+        ),
+        Claim(
+            where,
+            "beyond, all are unexpected, on either side",
+            f"from {edge_words(found.never[0])} and {edge_words(found.never[1])} deg on",
+            verdict_of(None not in found.never),
+        ),
+    ]
+
+
+def _one_sided(run: ArmRun, where: str, found: Bands) -> Claim:
+    """The less sensitive tuning's band lies on one side of 0."""
+    says = "a less sensitive tuning's band is not symmetric around 0 deg"
+    if found.always is None:
+        return Claim(where, says, band_words(None), Verdict.DIFFERS)
+    low, high = found.always
+    holds = abs(abs(low) - abs(high)) >= run.study.claims.asymmetry_deg
+    return Claim(where, says, band_words(found.always), verdict_of(holds))
+
+
+def _asymmetric(run: ArmRun, where: str, found: Bands) -> Claim:
+    says = "what is neither always nor never expected reaches further on one side than on the other"
+    by = difference_deg(found)
+    if by is None:
+        return Claim(where, says, "it has no end on one side", Verdict.UNDECIDED)
+    below, above = found.never
+    ours = f"never from {edge_words(below)} and from {edge_words(above)} deg on: {by:g} deg further on one side"
+    return Claim(where, says, ours, verdict_of(by >= run.study.claims.asymmetry_deg))

@@ -1,0 +1,174 @@
+"""What the arm study consists of, from its file in deploy/campaigns, and the tuning that was found for it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
+from pydantic.dataclasses import dataclass as checked
+
+from rtstack.configuration import STRICT, ConfigurationError, load_toml
+from rtstack.model.cell_description import ArmMounting, Pad
+from rtstack.monitor.parameters import MonitorParameters
+from rtstack.studies.aim_aware.grid import Case, Column, Found, Grid, monitors_of
+from rtstack.studies.aim_aware.tuned import tuned_for
+from rtstack.studies.planar.parameters import NotNegative, Positive, Real, Task
+from rtstack.studies.platform.hit import HitGains, Hitter
+from rtstack.studies.platform.setup import OpenCell, Setup
+
+STUDY = "aim_aware_arm"
+COMMAND = "python -m rtstack.cli.arm_tuning"
+Seven = tuple[Positive, Positive, Positive, Positive, Positive, Positive, Positive]
+Count = Annotated[int, Field(ge=1, le=100)]
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class ArmColumn(Column):
+    """A column of Table 2, and the inclinations that Figure 8 always has as expected: from and to, degrees.
+
+    ambiguity_deg: so far beyond the band the tuning is to expect nothing any more.
+    """
+
+    always_deg: tuple[Real, Real]
+    ambiguity_deg: Positive
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """From and to, degrees."""
+        return self.always_deg
+
+    def mirrored(self) -> "ArmColumn":
+        """Return the same with inclinations of the other sign."""
+        low, high = self.always_deg
+        return replace(self, always_deg=(0.0 - high, 0.0 - low))
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class ArmSearch:
+    """What the tuning may choose from, and what it is to reach: see tuning.py.
+
+    noise_factor: candidates for r_b over the residual's largest rate in free motion; learning: nominal hits from which
+    an approach angle's post-impact velocity is learned.
+    """
+
+    noise_factor: tuple[Positive, ...]
+    learning: Count
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class Thresholds:
+    """When a claim holds: degrees from the paper's edge; the width of an ambiguous area; a difference of both sides."""
+
+    within_deg: Positive
+    ambiguity_deg: Positive
+    asymmetry_deg: Positive
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class ArmTuned:
+    """What the tuning found. quiet_nm_s (7,): the residual's largest rates in free motion, which r_b is a multiple of.
+
+    learned: approach angle, degrees -> the pad's velocity after a nominal impact, x m/s, z m/s, about y rad/s.
+    mirrored: whether the inclinations have the other sign than the paper's. separations, left_out: of each candidate.
+    """
+
+    study_digest: str
+    noise_factor: Positive
+    quiet_nm_s: Seven
+    residual_rate_nm_s: Seven
+    mirrored: bool
+    learned: dict[str, tuple[Real, Real, Real]]
+    tunings: dict[str, Found]
+    separations: dict[str, list[NotNegative]]
+    left_out: dict[str, int]
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class ArmStudy:
+    """The study as its file has it: the arm as its user knows it, not what the plant is."""
+
+    study: str
+    name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]*$")]
+    title: str
+    seed: Annotated[int, Field(ge=0)]
+    mounting: ArmMounting
+    pad: Pad
+    task: Task
+    gains: HitGains
+    setup: Setup
+    grid: Grid
+    quick: Grid
+    coarse: Grid
+    tuning: ArmSearch
+    claims: Thresholds
+    tunings: dict[str, ArmColumn]
+
+    @property
+    def hitter(self) -> Hitter:
+        """The arm."""
+        return Hitter(self.mounting, self.pad, self.gains)
+
+    def check(self, path: Path) -> None:
+        """Raise ConfigurationError where the parts do not fit together."""
+        points = set(self.grid.cases())
+        strange = next((case.id for case in self.quick.cases() if case not in points), None)
+        if strange:
+            raise ConfigurationError(f"{path}: key quick: {strange} is no point of the grid")
+        both = set(self.grid.approach_deg.values()) & set(self.coarse.approach_deg.values())
+        if both:
+            raise ConfigurationError(f"{path}: key coarse: {min(both):g} deg is an approach that the report judges")
+
+
+@dataclass(frozen=True, slots=True)
+class ArmRun:
+    """A study with its tuning and the cell that it is run on. name, quick, digest: whose results a folder has."""
+
+    study: ArmStudy
+    tuned: ArmTuned
+    open_cell: OpenCell
+    quick: bool
+    digest: str
+
+    @property
+    def name(self) -> str:
+        """Name of the campaign."""
+        return self.study.name
+
+    @property
+    def grid(self) -> Grid:
+        """What is run."""
+        return self.study.quick if self.quick else self.study.grid
+
+    @property
+    def columns(self) -> dict[str, ArmColumn]:
+        """The columns of Table 2, their bands with the signs of our inclinations."""
+        columns = self.study.tunings
+        return {name: column.mirrored() for name, column in columns.items()} if self.tuned.mirrored else columns
+
+    def monitors(self) -> dict[str, MonitorParameters]:
+        """Return the tunings by name, and with the prefix paper_ those of Table 2 to the letter."""
+        return monitors_of(self.study.tunings, self.tuned.tunings, self.tuned.residual_rate_nm_s)
+
+    def batch_of(self, case: Case) -> tuple[float, float]:
+        """Return what a case shares with those that are run with it: all but the repetition."""
+        return case.approach_deg, case.inclination_deg
+
+
+def load_arm_study(path: Path) -> ArmStudy:
+    """Read and check a study. Raises ConfigurationError with one line."""
+    study = load_toml(path, ArmStudy)
+    if study.study != STUDY:
+        raise ConfigurationError(f"{path}: key study: there is {STUDY!r}, not {study.study!r}")
+    study.check(path)
+    return study
+
+
+def load_arm_run(path: Path, quick: bool, open_cell: OpenCell, plant_files: Sequence[Path]) -> ArmRun:
+    """Read a study with the tuning that was found for it, on this plant. Raises ConfigurationError with one line."""
+    study = load_arm_study(path)
+    tuned, digest = tuned_for(path, study.name, ArmTuned, f"{COMMAND} {path}", plant_files)
+    missing = [f"{deg:g}" for deg in study.grid.approach_deg.values() if f"{deg:g}" not in tuned.learned]
+    if missing:
+        raise ConfigurationError(f"{path}: no velocity was learned for {missing[0]} deg: run `{COMMAND} {path}` again")
+    return ArmRun(study, tuned, open_cell, quick, digest)

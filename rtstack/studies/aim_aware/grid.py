@@ -1,0 +1,129 @@
+"""What the studies of the collision-monitoring paper share: grids of cases, columns of its tables, tunings found."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import product
+from typing import Annotated, Protocol
+
+import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass as checked
+
+from rtstack.configuration import STRICT
+from rtstack.monitor.parameters import MonitorParameters
+from rtstack.studies.planar.parameters import Positive, Real
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class Range:
+    """first, first + step, ..., last."""
+
+    first: Real
+    last: Real
+    step: Positive
+
+    def values(self) -> tuple[float, ...]:
+        """Return the values, without the noise of the additions."""
+        count = round((self.last - self.first) / self.step) + 1
+        return tuple(round(float(value), 6) for value in np.linspace(self.first, self.last, count))
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """An impact: degrees, m, degrees."""
+
+    approach_deg: float
+    location_m: float
+    inclination_deg: float
+    repetition: int = 0
+
+    @property
+    def id(self) -> str:
+        """Its name."""
+        again = f"-{self.repetition}" if self.repetition else ""
+        return f"{self.approach_deg:g}deg-{self.location_m:g}m-{self.inclination_deg:+g}deg{again}"
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class Grid:
+    """Approach angles x locations x inclinations x repetitions."""
+
+    approach_deg: Range
+    location_m: Range
+    inclination_deg: Range
+    repetitions: Annotated[int, Field(ge=1, le=100)] = 1
+
+    def plans(self) -> list[tuple[float, float]]:
+        """Return what is planned: approach angle and location."""
+        return list(product(self.approach_deg.values(), self.location_m.values()))
+
+    def cases(self) -> Iterator[Case]:
+        """Yield all cases."""
+        for approach_deg, location_m in self.plans():
+            for inclination_deg in self.inclination_deg.values():
+                for repetition in range(self.repetitions):
+                    yield Case(approach_deg, location_m, inclination_deg, repetition)
+
+    def size(self) -> int:
+        """Number of cases."""
+        return len(self.plans()) * len(self.inclination_deg.values()) * self.repetitions
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class Column:
+    """A column of Table 1 or 2."""
+
+    window: int
+    delay: int
+    decay_1_s: Positive
+    time_s: Positive
+    horizon_s: Positive
+    spacing_s: Positive
+    configuration_rad: Positive
+    velocity_rad_s: Positive
+
+    def parameters(
+        self, residual_rate_nm_s: tuple[float, ...], configuration_rad: float, velocity_rad_s: float
+    ) -> MonitorParameters:
+        """Return the monitor's tuning with these epsilon and e_m in place of the paper's."""
+        return MonitorParameters(
+            residual_rate_nm_s=residual_rate_nm_s, window=self.window, delay=self.delay,
+            decay_1_s=self.decay_1_s, configuration_rad=configuration_rad, time_s=self.time_s,
+            horizon_s=self.horizon_s, velocity_rad_s=velocity_rad_s, spacing_s=self.spacing_s,
+        )  # fmt: skip
+
+
+class Banded(Protocol):
+    """A column of a table, with the inclinations that its figure always has as expected."""
+
+    @property
+    def band(self) -> tuple[float, float]: ...
+    @property
+    def time_s(self) -> float: ...
+    def parameters(
+        self, residual_rate_nm_s: tuple[float, ...], configuration_rad: float, velocity_rad_s: float
+    ) -> MonitorParameters: ...
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class Found:
+    """epsilon and e_m; separation: see tuning.py."""
+
+    configuration_rad: Positive
+    velocity_rad_s: Positive
+    separation: Positive
+
+
+def monitors_of(
+    columns: Mapping[str, Column], found: Mapping[str, Found], residual_rate_nm_s: tuple[float, ...]
+) -> dict[str, MonitorParameters]:
+    """Return the tunings by name, and with the prefix paper_ those of the paper's table to the letter."""
+    ours = {
+        name: column.parameters(residual_rate_nm_s, found[name].configuration_rad, found[name].velocity_rad_s)
+        for name, column in columns.items()
+    }
+    paper = {
+        f"paper_{name}": column.parameters(residual_rate_nm_s, column.configuration_rad, column.velocity_rad_s)
+        for name, column in columns.items()
+    }
+    return ours | paper

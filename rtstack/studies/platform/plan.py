@@ -1,0 +1,116 @@
+"""What a hit is meant to be: a motion in the vertical plane of joints 2, 4 and 6, the pad facing down."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtstack.control.parameters import InertiaParameters
+from rtstack.control.records import POINT
+from rtstack.model.arm_model import ArmModel
+from rtstack.model.cell_description import ArmMounting, Pad
+from rtstack.studies.planar.parameters import Task
+from rtstack.studies.planar.plan import Reference, approach_velocity, impact_references
+
+Array = NDArray[np.float64]
+IN_PLANE = [1, 3, 5]  # joints 2, 4, 6 turn about the y axis while the others are straight
+AXES = [0, 2, 4]  # of a twist: x, z, about y
+PERIOD_S = 1e-3
+ITERATIONS = 30
+REACHED = 1e-10
+
+
+@dataclass(frozen=True, slots=True)
+class HitPlan:
+    """References before and after the impact at t_d_s, (n,) of POINT, each extended beyond it.
+
+    q_start, q_d (7,): joints at the start and at the impact; dq_post (n, 7): the joint velocities (14) that are
+    expected after it. twist_post (3,): x m/s, z m/s, about y rad/s, right after the impact.
+    """
+
+    t_d_s: float
+    q_start: Array
+    q_d: Array
+    ante: NDArray[np.void]
+    post: NDArray[np.void]
+    dq_post: Array
+    twist_post: Array
+
+
+def plan_hit(
+    mounting: ArmMounting, pad: Pad, task: Task, approach_rad: float, x_m: float, twist_post: Array
+) -> HitPlan:
+    """Plan to hit a horizontal platform at x_m (Section III-A); twist_post: what it leaves of the motion.
+
+    Raises ValueError for a place out of reach.
+    """
+    model = ArmModel(mounting, pad)
+    t_s = PERIOD_S * np.arange(round(task.duration_s / PERIOD_S))
+    hit = np.array([x_m, task.surface_height_m, 0.0])
+    ante, post = impact_references(task, t_s, hit, approach_velocity(task, approach_rad), twist_post)
+    q_d = joints_at(model, np.array(mounting.home), hit)
+    k_d = round(task.approach_s / PERIOD_S)
+    ante_points, q_ante, _ = _points(model, ante, q_d, k_d, None)
+    post_points, _, dq_post = _points(model, post, q_d, k_d, task.push_n)
+    return HitPlan(task.approach_s, q_ante[0], q_d, ante_points, post_points, dq_post, twist_post)
+
+
+def joints_at(model: ArmModel, q: Array, x: Array) -> Array:
+    """Return the joints (7,) near q (7,) that put the pad's face at x (3,): x m, z m, pitch rad from facing down.
+
+    Raises ValueError where they cannot be found.
+    """
+    q = q.copy()
+    for _ in range(ITERATIONS):
+        J = plane_jacobian(model, q)
+        T = model.R7 @ model.R_joint_ee
+        position = model.p7 + model.R7 @ model.face
+        pitch = np.arctan2(-T[0, 2], -T[2, 2])  # of the pad's normal, which looks down at 0
+        error = x - np.array([position[0], position[2], pitch])
+        if np.abs(error).max() < REACHED:
+            return q
+        q[IN_PLANE] += np.linalg.solve(J, error)
+    raise ValueError(f"x = {x[0]:.3g} m, z = {x[1]:.3g} m is out of the arm's reach")
+
+
+def plane_jacobian(model: ArmModel, q: Array) -> Array:
+    """Return (3, 3): x, z m/s and pitch rad/s by joints 2, 4 and 6; the model is at q, at rest, afterwards."""
+    return face_jacobian(model, q)[np.ix_(AXES, IN_PLANE)]
+
+
+def face_jacobian(model: ArmModel, q: Array) -> Array:
+    """Return the Jacobian (6, 7) of the pad's face, linear first; the model is at q, at rest, afterwards."""
+    model.update(q, np.zeros(7))
+    J = np.array(model.J0, dtype=np.float64)
+    position = model.p7 + model.R7 @ model.face
+    J[:3] += np.cross(J[3:].T, position).T  # from the world's origin to the face
+    return J
+
+
+def _points(
+    model: ArmModel, reference: Reference, q_d: Array, k_d: int, push_n: float | None
+) -> tuple[NDArray[np.void], Array, Array]:
+    """Return the points of a reference, its joints and their velocities (n, 7); push_n: pressed down, not tracked.
+
+    The feedforward is Lambda times the acceleration, Lambda with the motors' inertia (paper A, (8)).
+    """
+    x, dx, ddx = reference
+    points = np.zeros(len(x), POINT)
+    q, dq = np.zeros((2, len(x), 7))
+    B_theta = np.diag(InertiaParameters().B_theta)
+    for way in (range(k_d, len(x)), range(k_d - 1, -1, -1)):  # outwards from the impact, whose joints are known
+        near = q_d
+        for k in way:
+            near = q[k] = joints_at(model, near, x[k])
+            J = face_jacobian(model, near)
+            dq[k, IN_PLANE] = np.linalg.solve(J[np.ix_(AXES, IN_PLANE)], dx[k])
+            M = np.triu(model.M) + np.triu(model.M, 1).T + B_theta
+            acceleration = np.zeros(6)
+            acceleration[AXES] = ddx[k]
+            points["wrench_ff"][k] = np.linalg.solve(J @ np.linalg.solve(M, J.T), acceleration)
+            points["rotation"][k] = model.R7 @ model.R_joint_ee
+    points["position"][:, [0, 2]] = x[:, :2]
+    points["twist"][:, AXES] = dx
+    if push_n is not None:
+        points["wrench_ff"][:, 2] -= push_n
+    return points, q, dq
