@@ -90,6 +90,7 @@ def hit(arm: Arm, hitter: Hitter, plan: HitPlan, monitoring: MonitorParameters, 
     machine.begin(Mode.ANTE_IMPACT)
     gains = hitter.gains
     controller.pursue(np.array(gains.stiffness), gains.posture)
+    controller.follow(plan.ante, plan.post)
     sample, control, work = controller.sample, controller.control, controller.workspace
     state = sample.view(np.uint8)[: ARM_STATE.itemsize]
     residual = control["momentum_residual"][0]
@@ -107,7 +108,7 @@ def hit(arm: Arm, hitter: Hitter, plan: HitPlan, monitoring: MonitorParameters, 
         machine.update(t_ns * 1e-9, bool(monitor.state["impact"][0]))
         if machine.mode is Mode.POST_IMPACT:
             controller.pursue(np.array(gains.pressing), gains.posture)
-        controller.choose(plan.ante, plan.post, k, machine)
+        controller.choose(k, machine)
         status = controller.command(machine.mode)
         judge.judge(sample, Reason.CONTROLLER if status > QpStatus.SOLVED else Reason.NONE, residual)
         if judge.stopping:
