@@ -49,8 +49,9 @@ def _of_tuning(run: ArmRun, where: str, column: ArmColumn, found: Bands) -> list
         Claim(
             where,
             f"between always and never lies an ambiguous area (here: of {limits.ambiguity_deg:g} deg a side at most)",
-            f"{width_words(widths[0])} and {width_words(widths[1])}; sometimes expected are {sometimes}",
-            verdict_of(max(widths) <= limits.ambiguity_deg),
+            f"{width_words(widths[0])} and {width_words(widths[1])}; sometimes expected are {sometimes}"
+            + "; nothing is always expected" * (always is None),
+            verdict_of(max(widths) <= limits.ambiguity_deg) if always is not None else Verdict.UNDECIDED,
         ),
         Claim(
             where,

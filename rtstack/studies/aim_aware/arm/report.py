@@ -37,7 +37,7 @@ def write_report(store: Store, run: ArmRun, file: PlanFile) -> Path:
         claims=judge(run, rows), every=rows, unseen=rows,
         table=table_lines(run.study.tunings, run.tuned.tunings), table_name="Table 2", signals=SIGNALS,
         shares=_share_lines(run, rows), asymmetry={name: difference_deg(each) for name, each in found.items()},
-        stopped=Counter(row["stopped"].split(":")[0] for row in rows if row["stopped"]),
+        stopped=Counter(row["stopped"].split(" (")[0] for row in rows if row["stopped"]),
     )  # fmt: skip
 
 
