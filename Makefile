@@ -7,7 +7,7 @@ STAMP := $(VENV)/.installed
 SAFETY_TESTS := $(filter-out %_plant.py,$(wildcard tests/safety/test_*.py))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test realtime check bench coverage mutate explore faults fuzz-api soak good-trials recompute kill-campaign clean
+.PHONY: help setup run test realtime check bench coverage mutate explore faults fuzz-api soak good-trials recompute kill-campaign docs docs-commands clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -15,7 +15,7 @@ help:  ## list the targets
 $(STAMP): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or newer is needed: make run PYTHON=/path/to/python3.11" >&2; exit 2; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,meshes]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,docs,meshes]'
 	@touch $@
 
 setup: $(STAMP)  ## install everything into .venv
@@ -62,6 +62,12 @@ kill-campaign: setup  ## campaigns killed with -9 and resumed, TRIALS=N or the w
 
 good-trials: setup  ## 140 grabs without an intervention, and one with each limit in reach (resumes, .good-trials/)
 	@$(BIN)/python tests/safety/good_trials.py
+
+docs: setup  ## the documentation's site, warnings as errors, into out/site
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict && echo "open out/site/index.html"
+
+docs-commands: setup  ## run every command of the documentation, also those that take minutes
+	RTSTACK_DOCS=all $(BIN)/python -m pytest --timeout=0 tests/docs/test_commands.py
 
 clean:  ## remove what was installed and built
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .ruff_cache .hypothesis

@@ -1,0 +1,59 @@
+"""MkDocs' hook: pages made from the code, the figures, and the pages that live at the top of the repository."""
+
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT), str(Path(__file__).parent)]
+
+from citation import papers  # noqa: E402
+from command_line import command_line_page  # noqa: E402
+from concept_figures import concept_figures  # noqa: E402
+from example_pages import examples_page  # noqa: E402
+from http_api import http_api_page  # noqa: E402
+from log_topics import log_topics  # noqa: E402
+from mkdocs.structure.files import File, Files  # noqa: E402
+from versions import pinned  # noqa: E402
+
+PAGES = {
+    "reference/commands.md": command_line_page,
+    "reference/http.md": http_api_page,
+    "examples.md": examples_page,
+}
+TOP_PAGES = ("ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md")
+_VERSION = re.compile(r"\{\{ version\(\"([^\"]+)\"\) \}\}")
+FILLED = {"{{ log_topics }}": log_topics, "{{ papers }}": papers}
+RUNBOOK = ROOT / "docs/runbook"
+
+
+def on_config(config: Any) -> Any:
+    """Put the runbook's pages, whichever there are, before the project's."""
+    pages = sorted(RUNBOOK.glob("*.md"), key=lambda path: (path.stem not in ("index", "README"), path.name))
+    if pages:
+        runbook: Any = {"Runbook": [f"runbook/{path.name}" for path in pages]}
+        config["nav"].insert(-1, runbook)
+    return config
+
+
+def on_files(files: Files, config: Any) -> Files:
+    """Add what is in no file of docs/."""
+    for place, page in PAGES.items():
+        files.append(File.generated(config, place, content=page()))
+    for name in TOP_PAGES:
+        files.append(File.generated(config, name, abs_src_path=str(ROOT / name)))
+    for name, content in concept_figures().items():
+        files.append(File.generated(config, f"figures/{name}", content=content))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
+    """Fill in what comes from the code. A page at the top of the repository is found beside those of docs/."""
+    if page.file.src_uri in TOP_PAGES:
+        markdown = markdown.replace("](docs/", "](")
+    for placeholder, content in FILLED.items():
+        if placeholder in markdown:
+            markdown = markdown.replace(placeholder, content())
+    versions = pinned()
+    return _VERSION.sub(lambda found: versions[found[1]], markdown)

@@ -1,0 +1,114 @@
+"""Runs a page: its blocks in order, in one folder, as a reader would."""
+
+import contextlib
+import doctest
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+from doc_blocks import ROOT, Block, Use
+
+BIN = Path(sys.executable).parent
+PATIENCE_S = 200.0  # for a block in CI; those that take minutes have no limit
+REPOSITORY = ("deploy", "examples", "sim_robot", "tests")  # what a reader has in the clone
+_COMPARED = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+_CLONE = shutil.ignore_patterns(*REPOSITORY)
+_FOLDERS: dict[tuple[str, ...], Path] = {}  # what runs of the same commands in an empty folder have left behind
+
+
+class Page:
+    """A page that is being read, in an empty folder. `close` ends what runs until then."""
+
+    def __init__(self, folder: Path, changed_to: Callable[[Path], Any]) -> None:
+        self._folder = folder
+        self._names: dict[str, Any] = {"__name__": "__main__"}
+        self._running: list[tuple[Block, subprocess.Popen[str]]] = []
+        self._history: tuple[str, ...] | None = ()
+        for name in REPOSITORY:
+            (folder / name).symlink_to(ROOT / name)
+        changed_to(folder)
+
+    def read(self, block: Block) -> None:
+        """Do what a block says. Fails where it does not work."""
+        if block.use is Use.FILE:
+            (self._folder / block.title).write_text(block.text)
+            self._history = None
+        elif block.use is Use.BACKGROUND:
+            self._start(block)
+        elif block.language == "python":
+            self._history = None
+            exec(compile("\n" * block.line + block.text, block.place, "exec"), self._names)
+        elif block.language == "console":
+            self._converse(block)
+        else:
+            self._remembered(block)
+
+    def close(self) -> None:
+        """End what runs in terminals of its own, as Ctrl-C does, and look how it ends."""
+        for block, process in reversed(self._running):
+            process.send_signal(signal.SIGINT)
+            _, errors = process.communicate(timeout=PATIENCE_S)
+            assert process.returncode == 0, (block.place, errors)
+
+    def abandon(self) -> None:
+        """End what still runs, after something else has failed."""
+        for _, process in self._running:
+            with contextlib.suppress(ProcessLookupError):
+                process.terminate()
+            process.communicate()
+
+    def _run(self, script: str, patience_s: float | None = PATIENCE_S) -> subprocess.CompletedProcess[str]:
+        command = ["bash", "-euo", "pipefail", "-c", script]
+        return subprocess.run(
+            command, cwd=self._folder, env=environment(), text=True, timeout=patience_s,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+        )  # fmt: skip
+
+    def _remembered(self, block: Block) -> None:
+        """Run commands, or take what the same ones have left behind on a page before: recordings are expensive."""
+        history = None if self._history is None else (*self._history, block.text)
+        if history in _FOLDERS:
+            shutil.copytree(_FOLDERS[history], self._folder, ignore=_CLONE, dirs_exist_ok=True)
+        else:
+            done = self._run(block.text, None if block.use is Use.SLOW else PATIENCE_S)
+            assert done.returncode == 0, f"{block.place}: status {done.returncode}\n{done.stdout}"
+        self._history = history
+        if history is not None and history not in _FOLDERS:
+            _FOLDERS[history] = self._folder.with_name(f"{self._folder.name}-{len(history)}")
+            shutil.copytree(self._folder, _FOLDERS[history], ignore=_CLONE)
+
+    def _converse(self, block: Block) -> None:
+        """Run each command after a `$`, and compare what it says; a line of ours that refuses means status 1 or 2."""
+        for command, expected in conversation(block.text):
+            done = self._run(command)
+            said = doctest.OutputChecker().check_output(expected, done.stdout, _COMPARED)
+            assert said, f"{block.place}: {command}\nexpected:\n{expected}\nsaid:\n{done.stdout}"
+            refused = expected.startswith("rtstack: ")
+            assert (done.returncode in (1, 2)) if refused else done.returncode == 0, (block.place, done.returncode)
+        self._history = None
+
+    def _start(self, block: Block) -> None:
+        command = ["bash", "-c", f"exec {block.text}"]
+        process = subprocess.Popen(
+            command, cwd=self._folder, env=environment(), text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        )
+        self._running.append((block, process))
+        assert process.stdout is not None
+        assert process.stdout.readline().strip(), block.place
+
+
+def environment() -> dict[str, str]:
+    """Return the environment of somebody who has activated the virtual environment of this clone."""
+    return {**os.environ, "PATH": f"{BIN}:{os.environ['PATH']}", "PYTHONPATH": str(ROOT)}
+
+
+def conversation(text: str) -> Iterable[tuple[str, str]]:
+    """Yield each command with what is shown of its answer."""
+    for part in ("\n" + text).split("\n$ ")[1:]:
+        command, _, answer = part.partition("\n")
+        yield command, answer if answer.endswith("\n") or not answer else answer + "\n"

@@ -1,0 +1,91 @@
+"""Every command and example of the documentation works, or says why a test cannot run it, and exists.
+
+RTSTACK_DOCS=all (`make docs-commands`) also runs those that take minutes.
+"""
+
+import os
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from doc_blocks import PAGES, ROOT, RUNBOOK, Block, Use, blocks_of
+from doc_parser import commands_of, problem_of
+from doc_run import Page
+
+USES = {Use.RUN, Use.FILE, Use.BACKGROUND} | ({Use.SLOW} if os.environ.get("RTSTACK_DOCS") == "all" else set())
+# blocks outside of the runbook that CI does not run, by their titles: who marks another one counts it here
+NOT_RUN = {
+    "takes minutes": 7,
+    "on the robot's PC": 2,
+    "in real time": 2,
+    "on several machines": 1,
+    "from a clone": 2,
+    "while rtstack up runs": 1,
+}
+
+
+def _uses(page: Path) -> list[Block]:
+    return [block for block in blocks_of(page) if block.use in USES]
+
+
+def _name(page: Path) -> str:
+    return str(page.relative_to(ROOT))
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if _uses(page)], ids=_name)
+def test_what_a_page_says_works(page, tmp_path, monkeypatch):
+    folder = tmp_path / "page"
+    folder.mkdir()
+    reader = Page(folder, monkeypatch.chdir)
+    try:
+        for block in _uses(page):
+            reader.read(block)
+        reader.close()
+    finally:
+        reader.abandon()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=_name)
+def test_every_command_exists(page):
+    problems = [
+        f"{block.place}: {' '.join(words)}: {problem}"
+        for block in blocks_of(page)
+        if block.language in ("bash", "console")
+        for words in commands_of(block)
+        if (problem := problem_of(words)) is not None
+    ]
+    assert problems == []
+
+
+def test_what_is_not_run_is_counted():
+    blocks = [block for page in PAGES for block in blocks_of(page) if not page.is_relative_to(RUNBOOK)]
+    assert Counter(block.title for block in blocks if block.use in (Use.SLOW, Use.CHECKED)) == NOT_RUN
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("```bash\nrtstack trail --reference x\n```", "trail"),
+        ("```bash\nrtstack trial --reference x --sed 3\n```", "--sed"),
+        ("```bash\nfor n in 1 2; do rtstack bench tock; done\n```", "tock"),
+        ("```console\n$ rtstack trial --reference x --seed many\n```", "--seed"),
+        ('```bash title="on the robot\'s PC"\nsudo make fauls\n```', "fauls"),
+        ("```bash\npython examples/99_none.py\n```", "99_none"),
+    ],
+)
+def test_a_command_that_does_not_exist_is_found(tmp_path, monkeypatch, text, word):
+    monkeypatch.setattr("doc_blocks.ROOT", tmp_path)
+    page = tmp_path / "page.md"
+    page.write_text(text)
+    (block,) = blocks_of(page)
+    (problem,) = [found for words in commands_of(block) if (found := problem_of(words)) is not None]
+    assert word in problem
+
+
+@pytest.mark.parametrize("text", ["```\nrtstack up\n```", "    rtstack up\n", '```bash title="some day"\nls\n```'])
+def test_no_block_escapes_the_tests(tmp_path, monkeypatch, text):
+    monkeypatch.setattr("doc_blocks.ROOT", tmp_path)
+    page = tmp_path / "page.md"
+    page.write_text(text)
+    with pytest.raises(ValueError, match=r"page\.md:1"):
+        list(blocks_of(page))

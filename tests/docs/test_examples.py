@@ -1,0 +1,89 @@
+"""The examples run, in the order of their numbers, in one folder, with warnings as errors."""
+
+import runpy
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from doc_run import BIN, PATIENCE_S, environment
+
+from rtstack.log.reader import read_log
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the examples run."""
+    return tmp_path_factory.mktemp("examples")
+
+
+def _as_program(folder: Path, name: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-W", "error", str(EXAMPLES / name), *arguments]
+    return subprocess.run(command, cwd=folder, env=environment(), capture_output=True, text=True, timeout=PATIENCE_S)
+
+
+def test_one_to_seven_run_without_a_robot(folder, monkeypatch, capsys):
+    monkeypatch.chdir(folder)
+    said = {}
+    for path in sorted(EXAMPLES.glob("0[1-7]_*.py")):
+        runpy.run_path(str(path), run_name="__main__")
+        said[path.name[:2]] = capsys.readouterr().out
+    assert sorted(said) == [f"0{n}" for n in range(1, 8)]
+    assert "success" in said["01"]
+    assert "ante_impact -> interim" in said["02"]
+    assert (folder / "trial.png").stat().st_size > 10_000
+    assert said["04"].count("success") == 3
+    assert "solved" in said["05"]
+    verdict = read_log(folder / "trial.mcap").metadata["result"]["impact_verdict"]
+    assert verdict == "expected"
+    assert said["06"].count(f": {verdict}") == 2  # the monitor over the log agrees with the one in the tick
+    assert "success" in said["07"]
+    assert "refused: squeeze" in said["07"]
+
+
+def test_eight_runs_four_trials_on_a_scheduler(folder):
+    done = _as_program(folder, "08_campaign_on_a_scheduler.py")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.count("success True") == 4
+    assert len(list((folder / "campaign/logs").glob("*.mcap"))) == 4
+
+
+def _with_a_stack(folder: Path, name: str) -> subprocess.CompletedProcess[str]:
+    (folder / "logs").mkdir(exist_ok=True)
+    create = [str(BIN / "rtstack"), "token", "create", "--name", "example", "--scope", "operate"]
+    token = subprocess.run(create, cwd=folder, env=environment(), capture_output=True, text=True, check=True).stdout
+    stack = subprocess.Popen(
+        [str(BIN / "rtstack"), "up", "--port", "0"],
+        cwd=folder, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    try:
+        assert stack.stdout is not None
+        address = stack.stdout.readline().removeprefix("rtstack is up: ").strip()
+        done = _as_program(folder, name, address.split("?")[0], token.strip())
+        stack.send_signal(signal.SIGINT)
+        _, errors = stack.communicate(timeout=PATIENCE_S)
+        assert (stack.returncode, errors) == (0, "")
+        return done
+    finally:
+        stack.terminate()
+        stack.communicate()
+
+
+def test_nine_talks_to_a_console(folder):
+    done = _with_a_stack(folder, "09_talk_to_the_console.py")
+    for _ in range(3):
+        if done.returncode == 0 and "operator has gone" not in done.stdout:
+            break
+        # a machine that stalls for two seconds takes control away from a program: as it should
+        assert "take control first" in done.stderr or "operator has gone" in done.stdout, done.stdout + done.stderr
+        done = _with_a_stack(folder, "09_talk_to_the_console.py")
+    assert done.stdout.splitlines()[:2] == ["demonstration: done ", "trial: done "], done.stdout + done.stderr
+    assert read_log(folder / "console.mcap").metadata["trial"]["kind"] == "trial"
+
+
+def test_every_example_is_run_here():
+    numbers = sorted(path.name[:2] for path in EXAMPLES.glob("*.py"))
+    assert numbers == [f"0{n}" for n in range(1, 10)]
