@@ -1,8 +1,8 @@
 """A program in the place of the page: take control, arm, record a demonstration, follow it, fetch the log.
 
-    rtstack up                                       # in a terminal of its own: prints an address
-    rtstack token create --name example --scope operate
-    python 09_talk_to_the_console.py http://127.0.0.1:8080 TOKEN
+rtstack up                                       # in a terminal of its own: prints an address
+rtstack token create --name example --scope operate
+python 09_talk_to_the_console.py http://127.0.0.1:8080 TOKEN
 """
 
 import sys

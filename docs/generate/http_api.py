@@ -33,7 +33,7 @@ def http_api_page() -> str:
         if path.startswith(PREFIX)
         for method, of in methods.items()
     ]
-    parts = [_HEAD + described["info"]["description"]]
+    parts = [_HEAD + described["info"]["description"], _refusals(operations)]
     for tag in described["tags"]:
         parts.append(f"## {tag['name'].capitalize()}\n\n{tag['description']}\n")
         parts += [_operation(title, of) for title, of in operations if of.get("tags", [])[:1] == [tag["name"]]]
@@ -56,13 +56,20 @@ def _operation(title: str, of: dict[str, Any]) -> str:
         lines.append("")
     for content in of.get("requestBody", {}).get("content", {}).values():
         lines += [f"Body: {_type(content['schema'])}.", ""]
-    lines += [f"{status}: {_answer(answer)}  " for status, answer in of["responses"].items()]
-    return "\n".join([*lines, ""])
+    answers = [f"{status}, {_answer(answer)}" for status, answer in of["responses"].items() if status < "300"]
+    refused = ", ".join(sorted(status for status in of["responses"] if status >= "400"))
+    return "\n".join([*lines, f"Answers {'; '.join(answers)}. Refused: {refused}.", ""])
+
+
+def _refusals(operations: list[tuple[str, dict[str, Any]]]) -> str:
+    answers = {status: answer for _, of in operations for status, answer in of["responses"].items() if status >= "400"}
+    rows = [f"| {status} | {answer['description']} |" for status, answer in sorted(answers.items())]
+    return "\n".join(["## Refusals", "", "| status | what |", "|---|---|", *rows, ""])
 
 
 def _answer(of: dict[str, Any]) -> str:
-    kinds = [_type(content.get("schema", {})) for content in of.get("content", {}).values()]
-    return ", ".join([of["description"].rstrip("."), *(kind for kind in kinds if kind != "any")])
+    kinds = {kind: _type(content.get("schema", {})) for kind, content in of.get("content", {}).items()}
+    return " or ".join(name if kind == "application/json" else f"`{kind}`" for kind, name in kinds.items()) or "nothing"
 
 
 def _schema(name: str, of: dict[str, Any]) -> str:

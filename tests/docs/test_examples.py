@@ -51,10 +51,14 @@ def test_eight_runs_four_trials_on_a_scheduler(folder):
     assert len(list((folder / "campaign/logs").glob("*.mcap"))) == 4
 
 
-def _with_a_stack(folder: Path, name: str) -> subprocess.CompletedProcess[str]:
-    (folder / "logs").mkdir(exist_ok=True)
+def _token(folder: Path) -> str:
+    (folder / "logs").mkdir()
     create = [str(BIN / "rtstack"), "token", "create", "--name", "example", "--scope", "operate"]
-    token = subprocess.run(create, cwd=folder, env=environment(), capture_output=True, text=True, check=True).stdout
+    done = subprocess.run(create, cwd=folder, env=environment(), capture_output=True, text=True, check=True)
+    return done.stdout.strip()
+
+
+def _with_a_stack(folder: Path, name: str, token: str) -> subprocess.CompletedProcess[str]:
     stack = subprocess.Popen(
         [str(BIN / "rtstack"), "up", "--port", "0"],
         cwd=folder, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
@@ -62,7 +66,7 @@ def _with_a_stack(folder: Path, name: str) -> subprocess.CompletedProcess[str]:
     try:
         assert stack.stdout is not None
         address = stack.stdout.readline().removeprefix("rtstack is up: ").strip()
-        done = _as_program(folder, name, address.split("?")[0], token.strip())
+        done = _as_program(folder, name, address.split("?")[0], token)
         stack.send_signal(signal.SIGINT)
         _, errors = stack.communicate(timeout=PATIENCE_S)
         assert (stack.returncode, errors) == (0, "")
@@ -73,13 +77,14 @@ def _with_a_stack(folder: Path, name: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_nine_talks_to_a_console(folder):
-    done = _with_a_stack(folder, "09_talk_to_the_console.py")
+    token = _token(folder)
+    done = _with_a_stack(folder, "09_talk_to_the_console.py", token)
     for _ in range(3):
         if done.returncode == 0 and "operator has gone" not in done.stdout:
             break
         # a machine that stalls for two seconds takes control away from a program: as it should
         assert "take control first" in done.stderr or "operator has gone" in done.stdout, done.stdout + done.stderr
-        done = _with_a_stack(folder, "09_talk_to_the_console.py")
+        done = _with_a_stack(folder, "09_talk_to_the_console.py", token)
     assert done.stdout.splitlines()[:2] == ["demonstration: done ", "trial: done "], done.stdout + done.stderr
     assert read_log(folder / "console.mcap").metadata["trial"]["kind"] == "trial"
 
