@@ -65,11 +65,22 @@ def blocks_of(page: Path) -> Iterator[Block]:
         line = (token.map or [0])[0] + 1
         language, _, rest = token.info.strip().partition(" ")
         place = f"{page.relative_to(ROOT)}:{line}"
+        if page.is_relative_to(RUNBOOK) and not language:
+            yield Block(page, line, "bash", "", token.content, Use.CHECKED)
+            continue
         if token.type == "code_block" or language not in LANGUAGES:
             raise ValueError(f"{place}: a block needs a fence and one of the languages {', '.join(LANGUAGES)}")
         found = _TITLE.search(rest)
         title = found[1] if found else ""
         yield Block(page, line, language, title, token.content, _use(page, place, language, title))
+
+
+def inline_commands(page: Path) -> Iterator[str]:
+    """Yield the commands of ours that a page names within its text; what `rtstack up` says is none."""
+    for token in MarkdownIt("commonmark").enable("table").parse(page.read_text()):
+        for child in token.children or ():
+            if child.type == "code_inline" and re.match(r"rtstack (?!is up)", child.content):
+                yield " ".join(child.content.split())
 
 
 def _use(page: Path, place: str, language: str, title: str) -> Use:

@@ -57,6 +57,19 @@ def problem_of(words: list[str]) -> str | None:
     return None
 
 
+def unknown_word(command: str) -> str | None:
+    """Return the sub-command or option of ours that a command names and that does not exist, None where all do."""
+    found = typer.main.get_command(app)
+    _, *words = shlex.split(command)
+    while hasattr(found, "commands") and words and not words[0].startswith("-"):
+        name = words.pop(0)
+        if name not in found.commands:
+            return name
+        found = found.commands[name]
+    known = {option for parameter in found.params for option in parameter.opts} | {"--help"}
+    return next((word for word in words if word.startswith("--") and word.partition("=")[0] not in known), None)
+
+
 def _parsed(arguments: list[str]) -> str | None:
     command = typer.main.get_command(app)
     name = "rtstack"

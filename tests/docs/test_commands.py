@@ -8,8 +8,8 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from doc_blocks import PAGES, ROOT, RUNBOOK, Block, Use, blocks_of
-from doc_parser import commands_of, problem_of
+from doc_blocks import PAGES, ROOT, RUNBOOK, Block, Use, blocks_of, inline_commands
+from doc_parser import commands_of, problem_of, unknown_word
 from doc_run import Page
 
 USES = {Use.RUN, Use.FILE, Use.BACKGROUND} | ({Use.SLOW} if os.environ.get("RTSTACK_DOCS") == "all" else set())
@@ -54,6 +54,7 @@ def test_every_command_exists(page):
         for words in commands_of(block)
         if (problem := problem_of(words)) is not None
     ]
+    problems += [f"{command}: no {word}" for command in inline_commands(page) if (word := unknown_word(command))]
     assert problems == []
 
 
