@@ -1,0 +1,136 @@
+"""The numbered suite against two arms at their addresses: simulated ones of its own, or whatever is at --cell.
+
+    pytest tests/hil                                            a simulated cell of its own, in lockstep
+    pytest tests/hil --cell 172.16.0.2,172.16.1.2 --marks       metal: both arms are held, stopped, and recovered
+    pytest tests/hil --cell ... --motion                        metal: they also grab the box on its marks
+
+--hil-report FILE.md keeps date, addresses, versions, figures and a verdict per number.
+"""
+
+import contextlib
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hil_report import Entry, write_report
+from hil_robot import Robot
+
+from hal.cell import Cell
+from hal.fci import Tool
+from hal.tracker_link import TrackerLink
+from rtstack.cli.cells import open_cell
+from rtstack.model.cell_description import CellDescription, TrackerAddress
+
+BIN = Path(sys.executable).parent
+END_S = 30.0
+_entries: list[Entry] = []
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Where the arms are, and what may be done with them."""
+    group = parser.getgroup("hardware in the loop")
+    group.addoption("--cell", metavar="LEFT,RIGHT", help="addresses of the arms; without: a simulated cell")
+    group.addoption("--marks", action="store_true", help="assert the marks of timing too, not only its figures")
+    group.addoption("--motion", action="store_true", help="the arms may move: the box is on its marks, nobody is near")
+    group.addoption("--hil-report", metavar="FILE.md", help="keep the figures and verdicts here")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Refuse what is no pair of addresses."""
+    at = config.getoption("cell", None)
+    if at is not None and [bool(one) for one in at.split(",")] != [True, True]:
+        raise pytest.UsageError(f"--cell {at}: give two addresses, LEFT,RIGHT")
+
+
+def _addresses() -> tuple[str, str, str]:
+    """Loopback addresses of this process."""
+    prefix = f"127.{90 + os.getpid() // 250 % 9}.{1 + os.getpid() % 250}"
+    return f"{prefix}.11", f"{prefix}.12", f"{prefix}.1:1341"
+
+
+@pytest.fixture(scope="session")
+def robot(request: pytest.FixtureRequest) -> Iterator[Robot]:
+    """The arms at --cell, or simulated ones."""
+    at, marks = request.config.getoption("cell", None), bool(request.config.getoption("marks", False))
+    if at is not None:
+        left, right = at.split(",")
+        yield Robot(left, right, False, marks, TrackerAddress().address)
+        return
+    left, right, tracker = _addresses()
+    command = [BIN / "rtstack", "sim", "--lockstep", "--left", left, "--right", right, "--tracker", tracker]
+    process = subprocess.Popen(list(map(str, command)), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    try:
+        assert process.stdout is not None
+        said = process.stdout.readline()
+        assert said.startswith("serving"), said
+        yield Robot(left, right, True, marks, tracker)
+    finally:
+        process.terminate()
+        process.communicate(timeout=END_S)
+
+
+@pytest.fixture
+def in_motion(request: pytest.FixtureRequest, robot: Robot) -> None:
+    """What moves the arms needs a word from whoever stands beside them."""
+    if not robot.simulated and not request.config.getoption("motion", False):
+        pytest.skip("metal: the arms would grab; with the box on its marks and nobody near, add --motion")
+
+
+@pytest.fixture
+def open_arms(robot: Robot, cell: CellDescription) -> Callable[[str], contextlib.AbstractContextManager[Cell]]:
+    """Open the cell with an object in its place, and close it."""
+
+    @contextlib.contextmanager
+    def opened(object_name: str) -> Iterator[Cell]:
+        if not robot.simulated:
+            arms = open_cell(robot.kind, object_name, 0.0, 0, cell)
+        else:  # a robot that waits: a pause of this machine is no silence
+            host, _, port = robot.tracker.rpartition(":")
+            pad, tracker = cell.pad, TrackerLink(host, int(port))
+            try:
+                pair = robot.pair(Tool.pad(pad.size, pad.mass, pad.flange_to_face))
+            except BaseException:
+                tracker.close()
+                raise
+            arms = Cell(robot.kind, pair.left, pair.right, tracker, pair)
+        try:
+            yield arms
+        finally:
+            arms.close()
+            if robot.simulated:
+                arms.tracker.close()  # pyright: ignore[reportAttributeAccessIssue]
+
+    return opened
+
+
+@pytest.fixture
+def description(robot: Robot, cell: CellDescription) -> CellDescription:
+    """The cell, with the tracker where this robot sends to."""
+    return replace(cell, tracker=replace(cell.tracker, address=robot.tracker))
+
+
+# the report
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """Note the verdict of a number and the figures that it has recorded."""
+    if "hil/test_0" not in report.nodeid or (report.when != "call" and not report.failed and not report.skipped):
+        return
+    _entries.append(Entry.of(report))
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Write the report."""
+    path = session.config.getoption("hil_report", None)
+    if path:
+        write_report(Path(path), session.config.getoption("cell", None), _entries)
+
+
+@pytest.fixture(scope="session")
+def hil_recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where 05 leaves its recording for 06."""
+    return tmp_path_factory.mktemp("hil") / "recording.mcap"
