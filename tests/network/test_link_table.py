@@ -1,0 +1,49 @@
+"""A robot and a control PC in two network namespaces, joined by a cable that is as bad as a row says.
+
+`make link-table` runs all rows. Here are those whose end does not depend on how busy the machine is.
+"""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from link_table import CLEAN, ROWS, VENDOR, Outcome
+
+TABLE = Path(__file__).parent / "link_table.py"
+TOO_LATE, LOST, CUT = "1 ms: every answer comes too late", "answers are lost from the middle on", "both ways are cut"
+
+
+@pytest.mark.timeout(900)
+def test_past_what_the_link_stands_it_ends_with_the_vendors_name_and_arms_at_rest(demonstration) -> None:
+    numbers = [str(k) for k, row in enumerate(ROWS) if row.name in (TOO_LATE, LOST, CUT)]
+    command = [sys.executable, TABLE, "--rows", *numbers, "--reference", demonstration.path, "--json"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    rows = {row["row"]["name"]: row for row in json.loads(done.stdout)}
+    assert set(rows) == {TOO_LATE, LOST, CUT}
+    for row in rows.values():
+        assert not row["success"]
+        assert row["rest"]
+        assert row["ticks"] > 0
+        assert "\n" not in row["said"]
+    for name in (TOO_LATE, LOST):
+        assert VENDOR in rows[name]["said"]
+        assert rows[name]["lost"] >= 20
+    assert all(row["errors"] == [VENDOR] for row in rows.values())  # the robot's own word, until somebody recovers it
+
+
+def test_a_row_is_judged_by_what_is_left() -> None:
+    row = next(row for row in ROWS if row.name == LOST)
+    right = {"said": f'motion aborted by reflex! ["{VENDOR}"]', "ticks": 900, "rest": True}
+    for other, wrong in (
+        ({}, ""),
+        ({"ticks": 0}, "the log cannot be read"),
+        ({"rest": False}, "an arm moves after the end"),
+        ({"success": True}, f"it has to end with {VENDOR}"),
+        ({"said": CLEAN[1]}, f"it has to end with {VENDOR}"),
+    ):
+        outcome = Outcome(row, **(right | other))
+        outcome.judge()
+        assert outcome.wrong == wrong
