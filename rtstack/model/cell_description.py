@@ -1,5 +1,6 @@
 """What a lab knows about its cell: where the arms stand, what they carry, where a trial starts."""
 
+import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -9,17 +10,24 @@ from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from rtstack.configuration import STRICT, ConfigurationError, load_toml
+from hal.limits import FR3
+from rtstack.configuration import STRICT, ConfigurationError, load_toml, place_of
 from rtstack.model.rotation import rotation_from_quaternion
 from rtstack.safety.body import Base, Tool
 from rtstack.safety.limits import HARDWARE
+
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+# at most twice the paper's, N/m and Nm/rad: what nobody has tried is no gain for two real arms
+Stiffness = Annotated[float, Field(ge=0.0, le=4000.0, allow_inf_nan=False)]
+TurningStiffness = Annotated[float, Field(ge=0.0, le=40.0, allow_inf_nan=False)]
+Stiffnesses = tuple[Stiffness, Stiffness, Stiffness, TurningStiffness, TurningStiffness, TurningStiffness]
 
 
 @checked(frozen=True, slots=True, config=STRICT)
 class ArmMounting:
     """Where an arm stands and where it starts. Base position m, orientation as quaternion wxyz, home in rad."""
 
-    address: str
+    address: Annotated[str, Field(pattern=r"^[^\s,:/]+$")]
     base_position: tuple[float, float, float]
     base_orientation_wxyz: tuple[float, float, float, float]
     home: tuple[float, float, float, float, float, float, float]
@@ -30,7 +38,7 @@ class Pad:
     """The silicone pad on the flange, a box whose outer face is the end effector's origin. m, kg."""
 
     size: tuple[float, float, float]
-    mass: float
+    mass: Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
     flange_to_face: float
 
 
@@ -39,7 +47,7 @@ class Table:
     """The table's top: centre and size along x and y, height of its surface. m."""
 
     centre_xy: tuple[float, float]
-    size_xy: tuple[float, float]
+    size_xy: tuple[Positive, Positive]
     top_z: float
 
 
@@ -47,8 +55,8 @@ class Table:
 class ObjectDescription:
     """An object as a person would measure it: mass kg, outer size m. It stands on the table at the world's origin."""
 
-    mass: float
-    size: tuple[float, float, float]
+    mass: Positive
+    size: tuple[Positive, Positive, Positive]
 
 
 @checked(frozen=True, slots=True, config=STRICT)
@@ -95,6 +103,18 @@ class ContactFriction:
 
 
 @checked(frozen=True, slots=True, config=STRICT)
+class Gains:
+    """Gains of this cell in the place of the papers' (rtstack.control.parameters), which count where there is None.
+
+    Stiffness along and about the world's axes, N/m and Nm/rad; posture 1/s^2.
+    """
+
+    stiffness: Stiffnesses | None = None
+    stiffness_teleoperation: Stiffnesses | None = None
+    posture_gain: Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False)] | None = None
+
+
+@checked(frozen=True, slots=True, config=STRICT)
 class CellDescription:
     """A cell, as its TOML describes it (deploy/cells). safety: the limits that it tightens (rtstack.safety.limits).
 
@@ -108,11 +128,12 @@ class CellDescription:
     right: ArmMounting
     pad: Pad
     table: Table
-    objects: dict[str, ObjectDescription]
+    objects: Annotated[dict[str, ObjectDescription], Field(min_length=1)]
     tracker: TrackerAddress = field(default_factory=TrackerAddress)
     start_motion: StartMotionLimits = field(default_factory=StartMotionLimits)
     torque_filter: TorqueFilter = field(default_factory=TorqueFilter)
     contact_friction: ContactFriction = field(default_factory=ContactFriction)
+    gains: Gains = field(default_factory=Gains)
     safety: dict[str, Any] = field(default_factory=dict)
     joint_friction: Path | None = None
 
@@ -136,6 +157,9 @@ def load_cell_description(path: Path) -> CellDescription:
     description = load_toml(path, CellDescription)
     left, right, pad = description.left, description.right, description.pad
     checks = {
+        "left.home": lambda: _check_home(left.home),
+        "right.home": lambda: _check_home(right.home),
+        "right.address": lambda: _check_other(left.address, right.address),
         "left.": lambda: Base(left.base_position, left.base_orientation_wxyz),
         "right.": lambda: Base(right.base_position, right.base_orientation_wxyz),
         "pad.": lambda: Tool(pad.size, pad.flange_to_face),
@@ -145,7 +169,21 @@ def load_cell_description(path: Path) -> CellDescription:
         try:
             check()
         except ValueError as error:
-            raise ConfigurationError(f"{path}: key {key}{error}") from None
+            words = f"{key}{error}"
+            name = re.match(r"[\w.]+", words)
+            place = place_of(str(path), path.read_text(encoding="utf-8"), name[0].split(".") if name else ())
+            raise ConfigurationError(f"{place}: key {words}") from None
     if description.joint_friction is not None:
         description = replace(description, joint_friction=path.resolve().parent / description.joint_friction)
     return description
+
+
+def _check_home(home: tuple[float, ...]) -> None:
+    for joint, (q, low, high) in enumerate(zip(home, FR3.q_lower, FR3.q_upper, strict=True), 1):
+        if not low < q < high:
+            raise ValueError(f": joint {joint} at {q:g} rad is not between {low:g} and {high:g}")
+
+
+def _check_other(left: str, right: str) -> None:
+    if left == right:
+        raise ValueError(f": {right} is the left arm's too; two arms have two addresses")

@@ -1,6 +1,6 @@
 """Puts a controller together: models, arms, judges, with everything compiled before the robot is armed."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,11 +70,14 @@ def default_parameters() -> Parameters:
 
 
 def cell_parameters(description: CellDescription) -> Parameters:
-    """Return the papers' numbers, with the friction that was identified on this cell where its description names it.
+    """Return the papers' numbers, with the cell's own gains and identified friction where its description has them.
 
     Raises ConfigurationError.
     """
     parameters = default_parameters()
+    gains = {name: value for name, value in asdict(description.gains).items() if value is not None}
+    arrays = {name: np.array(value) if isinstance(value, tuple) else value for name, value in gains.items()}
+    parameters = replace(parameters, control=replace(parameters.control, **arrays))
     if description.joint_friction is None:
         return parameters
     return replace(parameters, friction=load_friction(description.joint_friction))

@@ -37,6 +37,7 @@ def test_what_is_required_is_here_and_every_lack_has_its_cost(tmp_path):
 def test_an_arm_that_does_not_answer_and_a_bad_cell_fail(tmp_path):
     cell = tmp_path / "cell.toml"
     cell.write_text(default_cell_file().read_text().replace("mass = 0.35", "weight = 0.35"))
+    weight = cell.read_text()[: cell.read_text().index("[pad]")].count("\n") + 1  # of the table that lacks it
     with socket.socket() as arm:  # something listens at one address only
         arm.bind(("127.0.97.41", 1337))
         arm.listen()
@@ -45,7 +46,7 @@ def test_an_arm_that_does_not_answer_and_a_bad_cell_fail(tmp_path):
     lines = done.stdout.splitlines()
     assert any(line.startswith("pass  left arm") for line in lines)
     assert any(line.startswith("fail  right arm") and "Connection refused" in line for line in lines)
-    assert any(line.startswith("fail  cell") and "pad.mass" in line for line in lines)
+    assert any(line.startswith("fail  cell") and f"{cell}:{weight}: key pad.mass" in line for line in lines)
     assert lines[-1] == "missing: cell, right arm"
 
 

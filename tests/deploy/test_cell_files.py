@@ -1,0 +1,73 @@
+"""A cell's file: what is wrong in it is told with its line, and its gains reach the controller."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rtstack.cli.cells import default_cell_file
+from rtstack.configuration import ConfigurationError
+from rtstack.model.cell_description import load_cell_description
+from rtstack.trials.assembly import cell_parameters, default_parameters
+
+TEXT = default_cell_file().read_text()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key"),
+    [
+        ('address = "127.0.0.11"', 'address = "a b"', "left.address"),
+        ('address = "127.0.0.12"', 'address = "127.0.0.11"', "right.address"),
+        ("base_position = [-0.4, -0.5, 0.0]", "base_position = [-0.4, -0.5]", "right.base_position"),
+        ("base_position = [-0.4, 0.5, 0.0]", "base_position = [-0.4, 0.5, nan]", "left.base_position"),
+        ("home = [-0.301958, 0.089107", "home = [-0.301958, 1.8", "left.home"),
+        ("size = [0.1, 0.1, 0.03]", "size = [0.1, 0.0, 0.03]", "pad.size"),
+        ("mass = 0.35", "mass = -0.35", "pad.mass"),
+        ("mass = 2.12", "mass = -2.12", "objects.bottles.mass"),
+        ("size = [0.2, 0.27, 0.23]", "size = [0.2, -0.27, 0.23]", "objects.bottles.size"),
+        ("ee_speed_max = 1.0", "ee_speed_max = 9.0", "safety.ee_speed_max"),
+        ("power_max = 100.0", "power_maximum = 100.0", "safety.power_maximum"),
+        ("cutoff_hz = 0.0", "cutoff = 0.0", "torque_filter.cutoff"),
+        ("[tracker]", "[gains]\nstiffness = [9000.0, 1, 1, 1, 1, 1]\n[tracker]", "gains.stiffness"),
+    ],
+)
+def test_what_is_wrong_has_its_line_key_and_reason(tmp_path, old, new, key):
+    assert TEXT.count(old) == 1
+    path = tmp_path / "cell.toml"
+    path.write_text(TEXT.replace(old, new))
+    last = new.splitlines()[-2 if "[gains]" in new else -1]
+    line = 1 + next(k for k, text in enumerate(path.read_text().splitlines()) if last in text and "#" not in text)
+    if "address" in key and "11" in new:  # the second of two that are the same
+        line = 1 + max(k for k, text in enumerate(path.read_text().splitlines()) if last in text)
+    with pytest.raises(ConfigurationError) as refused:
+        load_cell_description(path)
+    said = str(refused.value)
+    assert said.startswith(f"{path}:{line}: key {key}")
+    assert "\n" not in said
+    assert len(said) > len(f"{path}:{line}: key {key}") + 5
+
+
+@pytest.mark.parametrize(("text", "line"), [("name = 'a'\nsimulated = maybe\n", 2), ("name = 'a'\nname = 'b'\n", 2)])
+def test_what_is_no_toml_has_its_line(tmp_path, text, line):
+    path = tmp_path / "cell.toml"
+    path.write_text(text)
+    with pytest.raises(ConfigurationError, match=rf"cell\.toml:{line}: not valid TOML"):
+        load_cell_description(path)
+
+
+def test_a_table_that_is_missing_is_named_without_a_line(tmp_path):
+    path = tmp_path / "cell.toml"
+    path.write_text(TEXT.replace("[pad]", "[paddle]"))
+    with pytest.raises(ConfigurationError, match=r"cell\.toml(:\d+)?: key pad"):
+        load_cell_description(path)
+
+
+def test_the_cells_gains_count_and_nothing_else_changes(tmp_path: Path):
+    path = tmp_path / "cell.toml"
+    path.write_text(TEXT.replace("[tracker]", "[gains]\nstiffness = [1500, 1400, 1300, 15, 14, 13]\n[tracker]"))
+    control, published = (p.control for p in (cell_parameters(load_cell_description(path)), default_parameters()))
+    np.testing.assert_array_equal(control.stiffness, [1500.0, 1400.0, 1300.0, 15.0, 14.0, 13.0])
+    np.testing.assert_array_equal(control.stiffness_teleoperation, published.stiffness_teleoperation)
+    assert control.posture_gain == published.posture_gain
+    plain = cell_parameters(load_cell_description(default_cell_file())).control
+    np.testing.assert_array_equal(plain.stiffness, published.stiffness)
