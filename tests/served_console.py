@@ -116,7 +116,7 @@ def serve_console(logs: Path) -> Iterator[ServedConsole]:
         review_scenes = ReviewScenes(cell)
         stack.callback(review_scenes.close)
         catalogue, queue = Catalogue(logs), Queue(logs / QUEUE_FILE)
-        runner = QueueRunner(queue, client, catalogue, lambda: watch.view, watch.learn)
+        runner = QueueRunner(queue, client, catalogue, watch.learn)
         stack.callback(runner.close)
         runner.start()
         campaigns = Campaigns(logs)

@@ -14,33 +14,29 @@ from console.log_rows import NoReference, reference_of
 from console.queue.entry import Entry, EntryState
 from console.queue.file import QueueFileError
 from console.queue.queue import Queue
-from console.watch import LiveView
 from rtstack.live.client import RobotClient, RobotRefused, RobotUnreachable
 from rtstack.live.protocol import Job, JobState, Phase, Status, TrialRequest
 from rtstack.log.catalogue import Catalogue
 from rtstack.log.errors import LogError
 
 PERIOD_S = 0.1
-_QUIET_S = 1.0  # the console asks ten times a second
 UNSEEN = "its end was not seen: another job followed at once"
 DONE = "all of it is done"
 
 
 class QueueRunner:
-    """The thread. `seen`: what the robot process last said; `learn` takes what an order's answer says."""
+    """The thread. client: its own, with a short patience; `learn` takes what an order's answer says."""
 
     def __init__(
         self,
         queue: Queue,
         client: RobotClient,
         catalogue: Catalogue,
-        seen: Callable[[], LiveView],
         learn: Callable[[Status], None],
     ) -> None:
         self._queue = queue
         self._client = client
         self._catalogue = catalogue
-        self._seen = seen
         self._learn = learn
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True, name="queue")
@@ -68,10 +64,10 @@ class QueueRunner:
         queue, running = self._queue, self._queue.running()
         if queue.operator is None and running is None:
             return
-        view = self._seen()
-        status = view.status
-        if status is None or view.unreachable is not None or view.status_age_s > _QUIET_S:
-            queue.pause(view.unreachable or "the robot process does not answer")
+        try:
+            status = self._client.status()
+        except (RobotUnreachable, RobotRefused) as error:
+            queue.pause(str(error))
             return
         if queue.operator is not None and status.holder != queue.operator:
             queue.pause(f"{queue.operator} no longer has the robot")
@@ -124,7 +120,7 @@ class QueueRunner:
     def _follow(self, entry: Entry, status: Status) -> None:
         job = status.job
         if job is None or entry.job is None or job.number < entry.job:
-            return  # what was said before the order
+            return
         if job.number > entry.job:
             self._queue.pause(UNSEEN)
             self._queue.note(entry.id, state=EntryState.STOPPED, reason=UNSEEN)

@@ -6,8 +6,10 @@ import time
 import numpy as np
 from websockets.sync.client import connect
 
+from console.watch import _ArmWatch
 from hal.robot_errors import error_bit
 from hal.state import RobotMode
+from rtstack.log.ring import Rings
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, EVENT, TIMING_SAMPLE, Level, Mode
 
 PATIENCE_S = 10.0
@@ -93,3 +95,26 @@ def test_the_live_socket_sends_view_events_and_status(served):
         assert view["status"]["phase"] == "disarmed"
         assert view["you"] == "operator 1"
         assert client.get("/api/events").json()[-1] == view["event"]
+
+
+def test_a_spike_of_one_sample_is_in_one_view_at_least_and_the_pad_has_the_speed_of_its_way(cell):
+    samples = np.zeros(60, ARM_SAMPLE)
+    samples["t_ns"] = np.arange(1, 61) * 1_000_000
+    samples["O_T_EE"][:, 1, 3] = 0.5e-3 * np.arange(60)  # 0.5 m/s
+    samples["O_F_ext_hat_K"][:, 2] = 3.0
+    samples["O_F_ext_hat_K"][25, :3] = (0.0, 300.0, 400.0)
+    one = np.zeros(1, ARM_SAMPLE)
+    with Rings.create(capacity=256) as rings:
+        watch = _ArmWatch(rings, "left", cell.left)
+        pusher = rings.pusher("/left/arm")
+        views = []
+        for first in (0, 20, 40, 60, 60):
+            for sample in samples[first : first + 20]:
+                one[0] = sample
+                pusher.push(one)
+            views.append(watch.view(0.0))
+    assert [view.peak_force_n for view in views] == [3.0, 500.0, 500.0, 500.0, 3.0]
+    assert [view.force_n for view in views] == [3.0] * 5
+    assert views[0].pad_speed_m_s is None  # nobody knows where it was before
+    np.testing.assert_allclose([view.pad_speed_m_s for view in views[1:3]], 0.5)
+    assert [view.pad_speed_m_s for view in views[3:]] == [0.0, 0.0]
