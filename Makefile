@@ -7,7 +7,7 @@ STAMP := $(VENV)/.installed
 SAFETY_TESTS := $(filter-out %_plant.py,$(wildcard tests/safety/test_*.py))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test realtime check bench coverage mutate explore faults fuzz-api soak good-trials recompute kill-campaign docs docs-commands clean
+.PHONY: help setup run test realtime check bench coverage mutate explore faults fuzz-api soak good-trials recompute kill-campaign hil link-table cluster docs docs-commands clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -59,6 +59,15 @@ recompute: setup  ## a campaign's numbers from its logs, without our code: make 
 
 kill-campaign: setup  ## campaigns killed with -9 and resumed, TRIALS=N or the whole plan: the same results? (resumes, out/)
 	@$(BIN)/python tests/campaign/kill_campaign.py out/killed $(if $(TRIALS),--trials $(TRIALS))
+
+hil: setup  ## the numbered suite against arms: make hil CELL=LEFT,RIGHT HIL="--marks --motion" (report: out/hil/); else simulated
+	$(BIN)/python -m pytest -p no:cacheprovider tests/hil $(if $(CELL),--cell $(CELL)) --hil-report out/hil/$$(date +%Y-%m-%dT%H-%M-%S).md $(HIL)
+
+link-table: setup  ## what delay, jitter, loss, duplicates and reordering between PC and robot a trial stands (out/link/link.md)
+	@$(BIN)/python tests/network/link_table.py --out out/link
+
+cluster: setup  ## three workers in three namespaces, one killed, one cut off: the same table? (TRIALS=40; out/cluster)
+	@$(BIN)/python tests/network/cluster.py out/cluster $(if $(TRIALS),--trials $(TRIALS))
 
 good-trials: setup  ## 140 grabs without an intervention, and one with each limit in reach (resumes, .good-trials/)
 	@$(BIN)/python tests/safety/good_trials.py

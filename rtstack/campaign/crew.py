@@ -4,13 +4,15 @@ import logging
 import os
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
+from typing import Any
 
 import dask.config
-from distributed import Client, LocalCluster
+from distributed import Client, Future, LocalCluster
 
+from rtstack.campaign.admission import Admission
 from rtstack.trials.errors import TrialError
 
 LOOPBACK = "127.0.0.1"
@@ -54,12 +56,25 @@ def local_crew(workers: int) -> Iterator[Client]:
             cluster.close(timeout=END_S)
 
 
+class DistantClient(Client):
+    """A client whose work goes to workers of our version only."""
+
+    admission: Admission
+
+    def submit(self, func: Callable[..., Any], *args: Any, **kwargs: Any) -> Future:
+        """See Client.submit."""
+        return super().submit(func, *args, resources=self.admission.ticket, **kwargs)
+
+
 @contextmanager
 def distant_crew(address: str) -> Iterator[Client]:
-    """Give the workers of the scheduler at tcp://HOST:PORT. Raises TrialError where there are none."""
+    """Give the workers of the scheduler at tcp://HOST:PORT that have our version, whenever they join.
+
+    Raises TrialError where there are none. Who is refused is said in a line on stderr.
+    """
     with dask.config.set(_SETTINGS), _quiet():
         try:
-            client = Client(address, timeout=CONNECT_S)
+            client = DistantClient(address, timeout=CONNECT_S)
         except (OSError, ValueError, TimeoutError) as error:
             reason = str(error).splitlines()[0] if str(error) else "no answer"
             raise TrialError(
@@ -73,13 +88,25 @@ def distant_crew(address: str) -> Iterator[Client]:
                 raise TrialError(
                     f"the scheduler at {address} has no workers: start some with `dask worker {address} --nthreads 1`"
                 ) from None
-            yield client
+            client.admission = Admission(client)
+            try:
+                if not client.admission.slots:
+                    raise TrialError(
+                        f"no worker of the scheduler at {address} has our version: "
+                        f"{'; '.join(client.admission.refused.values())}"
+                    )
+                client.admission.begin()
+                yield client
+            finally:
+                client.admission.close()
         finally:
             client.close(timeout=END_S)
 
 
 def slots(client: Client) -> int:
     """Return how many trials run at once."""
+    if isinstance(client, DistantClient):
+        return client.admission.slots
     return sum(client.nthreads().values())  # pyright: ignore[reportAttributeAccessIssue] (not a coroutine here)
 
 

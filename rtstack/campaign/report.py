@@ -11,6 +11,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
+from rtstack.campaign.archive import Archive
 from rtstack.campaign.beyond import COMPARED, Comparison, judge_beyond, summary
 from rtstack.campaign.claims import Claim, judge_claims, millimetres, shown
 from rtstack.campaign.evaluation import ALL_NAMES, FIGURE11, NAMES, PAPER_TABLE2, TABLE2, Evaluation
@@ -61,8 +62,13 @@ class Part:
     beyond_figure: str | None
 
 
-def write_report(store: Store, plan: Plan, file: PlanFile, description: CellDescription, chosen: Chosen) -> Path:
-    """Write results.csv, times.csv, figures/*.png, report.html and report.json. Returns the page's path."""
+def write_report(
+    store: Store, plan: Plan, file: PlanFile, description: CellDescription, chosen: Chosen, archive: Archive
+) -> Path:
+    """Write results.csv, times.csv, figures/*.png, report.html and report.json. Returns the page's path.
+
+    archive: where recordings and logs are.
+    """
     selected = {experiment.name: chosen(experiment) for experiment in plan.experiments}
     trials = [trial for e in plan.experiments for trial in plan.trials(e, selected[e.name])]
     rows = store.rows(trials)
@@ -75,7 +81,7 @@ def write_report(store: Store, plan: Plan, file: PlanFile, description: CellDesc
     several = len(names) > 1
     if several:
         figure_sensitivity(folder / "sensitivity.png", evaluations)
-    figures = _single_trials(rows, store.out, folder, description)
+    figures = _single_trials(rows, archive, folder, description)
     about = store.about()
     environment = Environment(
         loader=PackageLoader("rtstack.campaign", "pages"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
@@ -164,7 +170,9 @@ def _table2(evaluation: Evaluation) -> list[dict[str, str]]:
     return lines
 
 
-def _single_trials(rows: list[Row], out: Path, folder: Path, description: CellDescription) -> list[tuple[str, str]]:
+def _single_trials(
+    rows: list[Row], archive: Archive, folder: Path, description: CellDescription
+) -> list[tuple[str, str]]:
     """Draw figures 5, 8 and 10 from a rice box's reference; returns their names and captions."""
     some = [row for row in rows if row["displacement_mm"] == EXAMPLE_MM]
     example = next(
@@ -176,13 +184,16 @@ def _single_trials(rows: list[Row], out: Path, folder: Path, description: CellDe
     same = [row for row in some if all(row[name] == example[name] for name in wanted)]
     parameters = default_parameters()
     recording = load_recording(
-        out / RECORDINGS / Reference.named(example["reference"]).file,
+        archive.file(f"{RECORDINGS}/{Reference.named(example['reference']).file}"),
         arm_controllers(description, parameters),
         parameters.detector,
         parameters.control.period_s,
     )
     reference = extend(recording, parameters.control.exclusion_s)
-    logged = [logged_trial(out / row["log"], Controller(row["controller"]), row["object"], description) for row in same]
+    logged = [
+        logged_trial(archive.file(row["log"]), Controller(row["controller"]), row["object"], description)
+        for row in same
+    ]
     first = {trial.controller: trial for trial in reversed(logged)}
     figure5(folder / "figure5.png", recording, reference)
     figure8(folder / "figure8.png", {c: first[c] for c in NAMES if c in first}, reference, example["displacement_mm"])

@@ -14,6 +14,7 @@ from rtstack.campaign.measures import measure
 from rtstack.campaign.plan import Experiment, Plan
 from rtstack.campaign.store import COLUMNS, Row, Store
 from rtstack.campaign.trial import Reference, Trial, seed_of
+from rtstack.campaign.trial_log import PARTIAL
 from rtstack.campaign.worker import LOGS, RECORDINGS, Bench, record, run
 from rtstack.log.errors import LogError
 from rtstack.log.reader import read_log
@@ -68,15 +69,17 @@ class Runner:
 
     def run(self) -> None:
         """Record, run, keep. Raises TrialError for a reference that cannot be recorded."""
-        for name in (RECORDINGS, LOGS):
-            (self._bench.out / name).mkdir(exist_ok=True)
         self._record()
         self._began_s = time.perf_counter()
         done = {row["id"] for row in self._store.rows()}
         self._progress.begin("trials", len(done), self._plan.size())
+        logs = self._bench.archive.names(LOGS)
         for experiment in self._plan.experiments:
             trials = self._plan.trials(experiment, self.chosen(experiment))
-            self._run_missing([trial for trial in trials if trial.id not in done and not self._adopt(trial)])
+            self._run_missing([trial for trial in trials if trial.id not in done and not self._adopt(trial, logs)])
+        for name in self._bench.archive.names(LOGS):
+            if name.endswith(PARTIAL):  # of a worker that was killed
+                self._bench.archive.remove(f"{LOGS}/{name}")
 
     def chosen(self, experiment: Experiment) -> list[Reference]:
         """Return the references selected for an experiment: those that succeeded most often in the one before."""
@@ -89,8 +92,9 @@ class Runner:
 
     def _record(self) -> None:
         """Record the references that are missing."""
-        folder = self._bench.out / RECORDINGS
-        missing = [reference for reference in self._plan.references() if not (folder / reference.file).exists()]
+        archive = self._bench.archive
+        there = archive.names(RECORDINGS)
+        missing = [reference for reference in self._plan.references() if reference.file not in there]
         if not missing:
             return
         self._progress.begin("references", 0, len(missing))
@@ -106,7 +110,7 @@ class Runner:
             reason = reason_of(future) if future.status != "finished" else future.result()
             if reason is not None:
                 reference = futures[future]
-                (folder / reference.file).unlink(missing_ok=True)
+                archive.remove(f"{RECORDINGS}/{reference.file}")
                 raise TrialError(f"the reference {reference.name} could not be recorded: {reason}")
             self._progress.advance(0.0)
 
@@ -134,9 +138,13 @@ class Runner:
         self.tally.wall_s = time.perf_counter() - self._began_s
         self._progress.advance(robot_s)
 
-    def _adopt(self, trial: Trial) -> bool:
-        """Take the result of a trial that was run, and logged, before the program was killed."""
-        row = row_of_log(self._bench.out / LOGS / f"{trial.id}.mcap", trial, self._plan.digest, self._description)
+    def _adopt(self, trial: Trial, logs: set[str]) -> bool:
+        """Take the result of a trial that was run, and logged, before the program was killed. logs: those there are."""
+        name = f"{trial.id}.mcap"
+        if name not in logs:
+            return False
+        path = self._bench.archive.file(f"{LOGS}/{name}")
+        row = row_of_log(path, trial, self._plan.digest, self._description)
         if row is None:
             return False
         self._store.add(row)
@@ -155,8 +163,6 @@ def select(rows: list[Row], count: int) -> list[Reference]:
 
 def row_of_log(path: Path, trial: Trial, digest: str, description: CellDescription) -> Row | None:
     """Return the row of a trial from its log alone, None where there is no complete log of this campaign."""
-    if not path.exists():
-        return None
     try:
         log = read_log(path)
     except LogError:

@@ -99,9 +99,11 @@ class Store:
         self._database.close()
         self._lock.close()
 
-    def claim(self, plan: Campaign, file: PlanFile) -> None:
-        """Note whose results these are."""
+    def claim(self, plan: Campaign, file: PlanFile, place: str | None = None) -> None:
+        """Note whose results these are. place: of the logs, if not this folder."""
         values = {"name": plan.name, "quick": json.dumps(plan.quick), "digest": plan.digest, "plan_commit": file.commit}
+        if place is not None and place != str(self.out):
+            values["logs"] = place
         with self._database as database:
             rows = list(values.items())
             database.executemany("INSERT OR IGNORE INTO campaign VALUES (?, ?)", rows)
@@ -171,15 +173,7 @@ def check_folder(out: Path, plan: Campaign, resume: bool, wanted: dict[str, Any]
         if out.is_dir() and any(entry.name != ".lock" for entry in out.iterdir()):
             raise TrialError(f"{out} is not empty: choose another folder")
         return
-    try:
-        connection = sqlite3.connect(f"file:{database}?mode=rw", uri=True)
-        try:
-            about = dict(connection.execute("SELECT name, value FROM campaign").fetchall())
-            columns = {name for (name,) in connection.execute("SELECT name FROM pragma_table_info('results')")}
-        finally:
-            connection.close()
-    except sqlite3.Error as error:
-        raise TrialError(f"{database} cannot be read ({error}): choose another folder") from None
+    about, columns = _read(database)
     mine = {"name": plan.name, "quick": json.dumps(plan.quick), "digest": plan.digest}
     theirs = {name: about.get(name, value) for name, value in mine.items()}
     if theirs != mine:
@@ -194,3 +188,23 @@ def check_folder(out: Path, plan: Campaign, resume: bool, wanted: dict[str, Any]
         raise TrialError(f"{out} was begun by a version of rtstack with other columns: choose another folder")
     if not resume:
         raise TrialError(f"{out} has results of this campaign: go on with --resume, or choose another folder")
+
+
+def check_place(out: Path, logs: str | None) -> None:
+    """Raise TrialError where a campaign that was begun in `out` keeps its logs elsewhere than at `logs`."""
+    if (out / DATABASE).exists() and (begun := _read(out / DATABASE)[0].get("logs")) != logs:
+        raise TrialError(f"this campaign keeps its logs {f'at {begun}: give --logs {begun}' if begun else f'in {out}'}")
+
+
+def _read(database: Path) -> tuple[dict[str, str], set[str]]:
+    """Return what `claim` noted and the columns. Raises TrialError."""
+    try:
+        connection = sqlite3.connect(f"file:{database}?mode=rw", uri=True)
+        try:
+            about = dict(connection.execute("SELECT name, value FROM campaign").fetchall())
+            columns = {name for (name,) in connection.execute("SELECT name FROM pragma_table_info('results')")}
+        finally:
+            connection.close()
+    except sqlite3.Error as error:
+        raise TrialError(f"{database} cannot be read ({error}): choose another folder") from None
+    return about, columns

@@ -24,6 +24,7 @@ from rtstack.samples import SIDES
 from rtstack.trials.record import TrialLog
 
 EVENTS = 1024  # records: a trial has some ten
+PARTIAL = ".part"
 
 
 class WholeRunLog(TrialLog):
@@ -56,7 +57,8 @@ class WholeRunLog(TrialLog):
 
     def close(self, result: dict[str, Any]) -> str | None:
         """Write the file. Returns None, or in one line why there is none. `columns` are the samples from now on."""
-        partial = self.path.with_suffix(".part")
+        # a name of its own: a worker that was cut off may still write what another one has taken over
+        partial = self.path.with_name(f"{self.path.stem}.{os.uname().nodename}-{os.getpid()}{PARTIAL}")
         try:
             with open(partial, "wb") as file:
                 sink = McapSink(file)

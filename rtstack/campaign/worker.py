@@ -14,6 +14,7 @@ from pathlib import Path
 
 from hal.cell import Cell
 from hal.description import fr3_urdf
+from rtstack.campaign.archive import Archive
 from rtstack.campaign.measures import Measures, measure
 from rtstack.campaign.plan import Conditions
 from rtstack.campaign.trial import Reference, Trial
@@ -45,7 +46,8 @@ class Bench:
     """What all trials of a campaign have in common, as it is sent to the workers.
 
     open_cell: object, displacement m, seed, conditions -> cell; sources: the files on which results depend, as the
-    campaign's digest has them. Paths are absolute: workers on other machines need the same folders.
+    campaign's digest has them. Paths are absolute: workers on other machines need the same folders. elsewhere: where
+    recordings and logs are, if not in `out`: an address that fsspec knows.
     """
 
     out: Path
@@ -54,6 +56,12 @@ class Bench:
     criterion: SuccessCriterion
     digest: str
     sources: tuple[tuple[Path, str], ...]
+    elsewhere: str | None = None
+
+    @property
+    def archive(self) -> Archive:
+        """Where recordings and logs are."""
+        return Archive(self.elsewhere or str(self.out))
 
 
 def digests(paths: Sequence[Path]) -> tuple[tuple[Path, str], ...]:
@@ -78,7 +86,7 @@ def _description(bench: Bench) -> CellDescription:
 
 @lru_cache(maxsize=32)
 def _prepared(bench: Bench, reference: Reference) -> PreparedTrial:
-    path = bench.out / RECORDINGS / reference.file
+    path = bench.archive.file(f"{RECORDINGS}/{reference.file}")
     return prepare_trial(TrialSpecification(str(path), object=reference.object), _description(bench))
 
 
@@ -96,15 +104,16 @@ def record(bench: Bench, reference: Reference, conditions: Conditions, seed: int
     description = _description(bench)
     specification = DemonstrationSpecification(reference.object, reference.variation, seed, reference.speed_m_s)
     metadata = {"trial": trial_metadata(specification, CELL, None)}
-    log = WholeRunLog(
-        bench.out / RECORDINGS / reference.file, LONGEST_DEMONSTRATION + SPARE_TICKS, metadata,
-        common_attachments(bench.cell_file), frames(description, reference.object),
-    )  # fmt: skip
-    cell = bench.open_cell(reference.object, 0.0, seed, conditions)
-    try:
-        return run_demonstration(specification, description, cell, log=log).failure_reason
-    finally:
-        cell.close()
+    with bench.archive.new(f"{RECORDINGS}/{reference.file}") as path:
+        log = WholeRunLog(
+            path, LONGEST_DEMONSTRATION + SPARE_TICKS, metadata, common_attachments(bench.cell_file),
+            frames(description, reference.object),
+        )  # fmt: skip
+        cell = bench.open_cell(reference.object, 0.0, seed, conditions)
+        try:
+            return run_demonstration(specification, description, cell, log=log).failure_reason
+        finally:
+            cell.close()
 
 
 def run(bench: Bench, trial: Trial, conditions: Conditions) -> Row:
@@ -117,21 +126,21 @@ def run(bench: Bench, trial: Trial, conditions: Conditions) -> Row:
         str(recording), trial.controller, trial.object, trial.displacement_mm, trial.seed
     )
     prepared = replace(prepared, specification=specification)
-    path = bench.out / LOGS / f"{trial.id}.mcap"
     campaign = {key: str(value) for key, value in asdict(trial).items()}
     campaign |= {"id": trial.id, "digest": bench.digest}
     metadata = {"trial": trial_metadata(specification, CELL, prepared.reference), "campaign": campaign}
-    log = WholeRunLog(
-        path, prepared.reference.ticks + SPARE_TICKS, metadata, common_attachments(bench.cell_file),
-        frames(prepared.description, trial.object),
-    )  # fmt: skip
-    cell = bench.open_cell(trial.object, trial.displacement_mm * 1e-3, trial.seed, conditions)
-    try:
-        result = run_trial(prepared, cell, log=log, criterion=bench.criterion)
-    finally:
-        cell.close()
-    if log.columns is None or not path.exists():
-        raise OSError(result.failure_reason)
+    with bench.archive.new(f"{LOGS}/{trial.id}.mcap") as path:
+        log = WholeRunLog(
+            path, prepared.reference.ticks + SPARE_TICKS, metadata, common_attachments(bench.cell_file),
+            frames(prepared.description, trial.object),
+        )  # fmt: skip
+        cell = bench.open_cell(trial.object, trial.displacement_mm * 1e-3, trial.seed, conditions)
+        try:
+            result = run_trial(prepared, cell, log=log, criterion=bench.criterion)
+        finally:
+            cell.close()
+        if log.columns is None or not path.exists():
+            raise OSError(result.failure_reason)
     measures = measure(
         log.columns, prepared.description, trial.object, trial.displacement_mm,
         result.nominal_impact_time_s, result.detected_impact_time_s,

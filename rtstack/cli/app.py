@@ -285,11 +285,15 @@ def campaign(
         str | None, typer.Option(metavar="tcp://HOST:PORT", help="Use the workers of this Dask scheduler.")
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with what is missing in DIR.")] = False,
+    logs: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Keep references and logs there, not in DIR: s3://BUCKET/PREFIX."),
+    ] = None,
 ) -> None:
     """Run many trials and write what they show: figures, tables, and each claim with a verdict."""
     from rtstack.cli.campaign import campaign as run
 
-    run(name, out, quick, workers, scheduler, resume)
+    run(name, out, quick, workers, scheduler, resume, logs)
 
 
 @app.command("tune-monitor")

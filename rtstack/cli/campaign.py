@@ -11,7 +11,7 @@ from types import FrameType
 import typer
 
 from rtstack.campaign.plan import Plan, PlanFile, load_plan, plan_file
-from rtstack.campaign.store import Store, check_folder
+from rtstack.campaign.store import Store, check_folder, check_place
 from rtstack.campaign.worker import Bench, digests
 from rtstack.cli import study, validation
 from rtstack.cli.campaign_cell import open_conditioned_cell, plant_files
@@ -27,11 +27,19 @@ INTERRUPTED = 1
 AIM_AWARE_GRAB = "aim-aware-grab"  # no plan of controllers: a study of the monitor
 
 
-def campaign(name: str, out: Path, quick: bool, workers: int | None, scheduler: str | None, resume: bool) -> None:
-    """Run the campaign `name` in the folder `out`, or what is missing of it, and write its report."""
+def campaign(
+    name: str, out: Path, quick: bool, workers: int | None, scheduler: str | None, resume: bool, logs: str | None = None
+) -> None:
+    """Run the campaign `name` in the folder `out`, or what is missing of it, and write its report.
+
+    logs: where recordings and logs go, if not to `out`: an address that fsspec knows, such as s3://BUCKET/PREFIX.
+    """
     if scheduler is not None and workers is not None:
         raise TrialError("--workers starts processes here, --scheduler has workers of its own: give one of them")
+    if logs is not None and "://" not in logs:
+        raise TrialError(f"--logs {logs} is no address such as s3://BUCKET/PREFIX; for a folder give --out alone")
     if name == AIM_AWARE_GRAB:
+        _refuse(logs, name)
         from rtstack.cli.grab_study import grab_study
 
         grab_study(out, quick, workers, scheduler, resume)
@@ -41,11 +49,13 @@ def campaign(name: str, out: Path, quick: bool, workers: int | None, scheduler: 
     at_once = workers or len(os.sched_getaffinity(0))
     kind = study_kind(file.path)
     if kind is not None:
+        _refuse(logs, name)
         prepared = study.prepare(kind, file, out, quick, resume)
         with resumable(_again(name, out, quick)):
             study.run_all(prepared, file, out, at_once, scheduler)
         return
     if is_validation(file.path):
+        _refuse(logs, name)
         plan, bench, described = validation.prepare(file, out, quick, resume)
         with resumable(_again(name, out, quick)):
             validation.run_all(plan, bench, described, file, at_once, scheduler)
@@ -57,9 +67,16 @@ def campaign(name: str, out: Path, quick: bool, workers: int | None, scheduler: 
     sources = [file.path, cell_file, *plant_files()]
     plan = plan.sealed([path.read_bytes() for path in sources])
     check_folder(out, plan, resume)
-    with resumable(_again(name, out, quick)):
-        bench = Bench(out, cell_file, open_conditioned_cell, plan.criterion, plan.digest, digests(sources))
+    bench = Bench(out, cell_file, open_conditioned_cell, plan.criterion, plan.digest, digests(sources), logs)
+    bench.archive.check()
+    check_place(out, logs)
+    with resumable(_again(name, out, quick) + (f" --logs {logs}" if logs else "")):
         _run(bench, plan, file, description, at_once, scheduler)
+
+
+def _refuse(logs: str | None, name: str) -> None:
+    if logs is not None:
+        raise TrialError(f"--logs is for campaigns that compare controllers: {name} works in its folder alone")
 
 
 @contextmanager
@@ -87,7 +104,7 @@ def _run(
         at_once = slots(client)
         bench.out.mkdir(exist_ok=True)
         with Store(bench.out) as store:
-            store.claim(plan, file)
+            store.claim(plan, file, bench.archive.place)
             with campaign_progress() as progress:
                 runner = Runner(plan, bench, store, client, progress, description)
                 tally = runner.tally
@@ -95,7 +112,7 @@ def _run(
                     runner.run()
                 finally:
                     store.note_invocation(tally.trials, tally.robot_s, tally.wall_s, at_once)
-            page = write_report(store, plan, file, description, runner.chosen)
+            page = write_report(store, plan, file, description, runner.chosen, bench.archive)
     print(
         f"{tally.trials} trials, {tally.robot_s:.0f} s of the robot in {tally.wall_s:.0f} s with {at_once} workers: "
         f"{tally.real_time_factor:.1f} x real time, logs included"

@@ -40,7 +40,7 @@ def permitted() -> str:
     how = "as root"
     if not _may_unshare():
         uid, gid = os.getuid(), os.getgid()
-        if _libc.unshare(_CLONE_NEWUSER):
+        if _libc.unshare(_CLONE_NEWUSER | _CLONE_NEWNET):  # nobody may come back to a network that is not its own
             raise NotPermitted(
                 f"network namespaces need CAP_SYS_ADMIN, or unprivileged user namespaces "
                 f"(kernel.unprivileged_userns_clone, seccomp): {os.strerror(ctypes.get_errno())}"
@@ -48,6 +48,7 @@ def permitted() -> str:
         Path("/proc/self/setgroups").write_text("deny")
         Path("/proc/self/uid_map").write_text(f"0 {uid} 1")
         Path("/proc/self/gid_map").write_text(f"0 {gid} 1")
+        _set_up("lo", True)
         how = "in a user namespace"
         if not _may_unshare():
             raise NotPermitted("a user namespace may not have network namespaces here")
@@ -104,7 +105,8 @@ class Namespace:
             other_end = os.open(_TUN, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
             fcntl.ioctl(other_end, _TUNSETIFF, struct.pack("16sH22x", DEVICE.encode(), _IFF_TUN | _IFF_NO_PI))
             _configure(DEVICE, _SIOCSIFMTU, struct.pack("i", mtu))
-            _configure(DEVICE, _SIOCSIFTXQLEN, struct.pack("i", QUEUE))
+            with contextlib.suppress(PermissionError):  # a user namespace keeps the kernel's 500
+                _configure(DEVICE, _SIOCSIFTXQLEN, struct.pack("i", QUEUE))
             for number, address in enumerate(addresses):
                 name = DEVICE if not number else f"{DEVICE}:{number}"
                 _configure(name, _SIOCSIFADDR, _socket_address(address))

@@ -1,0 +1,104 @@
+"""Which workers of a scheduler get trials: those that have our version. The others are refused, with the reason.
+
+A trial asks for a resource that is named after the version, and a worker has it once it has shown that it is of this
+version: the scheduler itself gives no trial to any other, whenever it joins.
+"""
+
+import sys
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from distributed import Client, Status, Worker
+
+from rtstack.campaign.version import Version, present
+
+PERIOD_S = 0.5  # between two looks for workers that have joined
+
+
+class Admission:
+    """Admits the workers of a scheduler, those that are there first and those that join until `close`."""
+
+    def __init__(self, client: Client) -> None:
+        """See who is there. `refused` has a line for each worker that gets nothing, `slots` the others' threads."""
+        self.slots = 0
+        self.refused: dict[str, str] = {}
+        self._client = client
+        self._version = present()
+        self._known: set[str] = set()
+        self._closed = threading.Event()
+        self._look()
+
+    def begin(self) -> None:
+        """Say who was refused, and look for others from now on."""
+        for line in self.refused.values():
+            _say(line)
+        threading.Thread(target=self._watch, name="admission", daemon=True).start()
+
+    @property
+    def ticket(self) -> dict[str, float]:
+        """What a trial asks for."""
+        return {_ticket(self._version): 1.0}
+
+    def close(self) -> None:
+        """Look no more. Does not wait for a worker that does not answer."""
+        self._closed.set()
+
+    def _watch(self) -> None:
+        while not self._closed.wait(PERIOD_S):
+            try:
+                for line in self._look():
+                    _say(line)
+            except Exception:  # the scheduler has gone, or the client is being closed: the runner is told by its trials
+                continue
+
+    def _look(self) -> list[str]:
+        """Admit or refuse who is new; return the new refusals."""
+        workers = self._client.scheduler_info()["workers"]
+        self._known &= set(workers)
+        lines = []
+        for address in sorted(set(workers) - self._known):
+            self._known.add(address)
+            try:
+                self._admit(address)
+            except Exception as error:  # whatever a worker of another version answers
+                reason = " ".join(f"{type(error).__name__}: {error}".split())
+                self.refused[address] = f"the worker at {address} cannot say its version ({reason}): it gets no trials"
+                lines.append(self.refused[address])
+                continue
+            if address in self.refused:
+                lines.append(self.refused[address])
+        return lines
+
+    def _admit(self, address: str) -> None:
+        theirs = self._ask(address, present)
+        different = self._version.difference(theirs)
+        if different is not None:
+            self.refused[address] = f"the worker at {address} has {different}: it gets no trials"
+            return
+        self.refused.pop(address, None)
+        self.slots += self._ask(address, _give_ticket, _ticket(self._version))
+
+    def _ask(self, address: str, function: Callable[..., Any], *arguments: str) -> Any:
+        """Have a worker call a function of ours, and return what it says. Raises whatever goes wrong there."""
+        answers: Any = self._client.run(function, *arguments, workers=[address])  # no coroutine in this client
+        return answers[address]
+
+
+def _ticket(version: Version) -> str:
+    return f"rtstack-{version.digest}"
+
+
+async def _give_ticket(ticket: str, dask_worker: Worker) -> int:
+    """On a worker: have the ticket, as often as there are threads, and be looked at again by the scheduler."""
+    threads = dask_worker.state.nthreads
+    if ticket not in dask_worker.state.total_resources:
+        await dask_worker.set_resources(**{ticket: float(threads)})
+        # the scheduler looks at trials that nobody could run when a worker begins to run, not when it has a resource
+        dask_worker.status = Status.paused
+        dask_worker.status = Status.running
+    return threads
+
+
+def _say(line: str) -> None:
+    print(f"rtstack: {line}", file=sys.stderr, flush=True)

@@ -1,0 +1,51 @@
+"""What a worker computes with: packages, commit and sources. Results are the same to the bit only where these are."""
+
+import hashlib
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from rtstack.trials.provenance import git_commit, package_versions
+
+_ROOT = Path(__file__).resolve().parents[2]
+_PACKAGES = ("hal", "sim_robot", "rtstack", "deploy")
+_KINDS = (".py", ".toml", ".urdf")
+_CHANGED = "+changes"  # git_commit's mark; what was changed is in the digest
+
+
+@dataclass(frozen=True, slots=True)
+class Version:
+    """packages: name and version of each that shapes a result; sources: digest of our code and its parameter files."""
+
+    packages: tuple[tuple[str, str], ...]
+    commit: str
+    sources: str
+
+    @property
+    def digest(self) -> str:
+        """One word for all of it."""
+        return hashlib.sha256(repr((self.packages, self.commit, self.sources)).encode()).hexdigest()[:16]
+
+    def difference(self, other: "Version") -> str | None:
+        """Return in words the first thing that `other` has and this has not, None where they are the same."""
+        wanted = dict(self.packages)
+        for name, version in other.packages:
+            if wanted.get(name) != version:
+                return f"{name} {version} instead of {wanted.get(name)}"
+        if other.commit != self.commit:
+            return f"rtstack of commit {other.commit[:12]} instead of {self.commit[:12]}"
+        if other.sources != self.sources:
+            return f"other sources of rtstack (digest {other.sources} instead of {self.sources})"
+        return None
+
+
+@lru_cache(maxsize=1)
+def present() -> Version:
+    """Return what this process has. The first call counts: an update on the disk does not change what is running."""
+    digest = hashlib.sha256()
+    for package in _PACKAGES:
+        for path in sorted(path for path in (_ROOT / package).rglob("*") if path.suffix in _KINDS):
+            digest.update(str(path.relative_to(_ROOT)).encode())
+            digest.update(path.read_bytes())
+    packages = tuple(sorted(package_versions().items()))
+    return Version(packages, git_commit().removesuffix(_CHANGED), digest.hexdigest()[:16])

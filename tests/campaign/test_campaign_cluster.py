@@ -1,0 +1,58 @@
+"""Workers of other machines: which of them get trials, where logs go, and what a campaign makes of losing some."""
+
+import contextlib
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from rtstack.campaign.archive import Archive
+from rtstack.campaign.version import present
+from rtstack.trials.errors import TrialError
+
+CLUSTER = Path(__file__).parents[1] / "network" / "cluster.py"
+
+
+@pytest.mark.timeout(600)
+def test_one_worker_killed_one_cut_off_and_one_of_another_version(command, finished, tmp_path):
+    """In four network namespaces, with logs in an S3-compatible store: the table of the undisturbed campaign."""
+    arguments = [tmp_path / "work", "--plan", command.plan, "--undisturbed", finished.out]
+    done = subprocess.run([sys.executable, CLUSTER, *arguments], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    *_, refusal, same = done.stdout.splitlines()
+    assert refusal.endswith("has rtstack 0.0.9 instead of 0.1.0: it gets no trials")
+    assert same == "the same 5 rows and report, 5 logs at s3://campaigns"
+
+
+def test_a_version_says_what_is_other():
+    ours = present()
+    assert ours.difference(ours) is None
+    packages = tuple((name, "0" if name == "mujoco" else version) for name, version in ours.packages)
+    assert str(ours.difference(replace(ours, packages=packages))).startswith("mujoco 0 instead of ")
+    assert "of commit feed instead of" in str(ours.difference(replace(ours, commit="feed")))
+    assert "other sources" in str(ours.difference(replace(ours, sources="0")))
+    assert replace(ours, sources="0").digest != ours.digest
+
+
+def test_a_place_that_cannot_be_used_is_one_line():
+    for place, said in (("nowhere://x", "cannot be used"), ("ftp://127.73.5.2:9/x", "cannot be used")):
+        with pytest.raises(TrialError, match=said) as refused:
+            Archive(place).check()
+        assert "\n" not in str(refused.value)
+
+
+def test_what_is_elsewhere_is_brought_once_and_nothing_is_left_here(tmp_path):
+    archive = Archive(f"file://{tmp_path}/store")
+    with archive.new("logs/a.mcap") as path:
+        path.write_bytes(b"a")
+    assert not path.exists()
+    assert archive.names("logs") == {"a.mcap"}
+    assert archive.file("logs/a.mcap").read_bytes() == b"a"
+    with contextlib.suppress(OSError), archive.new("logs/b.mcap") as path:
+        path.write_bytes(b"b")
+        raise OSError
+    assert archive.names("logs") == {"a.mcap"}
+    archive.remove("logs/a.mcap")
+    assert archive.names("logs") == set()
