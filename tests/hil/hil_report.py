@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from rtstack.bench.host import host_findings
+from rtstack.check.host import host_findings
 from rtstack.trials.provenance import git_commit, package_versions
 
 _VERDICTS = {"passed": "pass", "failed": "FAIL", "skipped": "not run"}

@@ -11,7 +11,6 @@ with one log a trial. Exit status 0 where they are, 1 otherwise, 3 without names
 
 import argparse
 import contextlib
-import csv
 import http.client
 import os
 import re
@@ -25,10 +24,15 @@ from pathlib import Path
 
 from namespaces import Namespace, NotPermitted, permitted
 
-from rtstack.campaign.plan import load_plan, plan_file
+from rtstack.campaign.plan import load_plan
+
+HERE = Path(__file__).parent
+sys.path.append(str(HERE.parent / "campaign"))
+
+from kill_campaign import results, small_plan  # noqa: E402
 
 BIN = Path(sys.executable).parent
-HERE = Path(__file__).parent
+PLAN = "reference-spreading"
 NETWORK = "10.77.{}.{}"
 HOME, SCHEDULER_PORT, S3_PORT = "10.77.200.1", 18786, 15000
 BUCKET = "campaigns"
@@ -206,12 +210,6 @@ def compare(site: Site, plan: Path, out: Path, undisturbed: Path, said: str) -> 
     print(f"the same {len(theirs)} rows and report, {len(wanted)} logs at s3://{BUCKET}", flush=True)
 
 
-def results(out: Path) -> list[dict[str, str]]:
-    """results.csv without the commit, which may change between two runs."""
-    with (out / "results.csv").open(newline="") as file:
-        return [{name: text for name, text in row.items() if name != "git_commit"} for row in csv.DictReader(file)]
-
-
 def main() -> int:
     """Run both, and compare."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
@@ -228,7 +226,7 @@ def main() -> int:
     work = arguments.work.resolve()
     shutil.rmtree(work, ignore_errors=True)
     work.mkdir(parents=True)
-    plan = (arguments.plan or small_plan(arguments.trials, work)).resolve()
+    plan = (arguments.plan or small_plan(PLAN, arguments.trials, work)).resolve()
     undisturbed = arguments.undisturbed or work / "undisturbed"
     if arguments.undisturbed is None:
         command = [BIN / "rtstack", "campaign", plan, "--out", undisturbed, "--workers", "1"]
@@ -246,17 +244,6 @@ def main() -> int:
     finally:
         network.close()
     return 0
-
-
-def small_plan(trials: int, folder: Path) -> Path:
-    """Write a plan with Table II's first references only, of `trials` trials or a few more."""
-    path = plan_file("reference-spreading").path
-    text, each = path.read_text(), 2 * len(load_plan(path).controllers)
-    references = ", ".join(f'"rice_box/{k}"' for k in range(-(-trials // each)))
-    experiment = f'name = "table2"\nreferences = [{references}]\ndisplacements_mm = [-30.0, 30.0]\nrepetitions = 1\n'
-    path = folder / f"first-{trials}.toml"
-    path.write_text(f"{text[: text.index('[[experiments]]')]}[[experiments]]\n{experiment}")
-    return path
 
 
 if __name__ == "__main__":
