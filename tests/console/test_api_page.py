@@ -1,0 +1,56 @@
+"""The page of the HTTP interface in a real browser, and what the description says of every request."""
+
+import pytest
+from playwright.sync_api import sync_playwright
+
+from console.description import OPENAPI_PATH
+
+PATIENCE_MS = 60_000
+
+
+def test_every_request_has_a_type_a_summary_and_its_refusals(served):
+    with served.signed_in() as (client, _):
+        document = client.get(OPENAPI_PATH).json()
+    for path, operations in document["paths"].items():
+        for method, operation in operations.items():
+            what = f"{method} {path}"
+            assert 10 < len(operation["summary"]) < 120, what
+            assert operation["tags"], what
+            (success,) = (status for status in operation["responses"] if status.startswith("2"))
+            ((kind, answer),) = operation["responses"][success]["content"].items()
+            assert answer["schema"] not in ({}, {"type": "object"}), what
+            assert "additionalProperties" not in answer["schema"], what
+            assert kind == "application/json" or answer["schema"]["format"] == "binary", what
+            refusals = {status for status in operation["responses"] if status > "299"}
+            assert refusals >= {"400", "401", "403"} | ({"413"} if method != "get" else set()), what
+            assert "{" not in path or refusals >= {"404", "422"}, what
+            for status in refusals:
+                schema = operation["responses"][status]["content"]["application/json"]["schema"]
+                assert schema == {"$ref": "#/components/schemas/Problem"}, (what, status)
+    assert len({operation["operationId"] for one in document["paths"].values() for operation in one.values()}) > 30
+
+
+@pytest.mark.browser
+def test_the_page_needs_no_network_keeps_the_policy_and_tries_a_request_out(served):
+    wrong = []
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox"])
+        page = browser.new_page()
+        page.set_default_timeout(PATIENCE_MS)
+        page.on("console", lambda message: wrong.append(message.text) if message.type == "error" else None)
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        ours = (served.base, "data:")
+        page.on("request", lambda request: None if request.url.startswith(ours) else wrong.append(request.url))
+        page.goto(f"{served.base}/?token={served.parts.sign_in.token}")
+        page.goto(f"{served.base}/api")
+        stop = page.locator("#operations-control-control_stop")
+        stop.locator(".opblock-summary").click()
+        assert not served.mailbox.stop_requested
+        stop.locator(".try-out__btn").click()
+        stop.locator(".execute").click()
+        stop.locator(".live-responses-table .microlight").first.wait_for()
+        assert served.mailbox.stop_requested
+        page.click("#theme")
+        assert page.evaluate("document.documentElement.matches('.dark-mode') === (theme.textContent === 'light')")
+        browser.close()
+    assert wrong == []
