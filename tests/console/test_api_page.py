@@ -23,7 +23,7 @@ def test_every_request_has_a_type_a_summary_and_its_refusals(served):
             assert kind == "application/json" or answer["schema"]["format"] == "binary", what
             refusals = {status for status in operation["responses"] if status > "299"}
             assert refusals >= {"400", "401", "403"} | ({"413"} if method != "get" else set()), what
-            assert "{" not in path or refusals >= {"404", "422"}, what
+            assert "{" not in path or ("422" in refusals and refusals & {"404", "409"}), what
             for status in refusals:
                 schema = operation["responses"][status]["content"]["application/json"]["schema"]
                 assert schema == {"$ref": "#/components/schemas/Problem"}, (what, status)
