@@ -82,7 +82,7 @@ def log_row(entry: LogEntry, being_written: str | None) -> LogRow:
         seed=None if seed is None else int(seed),
         success=success,
         outcome=_outcome(entry, entry.path.name == being_written, success, values.get("failure_reason")),
-        verdict=_text(values.get("impact_verdict")),
+        verdict=_text(values.get("impact_verdict")) or ("not watched" if "impact_verdict" in result else None),
         note=_text(values.get("note")),
         average_force_norm=_number(values.get("average_force_norm")),
         max_lift_mm=_number(values.get("max_lift_mm")),

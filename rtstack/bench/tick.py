@@ -21,9 +21,10 @@ from rtstack.model.cell_description import CellDescription
 from rtstack.references.impact import ExpectedImpact
 from rtstack.samples import Mode, QpSolver, QpStatus
 from rtstack.trials.assembly import Parameters, arm_controllers, safety_judges
-from rtstack.trials.monitoring import load_tuning
+from rtstack.trials.monitoring import tuning_of
 
 Array = NDArray[np.floating]
+OBJECT = "rice_box"  # whose monitor is timed: all are alike
 WARM_UP = 200  # ticks that are not counted
 
 
@@ -210,7 +211,9 @@ def _monitor(period_s: float) -> TrialMonitor:
     """A monitor that has seen an impact and follows its envelopes for ever: its most expensive tick."""
     still = np.zeros((2, 1, 7))
     impact = ExpectedImpact(0.0, np.zeros((2, 7)), np.zeros((2, 7)), still, np.zeros((1, 3)), 1e6, 2e6)
-    monitor = TrialMonitor(load_tuning().monitor, impact, period_s)
+    tuning = tuning_of(OBJECT)
+    assert tuning is not None  # it is committed
+    monitor = TrialMonitor(tuning.monitor, impact, period_s)
     monitor.arms["impacts"], monitor.arms["t_impact_ns"] = 1, 1 << 61
     return monitor
 

@@ -306,7 +306,7 @@ def tune_monitor(
     ] = 1.3,
     json: Json = False,
 ) -> None:
-    """Find the aim-aware monitor's parameters from good runs; every third one is held out, and checked."""
+    """Find the aim-aware monitor's parameters from good runs of one object; a third is held out, and checked."""
     from rtstack.cli.monitor import tune_monitor as run
 
     run(logs, out, sensitivity, json)

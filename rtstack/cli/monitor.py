@@ -3,6 +3,7 @@
 import hashlib
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -25,7 +26,7 @@ FEWEST = 6
 
 
 def tune_monitor(logs: Sequence[Path], out: Path, sensitivity: float, json_output: bool) -> None:
-    """Tune on two of three logs, check on the third ones, write the TOML `out`, which must not exist yet."""
+    """Tune on two thirds of the logs, check on the others, write the TOML `out`, which must not exist yet."""
     if out.exists():
         raise TrialError(f"{out} exists already: choose another name")
     if not out.parent.is_dir():
@@ -34,15 +35,13 @@ def tune_monitor(logs: Sequence[Path], out: Path, sensitivity: float, json_outpu
         raise TrialError(f"{len(logs)} logs are too few to tune on and to check on: give at least {FEWEST}")
     with progress_bar("reading", not json_output) as progress:
         runs = _good_runs(sorted(logs), progress)
-    held_out = runs[HELD_OUT - 1 :: HELD_OUT]
-    used = [run for k, run in enumerate(runs) if k % HELD_OUT != HELD_OUT - 1]
-    parameters = tune([run for run, _ in used], sensitivity)
-    found = check([run for run, _ in held_out], parameters)
-    seeds = (sorted(seed for _, seed in used), sorted(seed for _, seed in held_out))
-    out.write_text(tuning_toml(parameters, sensitivity, found, seeds), encoding="utf-8")
+    used, held_out = split(runs)
+    parameters = tune([record.run for record in used], sensitivity)
+    found = check([record.run for record in held_out], parameters)
+    out.write_text(tuning_toml(parameters, sensitivity, found, used, held_out), encoding="utf-8")
     line = (
-        f"tuned on {len(used)} runs, {out}; of {found.runs} that were held out {len(found.false_alarms)} are false "
-        f"alarms, smallest margin {found.smallest_margin:.2f}"
+        f"tuned on {len(used)} runs of {used[0].object}, {out}; of {found.runs} that were held out "
+        f"{len(found.false_alarms)} are false alarms, smallest margin {found.smallest_margin:.2f}"
     )
     values = {"out": str(out), "runs": len(used), "held_out": found.runs, "false_alarms": list(found.false_alarms)}
     typer.echo(json.dumps(values | {"smallest_margin": found.smallest_margin}) if json_output else line)
@@ -50,17 +49,43 @@ def tune_monitor(logs: Sequence[Path], out: Path, sensitivity: float, json_outpu
         raise typer.Exit(FAILED)
 
 
-def _good_runs(paths: Sequence[Path], progress) -> list[tuple[GoodRun, int]]:
+@dataclass(frozen=True, slots=True)
+class Recorded:
+    """A good run as its log has it. demonstration: name of the recording that it follows."""
+
+    run: GoodRun
+    object: str
+    demonstration: str
+    displacement_mm: float
+    seed: int
+
+
+def split(records: Sequence[Recorded]) -> tuple[list[Recorded], list[Recorded]]:
+    """Return the runs to tune on and those to check on: every third demonstration, or where there are fewer, run."""
+    demonstrations = sorted({record.demonstration for record in records})
+    by_run = len(demonstrations) < HELD_OUT
+    used: list[Recorded] = []
+    held_out: list[Recorded] = []
+    for k, record in enumerate(records):
+        place = k if by_run else demonstrations.index(record.demonstration)
+        (held_out if place % HELD_OUT == HELD_OUT - 1 else used).append(record)
+    return used, held_out
+
+
+def _good_runs(paths: Sequence[Path], progress) -> list[Recorded]:
     description, _ = load_description(None)
     parameters = cell_parameters(description)
     arms = arm_controllers(description, parameters)
     expected: dict[str, ExpectedImpact] = {}
-    runs = []
+    runs: list[Recorded] = []
     for k, path in enumerate(paths):
         log = read_log(path)
         if log.metadata.get("result", {}).get("success") != "true":
             raise TrialError(f"{path}: not a trial that succeeded: give good runs only")
         specification = json.loads(log.metadata["trial"]["specification"])
+        thing = str(specification["object"])
+        if runs and thing != runs[0].object:
+            raise TrialError(f"{path}: a run of {thing}, others are of {runs[0].object}: a tuning is of one object")
         digest, content = _reference(log, path, specification["reference"])
         if digest not in expected:
             with TemporaryDirectory() as folder:
@@ -73,7 +98,10 @@ def _good_runs(paths: Sequence[Path], progress) -> list[tuple[GoodRun, int]]:
             if impact is None:
                 raise TrialError(f"{path}: its reference is a plan: nobody knows what the joints are to do")
             expected[digest] = impact
-        runs.append((GoodRun(path.name, log_columns(log), expected[digest]), int(specification["seed"])))
+        good = GoodRun(path.name, log_columns(log), expected[digest])
+        place = float(specification["displacement_mm"])
+        name = Path(specification["reference"]).stem
+        runs.append(Recorded(good, thing, name, place, int(specification["seed"])))
         if progress is not None:
             progress((k + 1) / len(paths))
     return runs
@@ -93,13 +121,15 @@ def _reference(log: Log, path: Path, name: str) -> tuple[str, bytes]:
 
 
 def tuning_toml(
-    parameters: PairParameters, sensitivity: float, found: Check, seeds: tuple[list[int], list[int]]
-) -> str:
+    parameters: PairParameters, sensitivity: float, found: Check, used: Sequence[Recorded],
+    held_out: Sequence[Recorded],
+) -> str:  # fmt: skip
     """Return the file. Written by hand: nobody writes TOML in the standard library."""
     arm, net = parameters.arm, parameters.net_force
     lines = [
-        "# The aim-aware monitor of the grab, made by `rtstack tune-monitor`: rtstack/trials/tuning.py says what each",
-        "# number is. Units in the names; [provenance] says from what it was made and what it does on other runs.",
+        f"# The aim-aware monitor for grabs of {used[0].object}, made by `rtstack tune-monitor`:",
+        "# rtstack/trials/tuning.py says what each number is. Units in the names;",
+        "# [provenance] says from what it was made and what it does on runs that were held out.",
         "",
         "[monitor]",
         f"later_s = {parameters.later_s!r}",
@@ -117,11 +147,22 @@ def tuning_toml(
         *(f"{name} = {list(getattr(net, name))}" for name in ("x_n", "y_n", "z_n")),
         "",
         "[provenance]",
+        f'object = "{used[0].object}"',
         f"sensitivity = {sensitivity!r}",
-        f"seeds = {seeds[0]}",
-        f"held_out_seeds = {seeds[1]}",
+        *_runs("", used),
+        *_runs("held_out_", held_out),
         f"held_out_false_alarms = {len(found.false_alarms)}",
         f"held_out_smallest_margin = {round(found.smallest_margin, 3)!r}",
         "",
     ]  # fmt: skip
     return "\n".join(lines)
+
+
+def _runs(prefix: str, records: Sequence[Recorded]) -> list[str]:
+    demonstrations = sorted({record.demonstration for record in records})
+    return [
+        f"{prefix}runs = {len(records)}",
+        f"{prefix}demonstrations = {json.dumps(demonstrations)}",
+        f"{prefix}displacements_mm = {sorted({record.displacement_mm for record in records})}",
+        f"{prefix}seeds = {sorted(record.seed for record in records)}",
+    ]

@@ -1,5 +1,6 @@
 """`rtstack teach` and `rtstack trial`: everything is checked before the cell is opened and the log is begun."""
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -51,7 +52,7 @@ def trial(
 ) -> None:  # fmt: skip
     """Run a trial on the recording `reference`; without `log_path` nothing is written. safety: limits to tighten.
 
-    friction: the arms', instead of what the cell's file names. monitor: its parameters, by default the committed ones.
+    friction: the arms', instead of what the cell's file names. monitor: its parameters, by default those of the object.
     faults: what goes wrong in a simulated cell.
     """
     description, source = load_description(cell_file)
@@ -64,8 +65,10 @@ def trial(
     if log_path is not None:
         check_log_path(log_path)
     check_object(object_name, description)
-    tuning = load_tuning(monitor)
-    prepared = prepare_trial(specification, description, monitor=tuning.monitor)
+    tuning = load_tuning(monitor).monitor if monitor is not None else None
+    prepared = prepare_trial(specification, description, monitor=tuning)
+    if prepared.unwatched is not None:
+        print(f"rtstack: not watched: {prepared.unwatched}", file=sys.stderr)
     cell = open_cell(cell_kind, object_name, displacement_mm * 1e-3, seed, description, faults)
     try:
         way = start_motion(cell, description, object_name, displacement_mm * 1e-3, prepared.reference.ante[:, 0])
@@ -105,7 +108,7 @@ def _trial_line(result: TrialResult) -> str:
     outcome = "success" if result.success else f"failed: {result.failure_reason}"
     detected = result.detected_impact_time_s
     impact = "none" if detected is None else f"{detected:.3f} s"
-    verdict = result.impact_verdict or "not judged"
+    verdict = result.impact_verdict or "not watched"
     if result.impact_kind is not None:
         verdict += f" ({result.impact_kind})"
     lift = "-" if result.max_lift_mm is None else f"{result.max_lift_mm:.0f} mm"

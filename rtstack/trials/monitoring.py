@@ -1,4 +1,4 @@
-"""The monitor of a trial: its tuning, as it was committed, and what became of the impact."""
+"""The monitor's tunings, one an object, as they were committed: what is a good grab of one is none of another."""
 
 from collections.abc import Mapping
 from importlib.resources import as_file, files
@@ -20,13 +20,16 @@ class Tuning:
     provenance: Mapping[str, str | int | float | list[str] | list[float] | list[int]]
 
 
-def load_tuning(path: Path | None = None) -> Tuning:
-    """Read a tuning made by `rtstack tune-monitor`, the committed one by default. Raises ConfigurationError."""
-    if path is None:
-        with as_file(files("deploy.monitor") / "grab.toml") as default:
-            return load_tuning(default)
+def load_tuning(path: Path) -> Tuning:
+    """Read a tuning made by `rtstack tune-monitor`. Raises ConfigurationError."""
     tuning = load_toml(path, Tuning)
     if tuning.monitor.arm.joints != JOINTS:
         count = tuning.monitor.arm.joints
         raise ConfigurationError(f"{path}: key monitor.arm.residual_rate_nm_s: {JOINTS} bounds, not {count}")
     return tuning
+
+
+def tuning_of(object_name: str) -> Tuning | None:
+    """Return the committed tuning of an object, None where there is none. Raises ConfigurationError."""
+    with as_file(files("deploy.monitor") / f"{object_name}.toml") as path:
+        return load_tuning(path) if path.is_file() else None

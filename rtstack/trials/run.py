@@ -28,7 +28,7 @@ from rtstack.references.recording import ReferenceError
 from rtstack.references.source import load_reference
 from rtstack.references.spreading import ExtendedReference
 from rtstack.safety.limits import SafetyLimits
-from rtstack.samples import Level, Mode
+from rtstack.samples import Level, Mode, Reaction
 from rtstack.trials.assembly import (
     STRATEGIES,
     Parameters,
@@ -38,10 +38,10 @@ from rtstack.trials.assembly import (
     dual_arm_controller,
     safety_judges,
 )
-from rtstack.trials.attendant import Attendant
+from rtstack.trials.attendant import Attendant, Remark
 from rtstack.trials.errors import TrialError
 from rtstack.trials.evidence import evidence_of
-from rtstack.trials.monitoring import load_tuning
+from rtstack.trials.monitoring import tuning_of
 from rtstack.trials.record import TrialLog
 from rtstack.trials.result import DemonstrationResult, PlaybackResult, TeleoperationResult, TrialResult
 from rtstack.trials.scoring import Score, SuccessCriterion, failure_reason, score
@@ -59,7 +59,10 @@ NEWEST_TICKS = 4000  # of history, where a run has no length: a fault's last sec
 
 @dataclass(frozen=True, slots=True)
 class PreparedTrial:
-    """A trial whose reference was read and checked: nothing is open and nothing written yet."""
+    """A trial whose reference was read and checked: nothing is open and nothing written yet.
+
+    monitor: None where the object has no tuning.
+    """
 
     specification: TrialSpecification
     description: CellDescription
@@ -68,6 +71,19 @@ class PreparedTrial:
     limits: SafetyLimits
     monitor: PairParameters | None = None
 
+    @property
+    def unwatched(self) -> str | None:
+        """Why nobody judges the impact, and what to do about it; None where the monitor does."""
+        if self.reference.impact is None:
+            return "it follows a plan, and nobody knows what the joints are to do"
+        if self.monitor is not None:
+            return None
+        name = self.specification.object
+        return (
+            f"the monitor is not tuned for {name}; make a tuning of its good runs: "
+            f"rtstack tune-monitor LOG.mcap... --out deploy/monitor/{name}.toml"
+        )
+
 
 def prepare_trial(
     specification: TrialSpecification,
@@ -75,7 +91,10 @@ def prepare_trial(
     parameters: Parameters | None = None,
     monitor: PairParameters | None = None,
 ) -> PreparedTrial:
-    """Read and check what a trial needs. monitor: by default the committed tuning. Raises TrialError with one line."""
+    """Read and check what a trial needs. monitor: by default the object's committed tuning, if it has one.
+
+    Raises TrialError with one line, also for a reaction that nothing could start.
+    """
     parameters = parameters or cell_parameters(description)
     check_object(specification.object, description)
     limits = safety_limits(description, specification.safety)
@@ -85,8 +104,12 @@ def prepare_trial(
         )
     except ReferenceError as error:
         raise TrialError(str(error)) from None
-    monitor = monitor or load_tuning().monitor
-    return PreparedTrial(specification, description, parameters, reference, limits, monitor)
+    if monitor is None and (tuning := tuning_of(specification.object)) is not None:
+        monitor = tuning.monitor
+    prepared = PreparedTrial(specification, description, parameters, reference, limits, monitor)
+    if prepared.unwatched is not None and specification.reaction is not Reaction.CONTINUE:
+        raise TrialError(f"nothing would start the reaction {specification.reaction}: {prepared.unwatched}")
+    return prepared
 
 
 def _watched(prepared: PreparedTrial) -> Watched | None:
@@ -132,6 +155,8 @@ def run_trial(
         prepared.description, prepared.parameters, plan, log, live, stop, progress, way, watchdogs, attendant,
         prepared.limits,
     )  # fmt: skip
+    if prepared.unwatched is not None:
+        run.remark(Remark(Level.INFO, "verdict", f"not watched: {prepared.unwatched}"))
     with log_of(log):
         strategy = STRATEGIES[specification.controller]
         outcome = run.follow(cell, strategy, reference.nominal_impact_s, _watched(prepared))
@@ -261,6 +286,11 @@ class Run:
         self.first_impact_s: float | None = None
         self.monitor: TrialMonitor | None = None
         self.kind: Unexpected | None = None
+        self._remarks: list[Remark] = []
+
+    def remark(self, remark: Remark) -> None:
+        """Have an event in the log and in front of whoever watches, from the first tick on."""
+        self._remarks.append(remark)
 
     def follow(
         self, cell: Cell, strategy: Strategy, nominal_impact_s: float, watched: Watched | None = None
@@ -339,9 +369,12 @@ class Run:
         self._pass_on_remarks()
 
     def _pass_on_remarks(self) -> None:
-        if self._attendant is None or self._publisher is None:
+        if self._publisher is None:
             return
-        for remark in self._attendant.remarks():
+        if self._attendant is not None:
+            self._remarks.extend(self._attendant.remarks())
+        while self._remarks:
+            remark = self._remarks.pop(0)
             t_ns = int(self._publisher.timing["t_ns"][0])
             self._publisher.event(t_ns, remark.level, remark.name, remark.text)
 

@@ -36,7 +36,7 @@ NET_FLOOR_N = 0.5  # noise of the estimate
 NET_AROUND = 2  # steps on each side: where the object stands decides when its impacts come
 NET_PATIENCE = 5
 WIDE, WIDE_RAD_S = 1e6, 1e3  # bounds that nothing meets
-HELD_OUT = 3  # every third run is kept for the check
+HELD_OUT = 3  # every third demonstration is kept for the check
 
 
 @dataclass(frozen=True, slots=True)

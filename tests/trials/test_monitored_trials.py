@@ -1,16 +1,20 @@
 """The monitor in whole trials: verdicts in log, events and result, and what an unexpected one leads to."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from console.log_rows import log_row
 from rtstack.cli.cells import default_cell_file, open_cell
+from rtstack.log.catalogue import Catalogue
 from rtstack.log.reader import read_log
 from rtstack.monitor.records import Verdict
 from rtstack.samples import Level, Mode, Reaction
-from rtstack.trials.monitoring import load_tuning
+from rtstack.trials.errors import TrialError
+from rtstack.trials.monitoring import tuning_of
 from rtstack.trials.record import open_log
 from rtstack.trials.review import log_columns
 from rtstack.trials.run import prepare_trial, run_trial
@@ -59,7 +63,7 @@ def test_a_good_grab_is_expected_and_its_log_says_so_again(trial) -> None:
     assert text.startswith("expected, margin 0.")
     columns = log_columns(log)
     run = GoodRun("trial", columns, prepared.reference.impact)
-    monitor = replay(run, load_tuning().monitor)
+    monitor = replay(run, tuning_of("rice_box").monitor)
     assert monitor.verdict is Verdict.EXPECTED
     assert float(monitor.pair[0]["t_verdict_ns"]) * 1e-9 == result.impact_verdict_time_s
 
@@ -98,5 +102,34 @@ def test_where_nothing_was_met_the_arms_go_back_and_nobody_has_to_recover(trial)
     for side, sign in (("left", 1.0), ("right", -1.0)):
         control, arm = log.topic(f"/{side}/control"), log.topic(f"/{side}/arm")
         back = np.flatnonzero(control["mode"] == Mode.RETREATING)
+        verdict = int(np.argmax(control["pair_verdict"] == Verdict.UNEXPECTED))
+        assert verdict - 1 <= back[0] <= verdict + 1  # the other arm's verdict counts in the same tick
         y = arm["O_T_EE"][back, 1, 3] * sign
         assert y[-1] - y.min() > 0.08
+
+
+def test_where_something_was_hit_in_free_air_a_person_has_to_recover(trial) -> None:
+    result, log, _ = trial(PUSH.replace("2.0", "0.8"), Reaction.HOLD)
+    assert (result.impact_verdict, result.impact_reason) == ("unexpected", "time")
+    assert result.failure_reason.startswith("something was hit that was not meant")
+    assert log.metadata["fault"]["end"] == "something was hit that was not meant"
+
+
+def test_an_object_without_a_tuning_is_not_watched_and_its_trial_says_how_to_make_one(cell, demonstration, tmp_path):
+    specification = TrialSpecification(str(demonstration.path), object="box_060")
+    with pytest.raises(TrialError, match="nothing would start the reaction hold: the monitor is not tuned for box_060"):
+        prepare_trial(replace(specification, reaction=Reaction.HOLD), cell)
+    assert prepare_trial(specification, cell, monitor=tuning_of("rice_box").monitor).unwatched is None
+    prepared = prepare_trial(specification, cell)
+    log = open_log(tmp_path / "trial.mcap", specification, cell, "direct", default_cell_file())
+    opened = open_cell("direct", "box_060", 0.0, 0, cell)
+    try:
+        result = run_trial(prepared, opened, log=log)
+    finally:
+        opened.close()
+    assert (result.impact_verdict, result.impact_margin, result.impact_kind) == (None, None, None)
+    (event,) = [event for event in read_log(tmp_path / "trial.mcap").events if event.name == "verdict"]
+    assert event.level is Level.INFO
+    assert "rtstack tune-monitor LOG.mcap... --out deploy/monitor/box_060.toml" in event.text
+    (entry,) = Catalogue(tmp_path).entries()
+    assert log_row(entry, None).verdict == "not watched"  # in the console's list

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from hal.tracker import OBJECT_POSE
-from rtstack.cli.monitor import tune_monitor, tuning_toml
+from rtstack.cli.monitor import Recorded, split, tune_monitor, tuning_toml
 from rtstack.loop.history import Columns
 from rtstack.monitor.records import Reason, Verdict
 from rtstack.references.impact import ExpectedImpact
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, TIMING_SAMPLE
 from rtstack.trials.errors import TrialError
-from rtstack.trials.monitoring import load_tuning
+from rtstack.trials.monitoring import load_tuning, tuning_of
 from rtstack.trials.tuning import Check, GoodRun, check, replay, tune
 
 TICKS, T_D = 1500, 0.5
@@ -71,11 +71,21 @@ def test_what_was_tuned_finds_what_is_wrong_and_nothing_else() -> None:
 
 
 def test_a_file_comes_back_as_it_was(tmp_path) -> None:
-    monitor, path = load_tuning().monitor, tmp_path / "monitor.toml"
-    path.write_text(tuning_toml(monitor, 1.3, Check(3, (), 0.5), ([1, 2], [3])))
+    monitor, path = tuning_of("rice_box").monitor, tmp_path / "monitor.toml"
+    used, held_out = split([Recorded(GOOD[0], "rice_box", f"rice_box-{k // 2}", -3.0, k) for k in range(6)])
+    path.write_text(tuning_toml(monitor, 1.3, Check(2, (), 0.5), used, held_out))
     again = load_tuning(path)
     assert again.monitor == monitor
-    assert again.provenance["held_out_seeds"] == [3]
+    assert again.provenance["object"] == "rice_box"
+    assert again.provenance["held_out_demonstrations"] == ["rice_box-2"]
+    assert again.provenance["held_out_seeds"] == [4, 5]
+    assert tuning_of("nothing") is None
+
+
+def test_runs_of_one_demonstration_are_held_out_one_by_one() -> None:
+    used, held_out = split([Recorded(GOOD[0], "rice_box", "a", 0.0, k) for k in range(7)])
+    assert [record.seed for record in held_out] == [2, 5]
+    assert [record.seed for record in used] == [0, 1, 3, 4, 6]
 
 
 def test_bad_input_writes_nothing(tmp_path) -> None:
