@@ -12,7 +12,7 @@ from rtstack.monitor.monitor import Monitor
 from rtstack.references.source import load_reference
 from rtstack.samples import SIDES
 from rtstack.trials.assembly import arm_controllers, cell_parameters
-from rtstack.trials.monitoring import load_tuning
+from rtstack.trials.monitoring import tuning_of
 
 description, _ = load_description(None)
 parameters = cell_parameters(description)
@@ -20,11 +20,14 @@ reference = load_reference(Path("ref.mcap"), arm_controllers(description, parame
 expected = reference.impact
 assert expected is not None, "a planned reference knows no joints"
 
+tuning = tuning_of("rice_box")
+assert tuning is not None, "an object that nobody has tuned a monitor for"
+
 log = read_log(Path("trial.mcap"))
 for arm, side in enumerate(SIDES):
     state, control = log.topic(f"/{side}/arm"), log.topic(f"/{side}/control")
     n = round(expected.set_down_s / reference.period_s)  # what is put down hits the table: another impact
-    monitor = Monitor(load_tuning().monitor.arm)
+    monitor = Monitor(tuning.monitor.arm)
     monitor.expect(round(expected.t_d_s * 1e9), expected.q_d[arm])
     found = monitor.assess(
         state["t_ns"][:n] - log.start_ns, control["momentum_residual"][:n], state["q"][:n], state["dq"][:n],

@@ -1,27 +1,32 @@
 """The study of the grab's monitor: what is judged, and how it is counted."""
 
+import json
 from collections import Counter
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
+from rtstack.configuration import ConfigurationError
 from rtstack.studies.grab.cases import FURTHER, MARKED, TRUE_KIND, FaultKind, judged_file, load_judged
-from rtstack.studies.grab.report import page, summarise
+from rtstack.studies.grab.report import About, summarise, write_report
 from rtstack.studies.grab.results import RESULTS, Results, check_folder
 from rtstack.studies.grab.worker import Finding
 from rtstack.trials.errors import TrialError
-from rtstack.trials.monitoring import load_tuning
+from rtstack.trials.monitoring import tuning_of
 from rtstack.trials.unexpected import Unexpected
 
 FINDING = Finding(
     id="good-0000", fault=None, reference="rice_box/11", displacement_mm=3.0, seed=1, verdict="expected", reason=None,
     kind=None, margin=0.5, verdict_s=1.9, onset_s=1.4, nominal_s=1.4, success=True, failure_reason=None, ticks=5000,
+    commit="a",
 )  # fmt: skip
 
 
 def test_the_cases_are_those_of_the_mark() -> None:
     study = load_judged(judged_file())
-    cases = study.cases(quick=False)
+    every = study.cases(quick=False)
+    cases = [case for case in every if case.reference.object == "rice_box"]
     count = Counter(case.fault for case in cases)
     assert count[None] == 400
     assert sum(count[kind] for kind in MARKED) == 400
@@ -35,9 +40,27 @@ def test_the_cases_are_those_of_the_mark() -> None:
     others = [case.displacement_mm for case in cases if case.fault not in displaced]
     assert -30.0 <= min(others) < -29.0
     assert 29.0 < max(others) <= 30.0
-    assert cases == study.cases(quick=False)
-    tuned_on = load_tuning().provenance
-    assert not {case.seed for case in cases} & {*tuned_on["seeds"], *tuned_on["held_out_seeds"]}
+    assert every == study.cases(quick=False)
+    assert len({case.seed for case in every}) == len({case.id for case in every}) == len(every)
+
+
+@pytest.mark.parametrize("name", load_judged(judged_file()).objects)
+def test_no_tuning_has_seen_what_it_is_judged_by(name) -> None:
+    tuned_on = tuning_of(name).provenance
+    assert tuned_on["object"] == name
+    study = load_judged(judged_file())
+    seeds, demonstrations = [{*tuned_on[what], *tuned_on[f"held_out_{what}"]} for what in ("seeds", "demonstrations")]
+    assert len(seeds) > 20
+    for case in study.cases(quick=False):
+        assert case.seed not in seeds
+        assert Path(case.reference.file).stem not in demonstrations
+
+
+def test_a_set_is_of_one_object(tmp_path) -> None:
+    path = tmp_path / "judged.toml"
+    path.write_text(judged_file().read_text().replace('"parcel/12"', '"bottles/12"'))
+    with pytest.raises(ConfigurationError, match=r"sets\.1\.references: a set is of one object"):
+        load_judged(path)
 
 
 def test_a_verdict_counts_where_it_is_right() -> None:
@@ -58,8 +81,18 @@ def test_a_verdict_counts_where_it_is_right() -> None:
     assert further.confusion["too early"] == {"expected": 1}
     (line,) = (line for line in summary.lines if line.name == FaultKind.PUSH)
     assert line.delay_ms[0] == pytest.approx(20.0)
-    assert "not reached" in page(summary, {"seeds": [1]}, "a test")
     assert summarise([FINDING, late]).reached
+
+
+def test_the_page_has_a_table_for_each_object(tmp_path) -> None:
+    parcel = replace(FINDING, id="parcel", reference="parcel/3", verdict="unexpected", reason="load", kind="too heavy")
+    about = About("a test", False, "0", 3, {"rice_box": {"object": "rice_box"}, "parcel": {"seeds": [1], "runs": 7}})
+    summaries = write_report(tmp_path, [FINDING, parcel], about)
+    assert [summaries[name].false_alarms.mean for name in ("rice_box", "parcel")] == [0.0, 1.0]
+    page = (tmp_path / "report.html").read_text()
+    assert "1 trials are missing" in page
+    assert "unexpected: load, too heavy" in page
+    assert json.loads((tmp_path / "summary.json").read_text())["parcel"]["reached"] is False
 
 
 def test_what_was_found_stays_and_a_line_cut_off_is_run_again(tmp_path) -> None:

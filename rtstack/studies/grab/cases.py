@@ -12,11 +12,12 @@ from pydantic.dataclasses import dataclass as checked
 
 from rtstack.campaign.plan import Conditions
 from rtstack.campaign.trial import Reference, seed_of
-from rtstack.configuration import STRICT, load_toml
+from rtstack.configuration import STRICT, ConfigurationError, load_toml
 from rtstack.references.impact import ExpectedImpact
 from rtstack.trials.unexpected import Unexpected
 
 Count = Annotated[int, Field(ge=1, le=10_000)]
+FewOrNone = Annotated[int, Field(ge=0, le=1000)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 FIRST_PUSH_S = 0.3  # since the first motion
 RECORDING_STAGE = "reference"
@@ -73,47 +74,73 @@ class Faults:
 
 
 @checked(frozen=True, slots=True, config=STRICT)
-class Judged:
-    """The study as its file has it."""
+class JudgedSet:
+    """Grabs of one object. seed: from which those of its cases follow; further: how many the mark does not count."""
 
-    name: str
     seed: Annotated[int, Field(ge=0)]
     references: tuple[Annotated[str, Field(pattern=r"^[a-z0-9_]+/\d+$")], ...]
     good: Count
     faulty: Count
-    further: Count
-    displacement_mm: Positive
     quick_references: Count
     quick_good: Count
     quick_faulty: Count
-    quick_further: Count
-    faults: Faults
-    conditions: Conditions
+    further: FewOrNone = 0
+    quick_further: FewOrNone = 0
 
-    def cases(self, quick: bool) -> list["Case"]:
-        """Return all cases, good and faulty in turn, so that what was run of them is a sample of both."""
-        good, faulty = (self.quick_good, self.quick_faulty) if quick else (self.good, self.faulty)
-        further = self.quick_further if quick else self.further
-        dealt = [*((k, None) for k in range(good)), *((k, MARKED[k % len(MARKED)]) for k in range(faulty))]
-        dealt += [(k, FURTHER[k % len(FURTHER)]) for k in range(further)]
-        return sorted((self._case(number, kind, quick) for number, kind in dealt), key=lambda case: case.number)
+    @property
+    def object(self) -> str:
+        """The object of its first demonstration, which is that of all."""
+        return Reference.named(self.references[0]).object
 
     def recorded(self, quick: bool) -> tuple[Reference, ...]:
         """Return the demonstrations that the cases follow."""
         names = self.references[: self.quick_references] if quick else self.references
         return tuple(map(Reference.named, names))
 
-    def _case(self, number: int, kind: FaultKind | None, quick: bool) -> "Case":
+
+@checked(frozen=True, slots=True, config=STRICT)
+class Judged:
+    """The study as its file has it. sets: one an object; the mark is that of the first one."""
+
+    name: str
+    seed: Annotated[int, Field(ge=0)]
+    displacement_mm: Positive
+    sets: Annotated[tuple[JudgedSet, ...], Field(min_length=1)]
+    faults: Faults
+    conditions: Conditions
+
+    @property
+    def objects(self) -> tuple[str, ...]:
+        """The objects, in the order of the file."""
+        return tuple(one.object for one in self.sets)
+
+    def cases(self, quick: bool) -> list["Case"]:
+        """Return all cases, good and faulty in turn, so that what was run of them is a sample of both."""
+        cases: list[Case] = []
+        for one in self.sets:
+            good, faulty = (one.quick_good, one.quick_faulty) if quick else (one.good, one.faulty)
+            further = one.quick_further if quick else one.further
+            dealt = [*((k, None) for k in range(good)), *((k, MARKED[k % len(MARKED)]) for k in range(faulty))]
+            dealt += [(k, FURTHER[k % len(FURTHER)]) for k in range(further)]
+            cases += sorted((self._case(one, number, kind, quick) for number, kind in dealt), key=lambda c: c.number)
+        return cases
+
+    def recorded(self, quick: bool) -> tuple[Reference, ...]:
+        """Return the demonstrations that the cases follow."""
+        return tuple(reference for one in self.sets for reference in one.recorded(quick))
+
+    def _case(self, one: JudgedSet, number: int, kind: FaultKind | None, quick: bool) -> "Case":
         what = "good" if kind is None else "further" if kind in FURTHER else "faulty"
-        seed = seed_of(self.seed, what, number)
+        seed = seed_of(one.seed, what, number)
         draw = np.random.default_rng([seed, 1])
-        references = self.recorded(quick)
+        references = one.recorded(quick)
         displacement_mm = float(draw.uniform(-self.displacement_mm, self.displacement_mm))
         if kind is FaultKind.SHIFTED:
             displacement_mm = float(draw.choice([-1.0, 1.0])) * self.faults.shifted_mm
         elif kind is FaultKind.FAR_SIDE:  # what the object lacks, it lacks on one side
             displacement_mm = float(draw.choice([-1.0, 1.0])) * self.faults.far_side_mm / 2.0
-        return Case(f"{what}-{number:04d}", number, kind, references[number % len(references)], displacement_mm, seed)
+        name = f"{one.object}-{what}-{number:04d}"
+        return Case(name, number, kind, references[number % len(references)], displacement_mm, seed)
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,4 +190,10 @@ def judged_file() -> Path:
 
 def load_judged(path: Path) -> Judged:
     """Read it. Raises ConfigurationError."""
-    return load_toml(path, Judged)
+    study = load_toml(path, Judged)
+    for number, one in enumerate(study.sets):
+        if {reference.object for reference in one.recorded(quick=False)} != {one.object}:
+            raise ConfigurationError(f"{path}: key sets.{number}.references: a set is of one object")
+    if len(set(study.objects)) < len(study.objects):
+        raise ConfigurationError(f"{path}: key sets: two of them are of one object")
+    return study

@@ -2,19 +2,38 @@
 
 import json
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
+from rtstack.campaign.report import FIGURES, PAGE, embedded
 from rtstack.campaign.statistics import Interval, proportion
 from rtstack.studies.grab.cases import FURTHER, TRUE_KIND, FaultKind
+from rtstack.studies.grab.figures import figure_delays
 from rtstack.studies.grab.worker import Finding
+from rtstack.trials.unexpected import Unexpected
 
 WANTED_FOUND, WANTED_FALSE = 0.99, 0.01  # the mark
 NOTHING = "expected"
+CAPTION = (
+    "Time from what goes wrong, or from the first impact, to the verdict; every trial whose verdict is right is a dot. "
+    "A good grab is expected once the object was carried for half a second."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class About:
+    """Where the findings come from. planned: number of trials; tunings: object -> provenance, the mark's first."""
+
+    name: str
+    quick: bool
+    digest: str
+    planned: int
+    tunings: Mapping[str, Mapping[str, Any]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,33 +136,22 @@ def _share(interval: Interval | None) -> str:
     return f"{100.0 * interval.mean:.1f} %, 95 % interval {100.0 * interval.low:.1f} to {100.0 * interval.high:.1f} %"
 
 
-def page(summary: Summary, provenance: dict[str, Any], notes: str) -> str:
-    """Return the report as a page of HTML. provenance: of the tuning; notes: which study, which digest."""
-    said = sorted({kind for row in summary.confusion.values() for kind in row})
-    head = "".join(f"<th>{escape(kind)}</th>" for kind in said)
-    rows = "".join(
-        f"<tr><th>{escape(true)}</th>" + "".join(f"<td>{row.get(kind, 0)}</td>" for kind in said) + "</tr>"
-        for true, row in summary.confusion.items()
-    )
-    wrong = "".join(f"<li><code>{escape(json.dumps(finding.as_dict()))}</code></li>" for finding in summary.wrong)
-    made = "".join(f"<li>{escape(str(name))}: {escape(str(value))}</li>" for name, value in provenance.items())
-    mark = "reached" if summary.reached else "not reached"
-    return f"""<!doctype html>
-<html lang="en"><meta charset="utf-8"><title>Aim-aware monitoring of the grab</title>
-<style>body{{font:16px/1.5 sans-serif;max-width:70rem;margin:2rem auto;padding:0 1rem}}
-td,th{{padding:.2rem .6rem;border:1px solid #bbb;text-align:right}}table{{border-collapse:collapse}}</style>
-<h1>Aim-aware monitoring of the grab</h1>
-<p>{escape(notes)}</p>
-<p>The mark (at least 99 % of faults found, at most 1 % false alarms) is <strong>{mark}</strong>.</p>
-<pre>{escape(table(summary))}</pre>
-<p>A verdict is right when the good are expected, and the faulty unexpected after what went wrong. Its time counts from
-the first impact, for a push from its beginning, for an object that is missing from the nominal impact. kind: how often
-the classification names the fault.</p>
-<h2>What was taken for what</h2>
-<table><tr><th>true, said</th>{head}</tr>{rows}</table>
-<h2>Verdicts that are wrong</h2>
-<ul>{wrong or "<li>none</li>"}</ul>
-<h2>The tuning</h2>
-<ul>{made}</ul>
-</html>
-"""
+def write_report(out: Path, findings: Sequence[Finding], about: About) -> dict[str, Summary]:
+    """Write summary.json, figures/delays.png and report.html. Returns the summary of each object."""
+    summaries = {name: summarise([f for f in findings if f.object == name]) for name in about.tunings}
+    values = {name: summary.as_dict() for name, summary in summaries.items()}
+    (out / "summary.json").write_text(json.dumps(values, indent=1), encoding="utf-8")
+    (out / FIGURES).mkdir(exist_ok=True)
+    figure = out / FIGURES / "delays.png"
+    figure_delays(figure, findings, list(about.tunings))
+    environment = Environment(
+        loader=ChoiceLoader([PackageLoader(f"rtstack.{name}", "pages") for name in ("studies.grab", "campaign")]),
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True,
+    )  # fmt: skip
+    page = environment.get_template(PAGE).render(
+        about=about, summaries=summaries, trials=len(findings), share=_share, figure=embedded(figure, CAPTION),
+        commits=sorted({finding.commit for finding in findings}), wanted=(WANTED_FOUND, WANTED_FALSE),
+        columns=[NOTHING, "none", *map(str, Unexpected)],
+    )  # fmt: skip
+    (out / PAGE).write_text(page, encoding="utf-8")
+    return summaries

@@ -12,7 +12,7 @@ from rtstack.trials.errors import TrialError
 
 RESULTS = "results.jsonl"
 ABOUT = "about.json"
-_LEFT_BY_THE_PROGRAM = {".lock", RESULTS, ABOUT, "references", "report.html", "summary.json"}
+_LEFT_BY_THE_PROGRAM = {".lock", RESULTS, ABOUT, "references", "report.html", "summary.json", "figures"}
 
 
 class Results:

@@ -1,6 +1,6 @@
 """One case in a worker: a trial without a log, and what the monitor has said about it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -13,6 +13,7 @@ from rtstack.campaign.worker import RECORDINGS, Bench
 from rtstack.model.cell_description import load_cell_description
 from rtstack.monitor.pair import PairParameters
 from rtstack.studies.grab.cases import Case, FaultKind, Faults
+from rtstack.trials.provenance import git_commit
 from rtstack.trials.run import PreparedTrial, prepare_trial, run_trial
 from rtstack.trials.specification import TrialSpecification
 
@@ -22,12 +23,12 @@ OpenFaultyCell = Callable[[str, float, int, Conditions, Sequence[dict[str, Any]]
 
 @dataclass(frozen=True, slots=True)
 class Bed:
-    """What all cases have in common, as it is sent to the workers."""
+    """What all cases have in common, as it is sent to the workers. monitors: of each object."""
 
     bench: Bench
     conditions: Conditions
     faults: Faults
-    monitor: PairParameters
+    monitors: Mapping[str, PairParameters]
     open_cell: OpenFaultyCell
 
 
@@ -50,6 +51,12 @@ class Finding:
     success: bool
     failure_reason: str | None
     ticks: int
+    commit: str
+
+    @property
+    def object(self) -> str:
+        """What was to be grabbed."""
+        return Reference.named(self.reference).object
 
     @property
     def unexpected(self) -> bool:
@@ -82,7 +89,7 @@ def _prepared(cell_file: Path, out: Path, reference: Reference, monitor: PairPar
 
 def run_case(bed: Bed, case: Case) -> Finding:
     """Run a case."""
-    prepared = _prepared(bed.bench.cell_file, bed.bench.out, case.reference, bed.monitor)
+    prepared = _prepared(bed.bench.cell_file, bed.bench.out, case.reference, bed.monitors[case.reference.object])
     assert prepared.reference.impact is not None  # it is a demonstration
     script = case.script(bed.faults, prepared.reference.impact)
     specification = replace(prepared.specification, displacement_mm=case.displacement_mm, seed=case.seed)
@@ -113,4 +120,5 @@ def run_case(bed: Bed, case: Case) -> Finding:
         success=result.success,
         failure_reason=result.failure_reason,
         ticks=result.ticks,
+        commit=git_commit(),
     )
