@@ -52,32 +52,53 @@ def turned(joint: Joint, angle: float) -> NDArray[np.float64]:
     return np.array([w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s])
 
 
+@dataclass(frozen=True, slots=True)
+class Ghost:
+    """How something is drawn that is not here: in a path of its own, in one colour, translucent."""
+
+    path: str
+    colour: tuple[int, int, int]
+    opacity: float = 0.35
+
+
 class ArmFigure:
     """One arm and its pad in a scene."""
 
-    def __init__(self, scene: viser.SceneApi, side: str, mounting: ArmMounting, cell: CellDescription, full: bool):
+    def __init__(
+        self,
+        scene: viser.SceneApi,
+        side: str,
+        mounting: ArmMounting,
+        cell: CellDescription,
+        full: bool,
+        ghost: Ghost | None = None,
+    ) -> None:
+        full = full and ghost is None
         self._joints = fr3_joints()
         self._frames: list[viser.FrameHandle] = []
         self._shown = np.full(7, np.inf)
         colour = LEFT_COLOUR if side == "left" else RIGHT_COLOUR
-        path = f"/{side}"
+        colour = colour if ghost is None else ghost.colour
+        path = root = f"/{side}" if ghost is None else f"{ghost.path}/{side}"
         scene.add_frame(path, show_axes=False, position=mounting.base_position, wxyz=mounting.base_orientation_wxyz)
         parts = full_parts if full else light_parts
-        _add_parts(scene, path, parts(LINKS[0]), full)
+        _add_parts(scene, path, parts(LINKS[0]), full, ghost)
         for link, joint in zip(LINKS[1:], self._joints, strict=True):
             path = f"{path}/{link}"
             self._frames.append(scene.add_frame(path, show_axes=False, position=joint.position, wxyz=joint.wxyz))
-            _add_parts(scene, path, parts(link), full)
+            _add_parts(scene, path, parts(link), full, ghost)
         pad = cell.pad
         scene.add_box(
             f"{path}/pad",
             color=colour,
             dimensions=pad.size,
             position=(0.0, 0.0, _FLANGE_M + pad.flange_to_face - pad.size[2] / 2.0),
+            opacity=None if ghost is None else ghost.opacity,
             cast_shadow=full,
         )
-        outwards = 0.24 if side == "left" else -0.24
-        scene.add_label(f"/{side}/label", side, position=(0.0, outwards, 0.02), anchor="center-center")
+        if ghost is None:
+            outwards = 0.24 if side == "left" else -0.24
+            scene.add_label(f"{root}/label", side, position=(0.0, outwards, 0.02), anchor="center-center")
         self.show(np.array(mounting.home))
 
     def show(self, q: Sequence[float] | NDArray[np.float64]) -> None:
@@ -123,23 +144,34 @@ def add_stage(server: viser.ViserServer, cell: CellDescription, full: bool) -> N
 class CellFigures:
     """What moves: both arms and the object, in the scene of a server or of one client.
 
-    `full` chooses the visual meshes, otherwise the light ones without shadows.
+    `full` chooses the visual meshes, otherwise the light ones without shadows. ghost: drawn as one, in the light way.
     """
 
-    def __init__(self, scene: viser.SceneApi, cell: CellDescription, full: bool) -> None:
+    def __init__(self, scene: viser.SceneApi, cell: CellDescription, full: bool, ghost: Ghost | None = None) -> None:
+        self._ghost = ghost
+        self._root = None if ghost is None else scene.add_frame(ghost.path, show_axes=False)
         self._scene = scene
         self._cell = cell
         self._full = full
         self._arms = tuple(
-            ArmFigure(scene, side, mounting, cell, full)
+            ArmFigure(scene, side, mounting, cell, full, ghost)
             for side, mounting in (("left", cell.left), ("right", cell.right))
         )
         self._object: viser.BoxHandle | None = None
         self._object_name = ""
         self._object_pose = np.full(7, np.inf)
 
+    def hide(self) -> None:
+        """Show nothing of a ghost until arms are shown again."""
+        self._set_visible(False)
+
+    def _set_visible(self, visible: bool) -> None:
+        if self._root is not None and self._root.visible != visible:
+            self._root.visible = visible
+
     def show_arms(self, q: NDArray[np.float64]) -> None:
         """Show both arms at `q`, (2, 7) rad."""
+        self._set_visible(True)
         for arm, joints in zip(self._arms, q, strict=True):
             arm.show(joints)
 
@@ -153,10 +185,10 @@ class CellFigures:
             return
         if self._object is None or name != self._object_name:
             self._object = self._scene.add_box(
-                "/object",
-                color=_OBJECT_COLOUR,
+                "/object" if self._ghost is None else f"{self._ghost.path}/object",
+                color=_OBJECT_COLOUR if self._ghost is None else self._ghost.colour,
                 dimensions=description.size,
-                opacity=0.92,
+                opacity=0.92 if self._ghost is None else self._ghost.opacity,
                 cast_shadow=self._full,
             )
             self._object_name = name
@@ -167,13 +199,14 @@ class CellFigures:
             self._object.wxyz = pose[3:]
 
 
-def _add_parts(scene: viser.SceneApi, path: str, parts: list[Part], full: bool) -> None:
+def _add_parts(scene: viser.SceneApi, path: str, parts: list[Part], full: bool, ghost: Ghost | None) -> None:
     for number, part in enumerate(parts):
         scene.add_mesh_simple(
             f"{path}/part{number}",
             part.vertices,
             part.faces,
-            color=part.colour,
+            color=part.colour if ghost is None else ghost.colour,
+            opacity=None if ghost is None else ghost.opacity,
             flat_shading=False,
             cast_shadow=full,
             receive_shadow=full,

@@ -12,12 +12,13 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from console.scene import CellFigures, add_stage
+from console.scene import CellFigures, Ghost, add_stage
 from console.scene_server import VIEW, SceneServer
 from console.scenes import Detail
 from rtstack.model.cell_description import CellDescription
 
 _CAMERA = (-2.5, 0.0, 1.75)  # further away than in the live scene: the frame is narrower
+GHOST = Ghost("/ghost", (240, 228, 66))  # #F0E442, Okabe-Ito: of neither arm and of no mode
 _REMEMBERED = 64  # pages whose last pose is kept for when their scene connects, or connects again
 
 
@@ -30,45 +31,71 @@ class Pose:
     object_pose: NDArray[np.float64] | None
 
 
+@dataclass(frozen=True, slots=True)
+class Poses:
+    """What a page's cursor points at: the log itself, and at the same moment another log as a ghost."""
+
+    log: Pose
+    ghost: Pose | None = None
+
+
+class _Figures:
+    """What moves in one page's scene. The ghost is drawn when it is first asked for."""
+
+    def __init__(self, client: viser.ClientHandle, cell: CellDescription, full: bool) -> None:
+        self._client = client
+        self._cell = cell
+        self._log = CellFigures(client.scene, cell, full)
+        self._ghost: CellFigures | None = None
+
+    def show(self, poses: Poses) -> None:
+        """Show both logs."""
+        with self._client.atomic():
+            _place(self._log, poses.log)
+            if poses.ghost is not None and poses.ghost.q is not None:
+                if self._ghost is None:
+                    self._ghost = CellFigures(self._client.scene, self._cell, full=False, ghost=GHOST)
+                _place(self._ghost, poses.ghost)
+            elif self._ghost is not None:
+                self._ghost.hide()
+
+
+def _place(figures: CellFigures, pose: Pose) -> None:
+    if pose.q is not None:
+        figures.show_arms(pose.q)
+    figures.show_object(pose.object, pose.object_pose)
+
+
 class _ReviewServer:
     """The stage, and the figures of every page that looks at it."""
 
-    def __init__(self, cell: CellDescription, detail: Detail, poses: OrderedDict[str, Pose]) -> None:
+    def __init__(self, cell: CellDescription, detail: Detail, poses: OrderedDict[str, Poses]) -> None:
         self.server = SceneServer()
         self._cell = cell
         self._full = detail is Detail.FULL
         self._poses = poses
-        self._figures: dict[int, tuple[str, viser.ClientHandle, CellFigures]] = {}
+        self._figures: dict[int, tuple[str, _Figures]] = {}
         add_stage(self.server.viser, cell, self._full)
         self.server.viser.initial_camera.position = _CAMERA
 
         @self.server.viser.on_client_connect
         async def _(client: viser.ClientHandle) -> None:
             view = VIEW.get()  # in the connection's own context: a callback in a thread would not have it
-            figures = CellFigures(client.scene, self._cell, self._full)
-            self._figures[client.client_id] = view, client, figures
+            figures = _Figures(client, self._cell, self._full)
+            self._figures[client.client_id] = view, figures
             if view in self._poses:
-                _show(client, figures, self._poses[view])
+                figures.show(self._poses[view])
 
         @self.server.viser.on_client_disconnect
         async def _(client: viser.ClientHandle) -> None:
             self._figures.pop(client.client_id, None)
 
-    def show(self, view: str, pose: Pose) -> int:
-        """Show a pose to the pages of this key; return how many there are."""
-        shown = 0
-        for key, client, figures in list(self._figures.values()):
-            if key == view:
-                _show(client, figures, pose)
-                shown += 1
-        return shown
-
-
-def _show(client: viser.ClientHandle, figures: CellFigures, pose: Pose) -> None:
-    with client.atomic():
-        if pose.q is not None:
-            figures.show_arms(pose.q)
-        figures.show_object(pose.object, pose.object_pose)
+    def show(self, view: str, poses: Poses) -> int:
+        """Show poses to the pages of this key; return how many there are."""
+        mine = [figures for key, figures in list(self._figures.values()) if key == view]
+        for figures in mine:
+            figures.show(poses)
+        return len(mine)
 
 
 class ReviewScenes:
@@ -78,7 +105,7 @@ class ReviewScenes:
         self._cell = cell
         self._lock = threading.Lock()
         self._servers: dict[Detail, _ReviewServer] = {}
-        self._poses: OrderedDict[str, Pose] = OrderedDict()
+        self._poses: OrderedDict[str, Poses] = OrderedDict()
 
     def server(self, detail: Detail) -> SceneServer:
         """Return the server of a scene; the first call makes it."""
@@ -87,15 +114,15 @@ class ReviewScenes:
                 self._servers[detail] = _ReviewServer(self._cell, detail, self._poses)
             return self._servers[detail].server
 
-    def show(self, view: str, pose: Pose) -> int:
-        """Show a pose to the page of this key, now and when its scene connects; return how many show it now."""
+    def show(self, view: str, poses: Poses) -> int:
+        """Show poses to the page of this key, now and when its scene connects; return how many show them now."""
         with self._lock:
-            self._poses[view] = pose
+            self._poses[view] = poses
             self._poses.move_to_end(view)
             while len(self._poses) > _REMEMBERED:
                 self._poses.popitem(last=False)
             servers = list(self._servers.values())
-        return sum(server.show(view, pose) for server in servers)
+        return sum(server.show(view, poses) for server in servers)
 
     def close(self) -> None:
         """End all scenes."""

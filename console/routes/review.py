@@ -15,7 +15,7 @@ from console.parts import NeedsParts, Parts, parts_of, session_now
 from console.review.columns import ColumnsGone
 from console.review.logs import NotReviewable, ReadLog, opened, wanted_signals
 from console.review.plotting import PLOTLY_FILE, PLOTLY_PATH
-from console.review.scene import Pose
+from console.review.scene import Pose, Poses
 from console.review.series import moment
 from console.routes.scene import pass_on_page, pass_on_stream
 from console.scenes import Detail
@@ -26,12 +26,17 @@ _VIEW = re.compile(r"[A-Za-z0-9-]{8,64}")
 
 
 class Cursor(BaseModel):
-    """Where a page's cursor is: s after the log's first sample, and what it wants to read there."""
+    """Where a page's cursor is: s after the log's first sample, and what it wants to read there.
+
+    other: id of a second log, shown as a ghost; offset: of its time, s: what it had at t - offset is shown at t.
+    """
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
     t: float = Field(ge=-1e9, le=1e9)
     signals: str = Field(default="", max_length=8192)
+    other: str = Field(default="", max_length=128)
+    offset: float = Field(default=0.0, ge=-1e9, le=1e9)
 
 
 @router.get(PLOTLY_PATH)
@@ -67,7 +72,7 @@ async def scrub(websocket: WebSocket, log_id: str, view: str) -> None:
     parts = parts_of(websocket)
     await websocket.accept()
     newest: asyncio.Queue[str] = asyncio.Queue()
-    read: ReadLog | None = None
+    kept: dict[str, ReadLog] = {}
     listening = asyncio.create_task(_listen(websocket, newest))
     try:
         while True:
@@ -82,8 +87,7 @@ async def scrub(websocket: WebSocket, log_id: str, view: str) -> None:
             if session_now(websocket) is None:
                 await websocket.close(1008, "not signed in any more")
                 return
-            answer, read = await run_in_threadpool(_answer, parts, log_id, view, text, read)
-            await websocket.send_json(answer)
+            await websocket.send_json(await run_in_threadpool(_answer, parts, log_id, view, text, kept))
     except (WebSocketDisconnect, RuntimeError):
         pass  # the page has gone
     finally:
@@ -96,26 +100,37 @@ async def _listen(websocket: WebSocket, newest: asyncio.Queue[str]) -> None:
             newest.put_nowait(await websocket.receive_text())
 
 
-def _answer(
-    parts: Parts, log_id: str, view: str, text: str, read: ReadLog | None
-) -> tuple[dict[str, Any], ReadLog | None]:
-    """Return the answer, and the log for the next question: once all of it is read, it needs no looking up."""
+def _answer(parts: Parts, log_id: str, view: str, text: str, kept: dict[str, ReadLog]) -> dict[str, Any]:
+    """Return the answer. kept: logs for the next question; those that are read to the end need no looking up."""
     try:
         cursor = Cursor.model_validate_json(text)
-        if read is None or not read.index.done:
-            read = opened(parts.catalogue, parts.review_cache, log_id)
-        if read is None:
-            raise NotReviewable(409, "nothing of this log has been read yet")
+        read = _read(parts, log_id, kept)
         found = moment(read.folder, read.index, wanted_signals(cursor.signals), cursor.t)
+        pose = Pose(found.q, _object_name(read.entry.trial), found.object)
+        ghost = None
+        if cursor.other:
+            other = _read(parts, cursor.other, kept)
+            there = moment(other.folder, other.index, [], cursor.t - cursor.offset)
+            ghost = Pose(there.q, _object_name(other.entry.trial), there.object)
     except ValidationError as error:
-        return {"error": str(error.errors()[0]["msg"])}, read
+        return {"error": str(error.errors()[0]["msg"])}
     except (NotReviewable, ColumnsGone) as error:
-        return {"error": str(error)}, None
-    shown = 0
-    if _VIEW.fullmatch(view):
-        name = _object_name(read.entry.trial)
-        shown = parts.review_scenes.show(view, Pose(found.q, name, found.object))
-    return {"t": cursor.t, "sample_t": found.t_s, "values": found.values, "scenes": shown}, read
+        kept.clear()
+        return {"error": str(error)}
+    shown = parts.review_scenes.show(view, Poses(pose, ghost)) if _VIEW.fullmatch(view) else 0
+    answer = {"t": cursor.t, "sample_t": found.t_s, "values": found.values, "scenes": shown}
+    return answer if ghost is None else answer | {"ghost_t": there.t_s}
+
+
+def _read(parts: Parts, log_id: str, kept: dict[str, ReadLog]) -> ReadLog:
+    """Return a log of which something has been read. Raises NotReviewable, ColumnsGone."""
+    read = kept.get(log_id)
+    if read is None or not read.index.done:
+        read = opened(parts.catalogue, parts.review_cache, log_id)
+    if read is None:
+        raise NotReviewable(409, "nothing of this log has been read yet")
+    kept[log_id] = read
+    return read
 
 
 def _object_name(trial: Any) -> str:

@@ -3,6 +3,7 @@
 import { get, post } from "./api.js";
 import { showError } from "./errors.js";
 import { startFrame } from "./frame.js";
+import { startPlayback } from "./playback.js";
 
 const $ = (id) => document.getElementById(id);
 const id = document.querySelector("main").dataset.id;
@@ -173,5 +174,5 @@ class Page {
   }
 }
 
-startFrame();
+startPlayback(id, startFrame());
 new Page().load();

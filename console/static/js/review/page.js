@@ -3,6 +3,7 @@
 import { get } from "../api.js";
 import { showError } from "../errors.js";
 import { startFrame } from "../frame.js";
+import { startPlayback } from "../playback.js";
 import { Compare } from "./compare.js";
 import { startKeys } from "./keys.js";
 import { Marks } from "./marks.js";
@@ -34,8 +35,14 @@ function showReading(document, sinceMs) {
   element("reading-line").textContent = `Reading this log for the first time: ${Math.round(document.share * 100)} % after ${seconds.toFixed(0)} s. What has been read is shown; leave this page whenever you like.`;
 }
 
+function showMoment(plots, answer) {
+  plots.showValues(answer.values);
+  element("ghost").hidden = answer.ghost_t === undefined;
+  if (answer.ghost_t !== undefined) element("ghost-at").textContent = `other log at ${answer.ghost_t.toFixed(3)} s`;
+}
+
 async function start() {
-  startFrame();
+  const live = startFrame();
   const view = new View();
   const log = new Log(main.dataset.id);
   const signals = await get("/api/logs/signals");
@@ -44,7 +51,9 @@ async function start() {
   const marks = new Marks(view, log);
   const timeline = new Timeline(view, log, marks);
   const compare = new Compare(view, log, plots);
-  new Scrub(view, log, (answer) => plots.showValues(answer.values));
+  const ghost = () => (plots.other === null ? null : { id: plots.other.log.id, offset: plots.other.offset });
+  new Scrub(view, log, ghost, (answer) => showMoment(plots, answer));
+  startPlayback(log.id, live);
   startKeys(view, timeline, marks);
 
   const link = () => {

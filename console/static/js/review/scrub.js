@@ -6,8 +6,10 @@ import { startScene } from "../scene.js";
 const RETRY_MS = 1000;
 
 export class Scrub {
-  constructor(view, log, onValues) {
+  // ghost: gives {id, offset} of the second log that is shown at the same moment, or null
+  constructor(view, log, ghost, onValues) {
     this.view = view;
+    this.ghost = ghost;
     this.key = crypto.randomUUID();
     this.address = `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/api/logs/${log.id}/scrub?view=${this.key}`;
     this.onValues = onValues;
@@ -15,6 +17,7 @@ export class Scrub {
     this.wanted = false;
     view.on("cursor", () => this.ask());
     view.on("signals", () => this.ask());
+    view.on("other", () => this.ask());
     startScene((detail) => `/viser/review/${detail}/${this.key}/`);
     this.connect();
   }
@@ -39,6 +42,8 @@ export class Scrub {
     this.wanted = this.socket?.readyState !== WebSocket.OPEN || this.asked !== null;
     if (this.wanted) return;
     this.asked = performance.now();
-    this.socket.send(JSON.stringify({ t: this.view.t, signals: this.view.signals.join(",") }));
+    const ghost = this.ghost();
+    const other = ghost === null ? {} : { other: ghost.id, offset: ghost.offset };
+    this.socket.send(JSON.stringify({ t: this.view.t, signals: this.view.signals.join(","), ...other }));
   }
 }

@@ -1,0 +1,75 @@
+"""A recording is played in 3D beside another log as a ghost, and on the arms, in a real Chromium with a real stack."""
+
+import io
+import re
+
+import numpy as np
+import pytest
+from PIL import Image
+from playwright.sync_api import Page, expect
+
+pytestmark = pytest.mark.browser
+PATIENCE_MS = 120_000
+POST = """async (paths) => { for (const path of paths) {
+    const token = document.querySelector('meta[name="csrf-token"]').content;
+    const answer = await fetch(path, {method: 'POST', body: '{}', headers: {'content-type': 'application/json', 'x-csrf-token': token}});
+    if (!answer.ok) return (await answer.json()).error; } return ''; }"""  # noqa: E501
+
+
+def open_log(page: Page, kind: str) -> None:
+    page.goto("/logs")
+    page.select_option("#kind", kind)
+    expect(page.locator("#logs tbody tr")).to_have_count(1, timeout=PATIENCE_MS)
+    page.goto(page.locator("#logs tbody a[href^='/logs/']").first.get_attribute("href") or "")
+    expect(page.locator("#figure .main-svg").first).to_be_visible(timeout=PATIENCE_MS)
+    expect(page.locator("#reading")).to_be_hidden(timeout=PATIENCE_MS)
+
+
+def test_a_log_goes_to_the_arms_and_ends_softly_and_is_compared_with_what_was_played(recorded):
+    page = recorded.page
+    page.on("dialog", lambda dialog: dialog.accept())
+    open_log(page, "demonstration")
+    play = page.locator("#arms-play")
+    # without control or arming the button says so; a page that was held up may have lost them
+    while not play.is_enabled():
+        expect(play).to_have_attribute("title", re.compile(r"\w"), timeout=PATIENCE_MS)
+        page.evaluate(POST, ["/api/take", "/api/arm"])
+        page.wait_for_timeout(300)
+    page.select_option("#arms-speed", "0.25")
+    play.click()
+    line = page.locator("#arms-line")
+    expect(line).to_contain_text("runs", timeout=PATIENCE_MS)
+    expect(page.locator("#arms-end")).to_be_enabled(timeout=PATIENCE_MS)
+    expect(page.locator("#arms-progress")).not_to_have_js_property("value", 0, timeout=PATIENCE_MS)
+    page.click("#arms-end")
+    expect(line).to_contain_text("ended early: stop requested by the operator", timeout=PATIENCE_MS)
+    expect(play).to_be_enabled(timeout=PATIENCE_MS)  # no fault: the next one may begin at once
+
+    open_log(page, "playback")
+    ghost = page.locator("#ghost")
+    expect(ghost).to_be_hidden()
+    canvas = page.frame_locator("#scene").locator("canvas").first
+    expect(canvas).to_be_visible(timeout=PATIENCE_MS)
+    before = yellow(canvas)
+    page.locator("#other").select_option(label=page.locator("#other option", has_text="demonstration").inner_text())
+    expect(ghost).to_contain_text("other log at", timeout=PATIENCE_MS)
+    for _ in range(60):
+        if yellow(canvas) > before + 300:
+            break
+        page.wait_for_timeout(500)
+    else:
+        raise AssertionError("the ghost is not in the scene")
+    page.select_option("#speed", "4")
+    page.click("h1")
+    page.keyboard.press("p")
+    expect(page.locator("#ghost-at")).not_to_have_text(re.compile(r" 0\.0\d\d s"), timeout=PATIENCE_MS)
+    page.select_option("#other", "")
+    expect(ghost).to_be_hidden(timeout=PATIENCE_MS)
+    assert recorded.errors == []
+
+
+def yellow(canvas) -> int:
+    """How many pixels have the ghost's colour, #F0E442 through which the rest is seen."""
+    pixels = np.asarray(Image.open(io.BytesIO(canvas.screenshot())).convert("RGB")).astype(int)
+    red, green, blue = pixels[..., 0], pixels[..., 1], pixels[..., 2]
+    return int(((abs(red - green) < 30) & (red - blue > 45) & (green > 60)).sum())
