@@ -90,9 +90,13 @@ def test_a_log_is_ordered_to_be_played_at_a_speed_and_ended_softly_by_its_operat
         taken, _ = served.desk.collect()
         assert (taken.verb, taken.source, taken.speed) == ("playback", str(served.logs / "one.mcap"), 0.5)
         served.desk.started("playback.mcap")
-        eventually(lambda: client.get("/api/status").json()["job"]["state"] == "running")
-        finish = client.post("/api/playback/finish", json={}, headers=headers)
-        assert (finish.status_code, finish.json()) == (200, {"finishing": True})
+        # the console learns a moment later that it runs; meanwhile the operator gives signs of life
+        eventually(
+            lambda: (
+                client.post("/api/beat", json={}, headers=headers)
+                and client.post("/api/playback/finish", json={}, headers=headers).json() == {"finishing": True}
+            )
+        )
         target = np.zeros(1, TARGET)
         assert served.mailbox.read_target(target)
         assert (target["job"][0], target["finish"][0], target["clutch_ns"][0]) == (taken_number(client), 1, 0)
