@@ -73,7 +73,7 @@ good-trials: setup  ## 140 grabs without an intervention, and one with each limi
 	@$(BIN)/python tests/safety/good_trials.py
 
 docs: setup  ## the documentation's site, warnings as errors, into out/site
-	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict && echo "open out/site/index.html"
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict && echo "look at it: $(BIN)/python -m http.server --bind 127.0.0.1 --directory out/site"
 
 docs-commands: setup  ## run every command of the documentation, also those that take minutes
 	RTSTACK_DOCS=all $(BIN)/python -m pytest --timeout=0 tests/docs/test_commands.py
