@@ -25,15 +25,14 @@ def figure_delays(path: Path, findings: Sequence[Finding], objects: Sequence[str
         colour = COLOURS[number % len(COLOURS)]
         axis.plot([], [], "o", color=colour, markersize=4, label=name.replace("_", " "))
         for row, kind in enumerate(kinds):
-            delays = [
-                1e3 * f.delay_s for f in findings if f.object == name and f.fault == kind and f.right and f.delay_s
-            ]
+            right = [f for f in findings if f.object == name and f.fault == kind and f.right]
+            delays = [1e3 * f.delay_s for f in right if f.delay_s is not None]
             if not delays:
                 continue
             middle = row - 0.5 + (number + 0.5) * share
             spread = middle + HEIGHT * share * (np.modf(np.arange(len(delays)) * 0.618)[0] - 0.5)
-            axis.plot(delays, spread, "o", color=colour, markersize=2.5, alpha=0.5, markeredgewidth=0)
-            axis.plot([np.median(delays)] * 2, middle + np.array([-0.5, 0.5]) * share, color="black", linewidth=1.5)
+            axis.plot(delays, spread, "o", color=colour, markersize=3, alpha=0.6, markeredgewidth=0, zorder=3)
+            axis.plot([np.median(delays)] * 2, middle + np.array([-0.5, 0.5]) * share, color="black", linewidth=1.0)
     axis.set_yticks(range(len(kinds)), ["good", *map(str, FaultKind)])
     axis.set_ylim(len(kinds) - 0.5, -0.5)
     axis.grid(axis="y", visible=False)
