@@ -18,11 +18,16 @@ LIFTED_S = 0.5
 
 
 class ReactionMotion:
-    """The setpoints of a trial's reaction, both arms. approach (2, 3): m/s, of the pads where they meet the object."""
+    """The setpoints of a trial's reaction, both arms.
 
-    def __init__(self, reaction: Reaction, approach: NDArray[np.float64]) -> None:
+    approach (2, 3): m/s, of the pads where they meet the object; start (2, 3): m, where the reference begins: a retreat
+    goes no further back than the arm has come.
+    """
+
+    def __init__(self, reaction: Reaction, approach: NDArray[np.float64], start: NDArray[np.float64]) -> None:
         self.reaction = reaction
         self._approach = approach
+        self._start = start
         self.mode = Mode.IDLE
         self._began_s = -1.0
         self._from = np.zeros((2, 3))
@@ -42,7 +47,9 @@ class ReactionMotion:
         self._velocity[side] = setpoint["twist"][0, :3]
         speed = float(np.linalg.norm(self._approach[side]))
         if self.mode is Mode.RETREATING and speed > 0.0:
-            self._way[side] = -RETREAT_M / speed * self._approach[side]
+            direction = self._approach[side] / speed
+            come = float(direction @ (self._from[side] - self._start[side]))
+            self._way[side] = -min(max(come, 0.0), RETREAT_M) * direction
 
     def ask(self, side: int, setpoint: NDArray, t_s: float) -> None:
         """Write the setpoint of an arm at t_s."""

@@ -42,13 +42,14 @@ _WARM: set[bool] = set()  # whether the code has run in this process, without an
 class Watched:
     """What a trial's monitor needs: its tuning, what to expect, and what an unexpected impact leads to.
 
-    approach (2, 3): m/s, of the pads where they meet the object.
+    approach (2, 3): m/s, of the pads where they meet the object; start (2, 3): m, where they begin.
     """
 
     tuning: PairParameters
     impact: ExpectedImpact
     reaction: Reaction
     approach: NDArray[np.float64]
+    start: NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +121,7 @@ def dual_arm_controller(
         if watched is None:
             return DualArmController(*arms, machine)
         monitor = TrialMonitor(watched.tuning, watched.impact, period_s)
-        return DualArmController(*arms, machine, monitor, ReactionMotion(watched.reaction, watched.approach))
+        return DualArmController(*arms, machine, monitor, ReactionMotion(watched.reaction, watched.approach, watched.start))
 
     if (watched is None) not in _WARM:
         _warm_up(controller(0.0), cell)
@@ -145,7 +146,7 @@ def _warm_up(controller: DualArmController, cell: CellDescription) -> None:
         # the solver's first call allocates: have it done, with limits that cannot hold
         arm.tau_max[:] = 1e-3
         arm.command(Mode.ANTE_IMPACT)
-        arm.pursue_reaction(ReactionMotion(Reaction.HOLD, np.zeros((2, 3))), 0, 0.0)
+        arm.pursue_reaction(ReactionMotion(Reaction.HOLD, np.zeros((2, 3)), np.zeros((2, 3))), 0, 0.0)
         judge.judge(arm.sample, residual=arm.control["momentum_residual"][0])
     controller.contact_complete(0.0)
     controller.finish()

@@ -119,7 +119,8 @@ def _watched(prepared: PreparedTrial) -> Watched | None:
         return None
     k = round(reference.nominal_impact_s / reference.period_s)
     approach = np.array(reference.ante["twist"][:, k, :3])
-    return Watched(tuning, reference.impact, prepared.specification.reaction, approach)
+    start = np.array(reference.ante["position"][:, 0])
+    return Watched(tuning, reference.impact, prepared.specification.reaction, approach, start)
 
 
 def check_object(name: str, description: CellDescription) -> None:

@@ -108,6 +108,17 @@ def test_where_nothing_was_met_the_arms_go_back_and_nobody_has_to_recover(trial)
         assert y[-1] - y.min() > 0.08
 
 
+def test_a_retreat_goes_no_further_back_than_the_arm_has_come(trial) -> None:
+    result, log, _ = trial(PUSH.replace("2.0", "0.8"), Reaction.RETREAT)
+    assert result.safety_interventions == 0  # the judge's box for the end effectors begins behind the start
+    for side in ("left", "right"):
+        control = log.topic(f"/{side}/control")
+        back = control["pose_ref"][control["mode"] == Mode.RETREATING, :3]
+        assert len(back) > 0
+        come = np.linalg.norm(back[0] - control["pose_ref"][0, :3])
+        assert np.linalg.norm(back[-1] - back[0]) < come + 0.02  # what it brakes with
+
+
 def test_where_something_was_hit_in_free_air_a_person_has_to_recover(trial) -> None:
     result, log, _ = trial(PUSH.replace("2.0", "0.8"), Reaction.HOLD)
     assert (result.impact_verdict, result.impact_reason) == ("unexpected", "time")
