@@ -121,7 +121,9 @@ def dual_arm_controller(
         if watched is None:
             return DualArmController(*arms, machine)
         monitor = TrialMonitor(watched.tuning, watched.impact, period_s)
-        return DualArmController(*arms, machine, monitor, ReactionMotion(watched.reaction, watched.approach, watched.start))
+        return DualArmController(
+            *arms, machine, monitor, ReactionMotion(watched.reaction, watched.approach, watched.start)
+        )
 
     if (watched is None) not in _WARM:
         _warm_up(controller(0.0), cell)
