@@ -24,12 +24,11 @@ from rtstack.model.cell_description import CellDescription, load_cell_descriptio
 from rtstack.trials.provenance import git_commit
 from rtstack.trials.record import frames, trial_metadata
 from rtstack.trials.result import TrialResult
-from rtstack.trials.run import SPARE_TICKS, PreparedTrial, prepare_trial, run_demonstration, run_trial
+from rtstack.trials.run import PreparedTrial, prepare_trial, run_demonstration, run_trial
 from rtstack.trials.scoring import SuccessCriterion
 from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 
 CELL = "direct"
-LONGEST_DEMONSTRATION = 8000  # ticks
 RECORDINGS = "references"
 LOGS = "logs"
 
@@ -106,7 +105,7 @@ def record(bench: Bench, reference: Reference, conditions: Conditions, seed: int
     metadata = {"trial": trial_metadata(specification, CELL, None)}
     with bench.archive.new(f"{RECORDINGS}/{reference.file}") as path:
         log = WholeRunLog(
-            path, LONGEST_DEMONSTRATION + SPARE_TICKS, metadata, common_attachments(bench.cell_file),
+            path, metadata, common_attachments(bench.cell_file),
             frames(description, reference.object),
         )  # fmt: skip
         cell = bench.open_cell(reference.object, 0.0, seed, conditions)
@@ -131,7 +130,7 @@ def run(bench: Bench, trial: Trial, conditions: Conditions) -> Row:
     metadata = {"trial": trial_metadata(specification, CELL, prepared.reference), "campaign": campaign}
     with bench.archive.new(f"{LOGS}/{trial.id}.mcap") as path:
         log = WholeRunLog(
-            path, prepared.reference.ticks + SPARE_TICKS, metadata, common_attachments(bench.cell_file),
+            path, metadata, common_attachments(bench.cell_file),
             frames(prepared.description, trial.object),
         )  # fmt: skip
         cell = bench.open_cell(trial.object, trial.displacement_mm * 1e-3, trial.seed, conditions)

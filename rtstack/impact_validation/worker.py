@@ -33,7 +33,7 @@ from rtstack.planning.file import write_plan
 from rtstack.trials.assembly import Parameters, arm_controllers, cell_parameters
 from rtstack.trials.provenance import git_commit
 from rtstack.trials.record import frames, trial_metadata
-from rtstack.trials.run import SPARE_TICKS, PreparedTrial, prepare_trial, run_trial
+from rtstack.trials.run import PreparedTrial, prepare_trial, run_trial
 from rtstack.trials.specification import TrialSpecification
 
 SWEEPS = "identification"
@@ -85,7 +85,7 @@ def identify(bench: ValidationBench, run: Run) -> str | None:
     specification = run.specification
     identification = _identification(bench)
     log = WholeRunLog(
-        bench.out / SWEEPS / run.file, identification.sweep(specification.joint).plan.ticks + SPARE_TICKS,
+        bench.out / SWEEPS / run.file,
         {"trial": trial_metadata(specification, CELL, None)}, common_attachments(bench.cell_file),
         frames(_description(bench), specification.object),
     )  # fmt: skip
@@ -156,7 +156,7 @@ def run(
     campaign = {key: str(value) for key, value in asdict(trial).items()} | {"id": trial.id, "digest": bench.digest}
     metadata = {"trial": trial_metadata(specification, CELL, prepared.reference), "campaign": campaign}
     log = WholeRunLog(
-        path, prepared.reference.ticks + SPARE_TICKS, metadata, common_attachments(bench.cell_file),
+        path, metadata, common_attachments(bench.cell_file),
         frames(prepared.description, trial.object),
     )  # fmt: skip
     cell = bench.open_cell(trial.object, trial.seed, bench.robot, conditions)

@@ -26,28 +26,64 @@ POLL_S = 0.04  # forty records a topic at 1 kHz: enough for a batch, little for 
 _FAR_FUTURE_NS = np.iinfo(np.int64).max
 
 
+class BatchWriter:
+    """Writes batches of records, a topic each, and what stands at the end of a log."""
+
+    def __init__(self, sink: McapSink, frames: FrameTree | None) -> None:
+        self._sink = sink
+        self._frames = frames
+
+    @property
+    def messages(self) -> int:
+        """Number of messages that were written, /tf included."""
+        return sum(self._sink.messages.values())
+
+    def write(self, batches: dict[str, NDArray]) -> None:
+        """Write all of them, in order of robot's time."""
+        if any(len(records) for records in batches.values()):
+            self._sink.write(batches, self._transforms(batches))
+
+    def _transforms(self, batches: dict[str, NDArray]) -> list[tuple[int, bytes]]:
+        if self._frames is None:
+            return []
+        poses = batches["/object/pose"]
+        return self._frames.update({side: batches[f"/{side}/arm"] for side in SIDES}, poses[poses["seen"] != 0])
+
+    def finish(self, result: dict[str, str], ended: str, evidence: Evidence | None, lost: dict[str, int]) -> None:
+        """Write result, evidence and the account of what was lost, by topic, and finish the file."""
+        counts = {topic: {"messages": n, "lost": lost.get(topic, 0)} for topic, n in self._sink.messages.items()}
+        if evidence is not None:
+            for attachment in evidence.attachments:
+                self._sink.attach(attachment.name, attachment.media_type, attachment.data)
+            self._sink.write_metadata("fault", evidence.fault)
+        if result:
+            self._sink.write_metadata("result", result)
+        account = {
+            "ended": ended,
+            "messages": str(self.messages),
+            "lost": str(sum(lost.values())),
+            "topics": json.dumps(counts),
+        }
+        self._sink.write_metadata("log", account)
+        self._sink.close()
+
+
 class LogWriter:
     """Moves what is in the rings into the file, a batch at a time."""
 
     def __init__(self, rings: Rings, sink: McapSink, frames: FrameTree | None) -> None:
         self._rings = rings
         self._sink = sink
-        self._frames = frames
+        self._writer = BatchWriter(sink, frames)
         self._readers = {topic: rings.log_reader(topic) for topic in TOPICS}
         self._held = {topic: np.zeros(0, record) for topic, record in TOPICS.items()}
 
-    def step(self, final: bool = False) -> dict[str, NDArray]:
-        """Read every ring and write what was in it, in order of robot's time; `final` holds nothing back.
-
-        Returns what was written, by topic.
-        """
+    def step(self, final: bool = False) -> None:
+        """Read every ring and write what was in it, in order of robot's time; `final` holds nothing back."""
         batches = {topic: reader.drain() for topic, reader in self._readers.items()}
-        batches = self._settled(batches, final)
-        if any(len(records) for records in batches.values()):
-            self._sink.write(batches, self._transforms(batches))
-            self._rings.messages = sum(self._sink.messages.values())
+        self._writer.write(self._settled(batches, final))
+        self._rings.messages = self._writer.messages
         self._sink.flush_if_due()
-        return batches
 
     def _settled(self, batches: dict[str, NDArray], final: bool) -> dict[str, NDArray]:
         """Hold back, for one step, what is newer than the newest tick that every topic has told about.
@@ -58,43 +94,15 @@ class LogWriter:
         limit = _FAR_FUTURE_NS if final else min(newest, default=_FAR_FUTURE_NS)
         ready = {}
         for topic, records in batches.items():
-            if final and not len(self._held[topic]):  # a whole run: not copied once more
-                ready[topic] = records
-                continue
             settled = records["t_ns"] <= limit
             ready[topic] = np.concatenate([self._held[topic], records[settled]])
             self._held[topic] = records[~settled]
         return ready
 
-    def _transforms(self, batches: dict[str, NDArray]) -> list[tuple[int, bytes]]:
-        if self._frames is None:
-            return []
-        poses = batches["/object/pose"]
-        return self._frames.update({side: batches[f"/{side}/arm"] for side in SIDES}, poses[poses["seen"] != 0])
-
-    def finish(self, result: dict[str, str], ended: str, evidence: Evidence | None = None) -> dict[str, NDArray]:
-        """Write what is left, result, evidence and the account of what was lost, and finish the file.
-
-        Returns what was left, by topic.
-        """
-        left = self.step(final=True)
-        lost = {topic: reader.lost for topic, reader in self._readers.items()}
-        counts = {topic: {"messages": n, "lost": lost.get(topic, 0)} for topic, n in self._sink.messages.items()}
-        if evidence is not None:
-            for attachment in evidence.attachments:
-                self._sink.attach(attachment.name, attachment.media_type, attachment.data)
-            self._sink.write_metadata("fault", evidence.fault)
-        if result:
-            self._sink.write_metadata("result", result)
-        account = {
-            "ended": ended,
-            "messages": str(sum(self._sink.messages.values())),
-            "lost": str(sum(lost.values())),
-            "topics": json.dumps(counts),
-        }
-        self._sink.write_metadata("log", account)
-        self._sink.close()
-        return left
+    def finish(self, result: dict[str, str], ended: str, evidence: Evidence | None = None) -> None:
+        """Write what is left, result, evidence and the account of what was lost, and finish the file."""
+        self.step(final=True)
+        self._writer.finish(result, ended, evidence, {topic: reader.lost for topic, reader in self._readers.items()})
 
 
 def run(job_descriptor: int, log_descriptor: int, parent: int) -> None:

@@ -8,7 +8,9 @@ from numpy.typing import NDArray
 
 from hal.tracker import OBJECT_POSE
 from rtstack.log.push import copy_bytes
-from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, TIMING_SAMPLE
+from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, EVENT, TIMING_SAMPLE
+
+EVENTS = 1024  # that are kept: a trial has some ten
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,12 +43,14 @@ class History:
         self._control = np.zeros((2, capacity), CONTROL_SAMPLE)
         self._timing = np.zeros(capacity, TIMING_SAMPLE)
         self._object = np.zeros(capacity, OBJECT_POSE)
+        self._events = np.zeros(EVENTS, EVENT)
         self._sources: tuple[NDArray, ...] = ()
         self._left: tuple[NDArray, NDArray] | None = None
         self._rows = np.zeros((0, 3), np.int64)
         self._capacity = capacity
         self._ticks = 0
         self._poses = 0
+        self._said = 0
         # zeros that nobody has touched are no memory yet: the kernel would clear 2 MB in the middle of a tick (8 ms)
         for array in (self._arm, self._control, self._timing, self._object):
             array.view(np.uint8).fill(0)
@@ -80,6 +84,17 @@ class History:
         if self._poses < len(self._object) or self._endless:
             self._object[self._poses % len(self._object)] = pose[0]
             self._poses += 1
+
+    def append_event(self, event: NDArray) -> None:
+        """Take an event, (1,). Beyond the first EVENTS none is kept."""
+        if self._said < EVENTS:
+            self._events[self._said] = event[0]
+            self._said += 1
+
+    @property
+    def events(self) -> NDArray:
+        """The events that were taken, a view."""
+        return self._events[: self._said]
 
     @property
     def ticks(self) -> int:

@@ -64,3 +64,5 @@ class Publisher:
         self._event["text"][0] = text.encode("ascii", "replace")
         for push in self._event_pushers:
             push(self._event)
+        if self._history is not None:
+            self._history.append_event(self._event)

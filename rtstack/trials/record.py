@@ -13,6 +13,7 @@ from rtstack.log.errors import LogError
 from rtstack.log.ring import LogState, Rings
 from rtstack.log.writer import Attachment, CellFrames, Evidence, LogProcess
 from rtstack.loop.end import End
+from rtstack.loop.history import History
 from rtstack.loop.watchdogs import Trip
 from rtstack.model.cell_description import CellDescription, base_frame
 from rtstack.references.spreading import ExtendedReference
@@ -49,6 +50,14 @@ class TrialLog:
         self.rings = rings
         self._process = process
         self._lockstep = lockstep
+
+    @property
+    def listening(self) -> tuple[Rings, ...]:
+        """The rings that a run has to publish to."""
+        return (self.rings,)
+
+    def take_from(self, history: History) -> None:
+        """Learn where the run keeps its samples: nothing to a log that has rings."""
 
     def wait_ready(self) -> None:
         """Wait until the log is being written: no arm moves before that. Raises LogError."""

@@ -284,6 +284,8 @@ class Run:
         self._publisher: Publisher | None = None
         endless = plan.guide is not None
         self.history = History(NEWEST_TICKS if endless else plan.ticks + SPARE_TICKS, endless)
+        if log is not None:
+            log.take_from(self.history)
         self.first_impact_s: float | None = None
         self.monitor: TrialMonitor | None = None
         self.kind: Unexpected | None = None
@@ -299,7 +301,7 @@ class Run:
         """Follow the plan on the cell to its end."""
         controller = dual_arm_controller(self._description, self._parameters, strategy, nominal_impact_s, watched)
         self.monitor = controller.monitor
-        rings = [*([self._live] if self._live else []), *([self._log.rings] if self._log else [])]
+        rings = [*([self._live] if self._live else []), *(self._log.listening if self._log else ())]
         publisher = self._publisher = Publisher(rings, self.history)
         judges = safety_judges(self._description, self._limits)
         session = Session(

@@ -63,8 +63,9 @@ class _Case:
     def kind(self) -> Unexpected:
         """Ask the rules."""
         reason = self._monitor.reason
-        if reason is Reason.LOAD and not any(first is not None for first in self._first):
-            return Unexpected.MISSING  # the object's weight was missed before its impact was
+        met = sum(first is not None for first in self._first)
+        if reason is Reason.LOAD and met < 2:  # the object's weight was missed before its impact was
+            return Unexpected.ONE_SIDE if met else Unexpected.MISSING
         if reason is not Reason.ONE_SIDE and self._nearer():
             return self._both_shifted()
         if reason is Reason.NO_IMPACT:

@@ -18,7 +18,7 @@ from rtstack.log.reader import read_log
 from rtstack.loop.end import End
 from rtstack.samples import TOPICS, Mode
 from rtstack.trials.record import frames, open_log
-from rtstack.trials.run import SPARE_TICKS, prepare_trial, run_trial
+from rtstack.trials.run import prepare_trial, run_trial
 from rtstack.trials.specification import Controller, TrialSpecification
 
 
@@ -92,9 +92,7 @@ def test_a_trial_that_the_judge_ends_leaves_its_evidence_in_the_log(finished, ce
     reference = finished.out / "references" / "rice_box-0.mcap"
     specification = TrialSpecification(str(reference), safety=(("dq_max", (0.2,) * 7),))
     prepared = prepare_trial(specification, cell)
-    log = WholeRunLog(
-        tmp_path / "faulted.mcap", prepared.reference.ticks + SPARE_TICKS, {}, [], frames(cell, specification.object)
-    )
+    log = WholeRunLog(tmp_path / "faulted.mcap", {}, [], frames(cell, specification.object))
     opened = open_conditioned_cell(
         specification.object, 0.0, 1, load_plan(plan_file("reference-spreading").path).conditions["nominal"]
     )

@@ -29,7 +29,7 @@ from rtstack.model.cell_description import load_cell_description
 from rtstack.planning import GrabPlan, plan_grab
 from rtstack.planning.file import write_plan
 from rtstack.trials.record import frames
-from rtstack.trials.run import SPARE_TICKS, prepare_trial, run_trial
+from rtstack.trials.run import prepare_trial, run_trial
 from rtstack.trials.scoring import FORCE_WINDOW_S
 from rtstack.trials.specification import TrialSpecification
 
@@ -74,8 +74,7 @@ def run(wanted: tuple[int, float]) -> Grab:
         path = Path(folder) / "plan.mcap"
         write_plan(path, planned, description, default_cell_file())
         prepared = prepare_trial(TrialSpecification(str(path), object=OBJECT, seed=seed), description)
-        ticks = prepared.reference.ticks + SPARE_TICKS
-        log = WholeRunLog(Path(folder) / "trial.mcap", ticks, {}, [], frames(description, OBJECT))
+        log = WholeRunLog(Path(folder) / "trial.mcap", {}, [], frames(description, OBJECT))
         cell = open_cell("direct", OBJECT, 0.0, seed)
         try:
             result = run_trial(prepared, cell, log=log)
