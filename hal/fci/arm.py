@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 from hal.errors import CommandRejected, ConnectionLost, HardwareError, RecoveryRefused
 from hal.fci.faults import VENDOR, as_hardware_error, names_in, vendor_errors
 from hal.fci.setup import CollisionBehaviour, Tool, configure
-from hal.fci.sockets import open_sockets, shut_down
+from hal.fci.sockets import give_up_after, open_sockets, shut_down
 from hal.robot_errors import error_bit
 from hal.state import ARM_STATE, ArmState, RobotMode
 
 # ARM_STATE as one C struct: filling it in one go costs a fifth of filling it field by field
 _RECORD = struct.Struct("=q56d16d6dd2q")
 assert _RECORD.size == ARM_STATE.itemsize
+REQUEST_PATIENCE_S = 3.0  # a robot acknowledges at once; a machine under load may take a second
 _KINDS = (socket.SOCK_DGRAM, socket.SOCK_STREAM)
 
 
@@ -55,6 +56,7 @@ class FciArm:
             raise HardwareError(f"the arm at {address}: not one socket for its states and one for requests, but {new}")
         # descriptor that becomes readable when a state has arrived, never to be read here; and the one for requests
         (self.socket, _), (self._requests, _) = (found.pop() for found in new)
+        give_up_after(self._requests, REQUEST_PATIENCE_S)
         self._setup = (tool, collisions or CollisionBehaviour())
         if not self.reflex():
             self._configure()

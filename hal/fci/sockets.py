@@ -20,6 +20,15 @@ def open_sockets(kind: socket.SocketKind) -> set[tuple[int, int]]:
     return found
 
 
+def give_up_after(descriptor: int, patience_s: float) -> None:
+    """Let a connection end where nobody acknowledges for so long what was sent on it: libfranka waits for ever.
+
+    Linux, tcp(7): TCP_USER_TIMEOUT. Never raises.
+    """
+    with contextlib.suppress(OSError), socket.socket(fileno=os.dup(descriptor)) as sock:
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(1e3 * patience_s))
+
+
 def shut_down(descriptor: int) -> None:
     """End a connection under the feet of who waits for an answer on it. Never raises."""
     with contextlib.suppress(OSError), socket.socket(fileno=os.dup(descriptor)) as sock:

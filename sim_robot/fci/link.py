@@ -83,6 +83,10 @@ class Link:
             self._distrust(next(session for session in self._sessions if session is not self.client))
         tcp.setblocking(False)
         tcp.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        # a client whose end the cable has swallowed makes room for the next one within some seconds
+        tcp.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for option, seconds_or_times in ((socket.TCP_KEEPIDLE, 1), (socket.TCP_KEEPINTVL, 1), (socket.TCP_KEEPCNT, 3)):
+            tcp.setsockopt(socket.IPPROTO_TCP, option, seconds_or_times)
         session = Session(tcp, address)
         self._sessions.append(session)
         self._poller.watch(tcp, lambda: self._serve(session))

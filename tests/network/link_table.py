@@ -171,11 +171,21 @@ def run_row(row: Row, reference: Path, cell_file: Path, out: Path, seed: int) ->
 
 
 _PROBE = """
-import json, sys
+import json, sys, time
+from hal.errors import HardwareError
 from hal.fci import FciArm
 from hal.state import RobotMode
+until_s = time.monotonic() + 15.0
+def opened(address):
+    while True:
+        try:
+            return FciArm(address)
+        except HardwareError:  # a client whose end the cable has swallowed is still there, for some seconds
+            if time.monotonic() > until_s:
+                raise
+            time.sleep(0.5)
 for address in sys.argv[1:]:
-    arm = FciArm(address)
+    arm = opened(address)
     errors = arm.reflex()
     arm._robot and None
     state = arm._robot.read_once()
