@@ -78,7 +78,7 @@ def _arm_model(
     position: tuple[float, float, float], orientation: tuple[float, float, float, float], pad: Pad
 ) -> tuple[pin.Model, int, pin.SE3]:
     """Return the arm's model, its last joint, and the pad's face in that joint's frame."""
-    mounting = ArmMounting("", position, orientation, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    mounting = ArmMounting("scene", position, orientation, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     model = build_model(mounting, pad)
     flange = model.frames[model.getFrameId("link8")]
     face = flange.placement * pin.SE3(np.eye(3), np.array([0.0, 0.0, pad.flange_to_face]))

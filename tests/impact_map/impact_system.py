@@ -48,7 +48,7 @@ def system_of(scene, problem):
 class _Arm:
     def __init__(self, scene, name):
         arm = scene.arms[name]
-        mounting = ArmMounting("", arm.base_position, arm.base_orientation_wxyz, (0.0,) * 7)
+        mounting = ArmMounting("scene", arm.base_position, arm.base_orientation_wxyz, (0.0,) * 7)
         self.model = build_model(mounting, scene.pad)
         self.model.gravity.setZero()
         data = self.model.createData()
