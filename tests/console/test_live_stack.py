@@ -169,7 +169,7 @@ def test_a_supervisor_that_is_killed_in_a_motion_leaves_nothing_and_the_next_one
     again.process.terminate()
     assert again.end() == (0, "")
     trail = [json.loads(line)["action"] for line in (stack.logs / "audit.jsonl").read_text().splitlines()]
-    assert trail == ["take", "arm", "begin", "fault"]
+    assert trail == ["sign in", "take", "arm", "begin", "fault"]
 
 
 def test_a_busy_port_is_one_line_and_status_two(tmp_path):
