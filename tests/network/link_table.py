@@ -75,6 +75,7 @@ class Outcome:
 
     row: Row
     success: bool = False
+    begun: bool = False  # a log was begun
     said: str = ""
     lost: int = 0
     least_rate: float = 0.0
@@ -86,7 +87,8 @@ class Outcome:
 
     def judge(self) -> None:
         """Say in `wrong` what is not as it has to be, nothing where all is."""
-        if not self.ticks:
+        refused = not self.begun and any(words in self.said for words in CLEAN)  # in one line, before anything moved
+        if not self.ticks and not refused:
             self.wrong = "the log cannot be read"
         elif not self.rest:
             self.wrong = "an arm moves after the end"
@@ -159,6 +161,7 @@ def run_row(row: Row, reference: Path, cell_file: Path, out: Path, seed: int) ->
         outcome.said = result.get("failure_reason") or complaint.strip().rpartition("\n")[2]
         if "Traceback" in complaint:
             outcome.said = "a traceback"
+        outcome.begun = log.exists()
         lab.set(Cable())
         _ask_arms(lab, outcome)
         _read_log(log, outcome)
