@@ -58,7 +58,7 @@ def test_no_tuning_has_seen_what_it_is_judged_by(name) -> None:
 
 def test_a_set_is_of_one_object(tmp_path) -> None:
     path = tmp_path / "judged.toml"
-    path.write_text(judged_file().read_text().replace('"parcel/12"', '"bottles/12"'))
+    path.write_text(judged_file().read_text().replace('"parcel/32"', '"bottles/32"'))
     with pytest.raises(ConfigurationError, match=r"sets\.1\.references: a set is of one object"):
         load_judged(path)
 

@@ -36,10 +36,11 @@ def test_past_what_the_link_stands_it_ends_with_the_vendors_name_and_arms_at_res
 
 def test_a_row_is_judged_by_what_is_left() -> None:
     row = next(row for row in ROWS if row.name == LOST)
-    right = {"said": f'motion aborted by reflex! ["{VENDOR}"]', "ticks": 900, "rest": True}
+    right = {"said": f'motion aborted by reflex! ["{VENDOR}"]', "begun": True, "ticks": 900, "rest": True}
     for other, wrong in (
         ({}, ""),
         ({"ticks": 0}, "the log cannot be read"),
+        ({"ticks": 0, "begun": False, "said": "no reason"}, "the log cannot be read"),
         ({"rest": False}, "an arm moves after the end"),
         ({"success": True}, f"it has to end with {VENDOR}"),
         ({"said": CLEAN[1]}, f"it has to end with {VENDOR}"),
