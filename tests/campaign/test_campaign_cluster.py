@@ -12,6 +12,7 @@ from rtstack.campaign.archive import Archive
 from rtstack.campaign.version import present
 from rtstack.trials.errors import TrialError
 
+NOT_PERMITTED = 3  # exit status of the script where there can be no namespaces
 CLUSTER = Path(__file__).parents[1] / "network" / "cluster.py"
 
 
@@ -20,6 +21,8 @@ def test_one_worker_killed_one_cut_off_and_one_of_another_version(command, finis
     """In four network namespaces, with logs in an S3-compatible store: the table of the undisturbed campaign."""
     arguments = [tmp_path / "work", "--plan", command.plan, "--undisturbed", finished.out]
     done = subprocess.run([sys.executable, CLUSTER, *arguments], capture_output=True, text=True)
+    if done.returncode == NOT_PERMITTED:
+        pytest.skip(f"metal: a machine that permits network namespaces; here: {done.stderr.strip()}")
     assert done.returncode == 0, done.stdout + done.stderr
     *_, refusal, same = done.stdout.splitlines()
     assert refusal.endswith("has rtstack 0.0.9 instead of 0.1.0: it gets no trials")

@@ -22,6 +22,7 @@ from namespaces import Namespace, NotPermitted, permitted
 from relay import Cable
 
 BIN = Path(sys.executable).parent
+NOT_PERMITTED = 3  # exit status
 HERE = Path(__file__).parent
 LEFT, RIGHT, CONTROL = "10.77.1.11", "10.77.1.12", "10.77.1.1"
 TRACKER = f"{CONTROL}:1341"
@@ -253,7 +254,7 @@ def main() -> int:
         how = permitted()
     except NotPermitted as error:
         print(f"no network namespaces here: {error}", file=sys.stderr)
-        return 3
+        return NOT_PERMITTED
     print(f"two network namespaces, {how}", file=sys.stderr, flush=True)
     with tempfile.TemporaryDirectory() as scratch:
         out = arguments.out or Path(scratch)

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from link_table import CLEAN, ROWS, VENDOR, Outcome
+from link_table import CLEAN, NOT_PERMITTED, ROWS, VENDOR, Outcome
 
 TABLE = Path(__file__).parent / "link_table.py"
 TOO_LATE, LOST, CUT = "1 ms: every answer comes too late", "answers are lost from the middle on", "both ways are cut"
@@ -20,6 +20,8 @@ def test_past_what_the_link_stands_it_ends_with_the_vendors_name_and_arms_at_res
     numbers = [str(k) for k, row in enumerate(ROWS) if row.name in (TOO_LATE, LOST, CUT)]
     command = [sys.executable, TABLE, "--rows", *numbers, "--reference", demonstration.path, "--json"]
     done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode == NOT_PERMITTED:
+        pytest.skip(f"metal: a machine that permits network namespaces; here: {done.stderr.strip()}")
     assert done.returncode == 0, done.stderr
     rows = {row["row"]["name"]: row for row in json.loads(done.stdout)}
     assert set(rows) == {TOO_LATE, LOST, CUT}
