@@ -8,23 +8,20 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 
-import typer
-
-from rtstack.campaign.plan import Plan, PlanFile, load_plan, plan_file
+from rtstack.campaign.plan import GRAB_STUDY, Plan, PlanFile, load_plan, plan_file
 from rtstack.campaign.store import Store, check_folder, check_place
 from rtstack.campaign.worker import Bench, digests
 from rtstack.cli import study, validation
 from rtstack.cli.campaign_cell import open_conditioned_cell, plant_files
 from rtstack.cli.cells import load_description
+from rtstack.cli.invocation import crew, end, run_counted
 from rtstack.impact_validation.plan import is_validation
 from rtstack.model.cell_description import CellDescription
 from rtstack.studies.aim_aware.tuned import study_kind
 from rtstack.trials.errors import TrialError
-from rtstack.trials.run import check_object
+from rtstack.trials.object import check_object
 
-FAILED = 1
 INTERRUPTED = 1
-AIM_AWARE_GRAB = "aim-aware-grab"  # no plan of controllers: a study of the monitor
 
 
 def campaign(
@@ -38,7 +35,7 @@ def campaign(
         raise TrialError("--workers starts processes here, --scheduler has workers of its own: give one of them")
     if logs is not None and "://" not in logs:
         raise TrialError(f"--logs {logs} is no address such as s3://BUCKET/PREFIX; for a folder give --out alone")
-    if name == AIM_AWARE_GRAB:
+    if name == GRAB_STUDY:
         _refuse(logs, name)
         from rtstack.cli.grab_study import grab_study
 
@@ -95,23 +92,19 @@ def resumable(again: str) -> Iterator[None]:
 def _run(
     bench: Bench, plan: Plan, file: PlanFile, description: CellDescription, workers: int, scheduler: str | None
 ) -> None:
-    from rtstack.campaign.crew import distant_crew, local_crew, slots
+    from rtstack.campaign.crew import slots
     from rtstack.campaign.report import write_report
     from rtstack.campaign.runner import Runner
     from rtstack.cli.campaign_progress import campaign_progress
 
-    with distant_crew(scheduler) if scheduler else local_crew(workers) as client:
+    with crew(workers, scheduler) as client:
         at_once = slots(client)
         bench.out.mkdir(exist_ok=True)
         with Store(bench.out) as store:
             store.claim(plan, file, bench.archive.place)
             with campaign_progress() as progress:
                 runner = Runner(plan, bench, store, client, progress, description)
-                tally = runner.tally
-                try:
-                    runner.run()
-                finally:
-                    store.note_invocation(tally.trials, tally.robot_s, tally.wall_s, at_once)
+                tally = run_counted(runner, store, at_once)
             page = write_report(store, plan, file, description, runner.chosen, bench.archive)
     print(
         f"{tally.trials} trials, {tally.robot_s:.0f} s of the robot in {tally.wall_s:.0f} s with {at_once} workers: "
@@ -119,12 +112,7 @@ def _run(
         if tally.trials
         else "no trial was missing"
     )
-    print(f"report: {page}", flush=True)
-    for trial, reason in tally.failures.items():
-        print(f"rtstack: {trial} could not be run: {reason}", file=sys.stderr)
-    if tally.failures:
-        print("rtstack: run the same with --resume to try them again", file=sys.stderr)
-        raise typer.Exit(FAILED)
+    end(page, tally.failures)
 
 
 def _again(name: str, out: Path, quick: bool) -> str:

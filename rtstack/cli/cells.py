@@ -13,7 +13,6 @@ from rtstack.live.source import CellSource, described_as
 from rtstack.model.cell_description import CellDescription, TrackerAddress, load_cell_description
 from rtstack.trials.errors import TrialError
 
-_WITHOUT_OBJECT = files("deploy.cells") / "without_object.toml"  # faults that take the object away
 KINDS = "direct, lockstep, realtime, fci:LEFT,RIGHT"
 
 
@@ -42,9 +41,6 @@ def open_cell(
     direct cell, where the same arms are to be met again.
     """
     description = description or load_description(None)[0]
-    if not object_name and not kind.startswith("fci:"):
-        with as_file(_WITHOUT_OBJECT) as empty:
-            return open_cell(kind, next(iter(description.objects)), 0.0, seed, description, empty, noise_seed)
     if kind == "direct":
         return _direct_cell(object_name, displacement_m, seed, faults, noise_seed)
     if kind in ("lockstep", "realtime"):
@@ -59,12 +55,14 @@ def _direct_cell(
 ) -> Cell:
     from sim_robot.cell import simulated_cell
     from sim_robot.faults.file import load_faults
+    from sim_robot.scene import NO_OBJECT
     from sim_robot.strict_toml import BadParameterFile
 
     try:
         script = () if faults is None else load_faults(faults)
         noise = seed if noise_seed is None else noise_seed
-        return simulated_cell(object_name, displacement_m, noise, faults=script, arms_seed=seed).as_cell("direct")
+        cell = simulated_cell(object_name or NO_OBJECT, displacement_m, noise, faults=script, arms_seed=seed)
+        return cell.as_cell("direct")
     except BadParameterFile as error:
         raise TrialError(str(error)) from None
 
@@ -169,13 +167,8 @@ def live_source(description: Path, kind: str = "direct") -> CellSource:
     def open_live(object_name: str, displacement_m: float, seed: int) -> Cell:
         from sim_robot.cell import simulated_cell
         from sim_robot.clock import PacedLockstep
-        from sim_robot.faults.file import load_faults
+        from sim_robot.scene import NO_OBJECT
 
-        script = ()
-        if not object_name:
-            object_name = next(iter(described.objects))
-            with as_file(_WITHOUT_OBJECT) as empty:
-                script = load_faults(empty)
-        return simulated_cell(object_name, displacement_m, seed, clock=PacedLockstep(), faults=script).as_cell("direct")
+        return simulated_cell(object_name or NO_OBJECT, displacement_m, seed, clock=PacedLockstep()).as_cell("direct")
 
     return CellSource(kind=kind, description=described, file=description, open_cell=open_live)

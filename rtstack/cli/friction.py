@@ -12,6 +12,7 @@ from rtstack.identification.procedure import Identification, Run, lowest_object,
 from rtstack.log.errors import LogError
 from rtstack.loop.watchdogs import Parent
 from rtstack.model.cell_description import CellDescription
+from rtstack.trials.company import Company
 from rtstack.trials.errors import TrialError
 from rtstack.trials.friction import ArmFriction, friction_toml
 from rtstack.trials.record import open_log
@@ -71,7 +72,7 @@ def _make(
         log = open_log(logs / run.file, run.specification, description, cell_kind, source, overwrite=True)
     except LogError as error:
         raise TrialError(str(error)) from None
-    return identification.run(run, cell, log=log, stop=stop, way=way, watchdogs=(Parent(),))
+    return identification.run(run, cell, Company(log, stop=stop, watchdogs=(Parent(),)), way)
 
 
 def _noise(run: Run) -> int:

@@ -96,7 +96,7 @@ def _good_runs(paths: Sequence[Path], progress) -> list[Recorded]:
                 except ReferenceError as error:
                     raise TrialError(f"{path}: its reference: {error}") from None
             if impact is None:
-                raise TrialError(f"{path}: its reference is a plan: nobody knows what the joints are to do")
+                raise TrialError(f"{path}: it follows a push or an older plan, whose impact nobody knows")
             expected[digest] = impact
         good = GoodRun(path.name, log_columns(log), expected[digest])
         place = float(specification["displacement_mm"])
@@ -122,12 +122,12 @@ def _reference(log: Log, path: Path, name: str) -> tuple[str, bytes]:
 
 def tuning_toml(
     parameters: PairParameters, sensitivity: float, found: Check, used: Sequence[Recorded],
-    held_out: Sequence[Recorded],
+    held_out: Sequence[Recorded], command: str = "rtstack tune-monitor",
 ) -> str:  # fmt: skip
-    """Return the file. Written by hand: nobody writes TOML in the standard library."""
+    """Return the file. command: that made it. Written by hand: nobody writes TOML in the standard library."""
     arm, net = parameters.arm, parameters.net_force
     lines = [
-        f"# The aim-aware monitor for grabs of {used[0].object}, made by `rtstack tune-monitor`:",
+        f"# The aim-aware monitor for grabs of {used[0].object}, made by `{command}`:",
         "# rtstack/trials/tuning.py says what each number is. Units in the names;",
         "# [provenance] says from what it was made and what it does on runs that were held out.",
         "",

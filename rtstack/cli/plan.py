@@ -13,29 +13,45 @@ from rtstack.planning.file import write_plan
 from rtstack.references.motion import Motion
 from rtstack.samples import SIDES
 
-_GRAB_ONLY = ("rise", "squeeze", "lift", "carry")
+_GRAB_ONLY = ("rise", "squeeze", "lift", "lift_s", "carry")
 _PUSH_ONLY = ("travel",)
 
 
-def run(output: Path, motion: Motion, object_name: str, cell_file: Path | None, json: bool, **values: Any) -> None:
-    """Plan a motion and write it to `output`, which must not exist yet. values: of the plan; None for its default."""
+def run(
+    output: Path, motion: Motion, object_name: str, cell_file: Path | None, json: bool, watch: int | None = None,
+    **values: Any,
+) -> None:  # fmt: skip
+    """Plan a motion and write it to `output`, which must not exist yet. values: of the plan; None for its default.
+
+    watch: how many simulated runs its monitor is made from; None for no monitor.
+    """
     description, source = load_description(cell_file)
     check_log_path(output)
     given = {key: value for key, value in values.items() if value is not None}
     foreign = _PUSH_ONLY if motion is Motion.GRAB else _GRAB_ONLY
     for key in foreign:
         if key in given:
-            raise PlanError(f"--{key} does not belong to a {motion}: leave it out")
+            raise PlanError(f"--{key.replace('_', '-')} does not belong to a {motion}: leave it out")
     if motion is Motion.GRAB:
         planned = plan_grab(description, object_name, grab_plan(**given))
     else:
         planned = plan_push(description, object_name, push_plan(**given))
-    write_plan(output, planned, description, source)
+    tuning, found = None, None
+    if watch is not None:
+        from rtstack.cli.plan_monitor import plan_monitor
+
+        tuning, found = plan_monitor(planned, output.stem, description, watch, not json)
+    write_plan(output, planned, description, source, tuning)
     if json:
-        typer.echo(json_module.dumps({**planned.as_dict(), "file": str(output)}))
+        watched = None if found is None else {"runs": watch, "held_out": found.runs, "margin": found.smallest_margin}
+        typer.echo(json_module.dumps({**planned.as_dict(), "monitor": watched, "file": str(output)}))
         return
     for line in _lines(planned, output):
         typer.echo(line)
+    if found is not None:
+        typer.echo(f"  monitor: from {watch} simulated runs, {found.runs} of them held out: no false alarm, smallest "
+                   f"margin {found.smallest_margin:.2f}")  # fmt: skip
+    typer.echo(f"  follow it: rtstack trial --reference {output} --object {object_name}")
 
 
 def _lines(planned: PlannedMotion, output: Path) -> list[str]:
@@ -60,4 +76,4 @@ def _lines(planned: PlannedMotion, output: Path) -> list[str]:
 
 
 def _numbers(values: Any) -> str:
-    return " ".join(f"{value:.3f}" for value in values + 0.0)
+    return " ".join(f"{value:.3f}" for value in values.round(3) + 0.0)  # no -0.000

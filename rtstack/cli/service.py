@@ -13,7 +13,9 @@ from rtstack.trials.errors import TrialError
 
 def robot(run: Path, logs: Path, cell_file: Path | None, left: str | None, right: str | None) -> None:
     """Become the robot process. Raises TrialError, ConfigurationError."""
-    _become("rtstack.live.robot", _shared(run, logs, cell_file, left, right) + ["--source", SOURCE])
+    shared = _shared(run, logs, cell_file, left, right)
+    make_log_folder(logs)
+    _become("rtstack.live.robot", [*shared, "--source", SOURCE])
 
 
 def console(run: Path, port: int, logs: Path, cell_file: Path | None, left: str | None, right: str | None) -> None:
@@ -24,6 +26,7 @@ def console(run: Path, port: int, logs: Path, cell_file: Path | None, left: str 
         listener = listen(port)
     except StackError as error:
         raise TrialError(str(error)) from None
+    make_log_folder(logs)
     listener.set_inheritable(True)
     _become("console", [*shared, "--rings", rings, "--listener", str(listener.fileno())])
 
@@ -31,7 +34,6 @@ def console(run: Path, port: int, logs: Path, cell_file: Path | None, left: str 
 def _shared(run: Path, logs: Path, cell_file: Path | None, left: str | None, right: str | None) -> list[str]:
     kind = kind_of(left, right)
     _, source = load_description(cell_file)
-    make_log_folder(logs)
     return ["--alone", f"--run={run}", f"--name={MAILBOX}", f"--logs={logs}", f"--cell={source}", f"--kind={kind}"]
 
 

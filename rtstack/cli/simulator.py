@@ -14,8 +14,9 @@ from pathlib import Path
 import typer
 
 from hal.errors import HardwareError
-from hal.realtime import robot_cpu
+from hal.realtime import ANY_CPU, robot_cpu
 from hal.tracker_link import TrackerLink
+from rtstack.trials.errors import TrialError
 
 _FCI_PORT = 1337
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
@@ -30,7 +31,10 @@ class Simulator:
     def __init__(
         self, object_name: str, displacement_m: float, seed: int, *, lockstep: bool, faults: Path | None = None
     ) -> None:
-        """Start it, and wait until it serves. faults: a script of them. Raises HardwareError with what it says."""
+        """Start it, and wait until it serves. object_name: empty for none; faults: a script of them.
+
+        Raises HardwareError with what it says.
+        """
         self.tracker = TrackerLink()
         self.report = ""
         said: str | None = None
@@ -40,7 +44,7 @@ class Simulator:
         for self.left, self.right in _free_pairs():
             command = [
                 sys.executable, "-m", "sim_robot.fci", "--tracker", f"{host}:{port}",
-                "--left", self.left, "--right", self.right, "--object", object_name,
+                "--left", self.left, "--right", self.right, "--object", object_name or "none",
                 f"--displacement-mm={displacement_m * 1e3!r}", "--seed", str(seed),
                 *([] if faults is None else ["--faults", str(faults)]),
             ]  # fmt: skip
@@ -117,14 +121,25 @@ def _free(address: str) -> bool:
     return False
 
 
+def chosen_cpu(cpu: int | None) -> int:
+    """Return where a served robot is to stay, -1 for anywhere. Raises TrialError for a CPU that we have not."""
+    ours = os.sched_getaffinity(0)
+    if cpu is not None and cpu != ANY_CPU and cpu not in ours:
+        raise TrialError(f"--cpu {cpu}: choose one of {', '.join(map(str, sorted(ours)))}, or -1 for any")
+    return robot_cpu() if cpu is None else cpu
+
+
 def serve(arguments: list[str], left: str, right: str, object_name: str, displacement_mm: float) -> None:
     """Serve in this process until Ctrl-C. arguments: further ones of `python -m sim_robot.fci`."""
     signal.signal(signal.SIGINT, lambda number, frame: os._exit(0))  # the imports take seconds, and nothing runs yet
     from sim_robot.fci.__main__ import main
 
+    cell = f"--cell fci:{left},{right}"
     thing = f" --object {object_name}" * (object_name != "rice_box")
     shift = f" --displacement-mm={displacement_mm:g}" * (displacement_mm != 0.0)
-    trial = f"run a trial against it: rtstack trial --reference REC.mcap --cell fci:{left},{right}{thing}{shift}"
+    trial = f"run a trial against it: rtstack trial --reference REC.mcap {cell}{thing}{shift}"
+    if object_name == "none":
+        trial = f"there is nothing to grab: play a log on it: rtstack play LOG.mcap {cell}"
     status = main(
         [f"--left={left}", f"--right={right}", f"--object={object_name}", f"--displacement-mm={displacement_mm!r}"]
         + arguments,

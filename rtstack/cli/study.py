@@ -1,22 +1,18 @@
 """`rtstack campaign` for the studies of the collision-monitoring paper: checked, run on workers, reported."""
 
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import typer
-
 from rtstack.campaign.plan import PlanFile
 from rtstack.campaign.store import Row, Store, check_folder
+from rtstack.cli.invocation import crew, end
 from rtstack.studies.aim_aware import study as planar
 from rtstack.studies.aim_aware import worker as planar_worker
 from rtstack.studies.aim_aware.arm import study as arm
 from rtstack.studies.aim_aware.arm import worker as arm_worker
 from rtstack.studies.aim_aware.grid import Case
-
-FAILED = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,15 +49,11 @@ def _arm(file: PlanFile, quick: bool) -> Prepared:
 
 def run_all(prepared: Prepared, file: PlanFile, out: Path, workers: int, scheduler: str | None) -> None:
     """Run what is missing, and write the report."""
-    from rtstack.campaign.crew import distant_crew, local_crew
     from rtstack.cli.campaign_progress import campaign_progress
     from rtstack.studies.aim_aware.runner import run_study
 
     run = prepared.run
-    with (
-        campaign_progress() as progress,
-        distant_crew(scheduler) if scheduler else local_crew(workers) as client,
-    ):
+    with campaign_progress() as progress, crew(workers, scheduler) as client:
         out.mkdir(exist_ok=True)
         with Store(out, prepared.columns) as store:
             store.claim(run, file)
@@ -73,9 +65,4 @@ def run_all(prepared: Prepared, file: PlanFile, out: Path, workers: int, schedul
             page = prepared.report(store, run, file)
             rows = store.rows()
     print(f"{len(rows)} simulations, {sum(row['cpu_s'] for row in rows):.0f} s of a CPU")
-    print(f"report: {page}", flush=True)
-    for what, reason in failures.items():
-        print(f"rtstack: {what} could not be run: {reason}", file=sys.stderr)
-    if failures:
-        print("rtstack: run the same with --resume to try them again", file=sys.stderr)
-        raise typer.Exit(FAILED)
+    end(page, failures)

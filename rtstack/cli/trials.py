@@ -12,13 +12,16 @@ from rtstack.cli.progress import progress_bar
 from rtstack.log.writer import Attachment, check_log_path
 from rtstack.loop.watchdogs import Parent
 from rtstack.samples import Reaction
+from rtstack.trials.company import Company
+from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.monitoring import load_tuning
+from rtstack.trials.object import check_object, object_of
 from rtstack.trials.record import open_log
 from rtstack.trials.result import DemonstrationResult, TrialResult
-from rtstack.trials.run import check_object, prepare_trial, run_demonstration, run_trial
 from rtstack.trials.specification import Controller, DemonstrationSpecification, TrialSpecification
 from rtstack.trials.start_motion import start_motion
 from rtstack.trials.tightening import load_tightening
+from rtstack.trials.trial import prepare_trial, run_trial
 
 FAILED = 1
 
@@ -37,27 +40,28 @@ def teach(
         way = start_motion(cell, description, object_name)
         with interruptible() as stop, progress_bar("demonstration", not json and not cell.own_clocks) as progress:
             log = open_log(output, specification, description, cell_kind, source)
-            result = run_demonstration(
-                specification, description, cell, log=log, stop=stop, progress=progress, way=way, watchdogs=(Parent(),)
-            )
+            company = Company(log, stop=stop, progress=progress, watchdogs=(Parent(),))
+            result = run_demonstration(specification, description, cell, company, way=way)
     finally:
         cell.close()
     _report(result, json, _demonstration_line(result))
 
 
 def trial(
-    reference: Path, controller: Controller, object_name: str, displacement_mm: float, seed: int, log_path: Path | None,
-    cell_kind: str, cell_file: Path | None, json: bool, safety: Path | None = None, friction: Path | None = None,
-    reaction: Reaction = Reaction.CONTINUE, monitor: Path | None = None, faults: Path | None = None,
+    reference: Path, controller: Controller, object_name: str | None, displacement_mm: float, seed: int,
+    log_path: Path | None, cell_kind: str, cell_file: Path | None, json: bool, safety: Path | None = None,
+    friction: Path | None = None, reaction: Reaction = Reaction.CONTINUE, monitor: Path | None = None,
+    faults: Path | None = None,
 ) -> None:  # fmt: skip
     """Run a trial on the recording `reference`; without `log_path` nothing is written. safety: limits to tighten.
 
-    friction: the arms', instead of what the cell's file names. monitor: its parameters, by default those of the object.
-    faults: what goes wrong in a simulated cell.
+    object_name: by default what the reference is about. friction: the arms', instead of what the cell's file names.
+    monitor: its parameters, by default those of the object. faults: what goes wrong in a simulated cell.
     """
     description, source = load_description(cell_file)
     if friction is not None:
         description = replace(description, joint_friction=friction)
+    object_name = object_name or object_of(reference)
     tightening = load_tightening(safety) if safety is not None else ()
     specification = TrialSpecification(
         str(reference), controller, object_name, displacement_mm, seed, tightening, reaction
@@ -82,7 +86,8 @@ def trial(
                 log = open_log(
                     log_path, specification, description, cell_kind, source, [recording], reference=prepared.reference
                 )
-            result = run_trial(prepared, cell, log=log, stop=stop, progress=progress, way=way, watchdogs=(Parent(),))
+            company = Company(log, stop=stop, progress=progress, watchdogs=(Parent(),))
+            result = run_trial(prepared, cell, company, way=way)
     finally:
         cell.close()
     _report(result, json, _trial_line(result))

@@ -1,8 +1,6 @@
 """Cells by their addresses: what is refused, in one line, and what a description says of them."""
 
 import socket
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -13,7 +11,6 @@ from rtstack.configuration import ConfigurationError
 from rtstack.model.cell_description import load_cell_description
 from rtstack.trials.errors import TrialError
 
-COMMAND = Path(sys.executable).with_name("rtstack")
 NOBODY = "fci:127.0.99.97,127.0.99.98"
 
 
@@ -94,8 +91,8 @@ def test_an_arm_that_may_be_real_is_not_called_simulated(kind, simulated):
         (["recover-arms", "--cell", NOBODY], "does not answer"),
     ],
 )
-def test_bad_input_is_one_line_and_status_two(tmp_path, arguments, word):
-    done = subprocess.run([str(COMMAND), *arguments], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+def test_bad_input_is_one_line_and_status_two(tmp_path, command_line, arguments, word):
+    done = command_line(*arguments, cwd=tmp_path)
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.count("\n") == 1
     assert word in done.stderr

@@ -1,20 +1,28 @@
-"""The command line as its users meet it: a process, its exit status, one line on stderr, nothing written."""
+"""The command line as its users meet it: exit status, one line on stderr, nothing written.
+
+A process of its own is started where the process matters, and once for what is refused: the others would say the same.
+"""
 
 import json
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
 import psutil
 import pytest
+from typer.core import TyperGroup
+from typer.main import get_command
 
+from rtstack.cli.app import app
 from rtstack.cli.cells import default_cell_file, open_cell
 from rtstack.log.reader import read_log
+from rtstack.trials.company import Company
+from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.record import open_log
 from rtstack.trials.result import TrialResult
-from rtstack.trials.run import run_demonstration
 from rtstack.trials.specification import DemonstrationSpecification
 
 COMMAND = Path(sys.executable).with_name("rtstack")
@@ -27,14 +35,10 @@ def run(*arguments: object, cwd: Path, **options) -> subprocess.CompletedProcess
     )
 
 
-@pytest.fixture(scope="session")
-def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A recording by `rtstack teach`."""
-    folder = tmp_path_factory.mktemp("cli")
-    done = run("teach", "ref.mcap", cwd=folder)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("recorded ref.mcap")
-    return folder / "ref.mcap"
+@pytest.fixture
+def recording(demonstration) -> Path:
+    """A recording."""
+    return demonstration.path
 
 
 def _is_refused(done: subprocess.CompletedProcess, folder: Path, *words: str) -> None:
@@ -47,7 +51,7 @@ def _is_refused(done: subprocess.CompletedProcess, folder: Path, *words: str) ->
     assert not list(folder.iterdir())
 
 
-def test_a_trial_prints_one_json_object_with_the_fields_of_the_contract(recording, tmp_path):
+def test_a_trial_prints_one_json_object_with_the_fields_of_the_contract(recording, tmp_path, command_line):
     done = run("trial", "--reference", recording, "--displacement-mm", "15", "--json", "--log", "t.mcap", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
@@ -55,13 +59,13 @@ def test_a_trial_prints_one_json_object_with_the_fields_of_the_contract(recordin
     assert result["success"] is True
     assert result["log"] == "t.mcap"
     assert (tmp_path / "t.mcap").stat().st_size > 1e6
-    review = run("review", "t.mcap", "--json", cwd=tmp_path)
+    review = command_line("review", "t.mcap", "--json", cwd=tmp_path)
     assert review.returncode == 0
     again = json.loads(review.stdout)["score"]
     assert again["average_force_norm"] == result["average_force_norm"]
-    text = run("review", "t.mcap", cwd=tmp_path)
+    text = command_line("review", "t.mcap", cwd=tmp_path)
     assert "interim -> post_impact" in text.stdout
-    assert "complete: nothing to recover" in run("recover", "t.mcap", cwd=tmp_path).stdout
+    assert "complete: nothing to recover" in command_line("recover", "t.mcap", cwd=tmp_path).stdout
 
 
 BAD_TRIALS = [
@@ -79,13 +83,72 @@ BAD_TRIALS = [
 
 
 @pytest.mark.parametrize(("arguments", "words"), BAD_TRIALS)
-def test_bad_input_to_a_trial(recording, tmp_path, arguments, words):
-    _is_refused(run("trial", "--reference", recording, *arguments, cwd=tmp_path), tmp_path, *words)
+def test_bad_input_to_a_trial(recording, tmp_path, command_line, arguments, words):
+    _is_refused(command_line("trial", "--reference", recording, *arguments, cwd=tmp_path), tmp_path, *words)
 
 
-def test_a_log_that_exists_is_not_overwritten(recording, tmp_path):
+def test_a_process_ends_as_it_is_said_here(recording, tmp_path, command_line):
+    arguments = ("trial", "--reference", recording, *BAD_TRIALS[0][0])
+    done, said = run(*arguments, cwd=tmp_path), command_line(*arguments, cwd=tmp_path)
+    _is_refused(done, tmp_path, *BAD_TRIALS[0][1])
+    assert (said.returncode, said.stdout, said.stderr) == (done.returncode, done.stdout, done.stderr)
+
+
+WRONG = {
+    "teach": ("ref.mcap --object anvil", "unknown object 'anvil'"),
+    "trial": ("--reference none.mcap", "cannot read none.mcap"),
+    "play": ("none.mcap", "cannot read none.mcap"),
+    "identify-friction": ("none/friction.toml", "the folder none does not exist"),
+    "review": ("none.mcap", "cannot read none.mcap"),
+    "recover": ("none.mcap", "cannot read none.mcap"),
+    "recover-arms": ("--cell moon", "unknown cell 'moon'"),
+    "up": ("--left 127.0.0.11", "give --left and --right"),
+    "robot": ("--left 127.0.0.11", "give --left and --right"),
+    "console": ("--run none", "start `rtstack robot`"),
+    "sim": ("--cpu 9999", "--cpu 9999: choose one of"),
+    "check": ("--left 127.0.0.11", "give --left and --right"),
+    "host-setup": ("--kernel odd", "choose rt or generic"),
+    "campaign": ("aim-aware-grab --quick --out done --scheduler nonsense", "no scheduler at nonsense"),
+    "tune-monitor": ("none.mcap --out monitor.toml", "give at least"),
+    "impact-map": ("none.toml", "none.toml: cannot be read"),
+    "plan": ("plan.mcap --speed nan", "plan: speed"),
+    "bench tick": ("--ticks 1", "--ticks"),
+    "bench loop": ("--cell moon", "unknown cell 'moon'"),
+    "bench link": ("--cell moon", "unknown cell 'moon'"),
+    "token create": ("--name robot --scope all", "one of view, operate"),
+    "token list": ("--logs none", "none: no such folder"),
+    "token revoke": ("id --logs none", "none: no such folder"),
+    "logs reviewed": ("none.mcap", "there is no such log"),
+    "logs prune": ("--logs none --older-than 3", "cannot read none"),
+    "logs backup": ("backup.sqlite --logs none", "cannot read none"),
+    "logs restore": ("none.sqlite --logs none", "no such folder"),
+}
+
+
+def test_every_command_helps_and_refuses_what_is_wrong(tmp_path, command_line):
+    for command in _commands(get_command(app)):
+        helped = command_line(*command.split(), "--help", cwd=tmp_path)
+        assert (helped.returncode, helped.stderr) == (0, ""), command
+        assert f"Usage: rtstack {command} " in helped.stdout
+        arguments, word = WRONG[command]
+        _is_refused(command_line(*command.split(), *arguments.split(), cwd=tmp_path), tmp_path, word)
+
+
+def _commands(command: object, name: str = "") -> list[str]:
+    """All commands below one, by name."""
+    if not isinstance(command, TyperGroup):
+        return [name]
+    return [each for key, below in command.commands.items() for each in _commands(below, f"{name} {key}".strip())]
+
+
+def test_an_unknown_campaign_names_all_of_them(tmp_path, command_line):
+    done = command_line("campaign", "nope", "--out", "done", cwd=tmp_path)
+    _is_refused(done, tmp_path, "unknown campaign 'nope'", "aim-aware-grab", "reference-spreading")
+
+
+def test_a_log_that_exists_is_not_overwritten(recording, tmp_path, command_line):
     (tmp_path / "t.mcap").write_bytes(b"mine")
-    done = run("trial", "--reference", recording, "--log", "t.mcap", cwd=tmp_path)
+    done = command_line("trial", "--reference", recording, "--log", "t.mcap", cwd=tmp_path)
     assert done.returncode == 2
     assert "exists already" in done.stderr
     assert (tmp_path / "t.mcap").read_bytes() == b"mine"
@@ -100,7 +163,7 @@ def test_a_log_that_exists_is_not_overwritten(recording, tmp_path):
         ("folder", ["folder"]),
     ],
 )
-def test_a_reference_that_is_none(recording, tmp_path, name, words):
+def test_a_reference_that_is_none(recording, tmp_path, command_line, name, words):
     inputs = tmp_path / "inputs"
     inputs.mkdir()
     path = inputs / f"{name}.mcap"
@@ -112,10 +175,10 @@ def test_a_reference_that_is_none(recording, tmp_path, name, words):
         path.mkdir()
     folder = tmp_path / "work"
     folder.mkdir()
-    _is_refused(run("trial", "--reference", path, "--log", "t.mcap", cwd=folder), folder, *words)
+    _is_refused(command_line("trial", "--reference", path, "--log", "t.mcap", cwd=folder), folder, *words)
 
 
-def test_a_foreign_mcap_as_reference(recording, tmp_path):
+def test_a_foreign_mcap_as_reference(tmp_path, command_line):
     from mcap.writer import Writer
 
     path = tmp_path / "other.mcap"
@@ -127,7 +190,16 @@ def test_a_foreign_mcap_as_reference(recording, tmp_path):
         writer.finish()
     folder = tmp_path / "work"
     folder.mkdir()
-    _is_refused(run("trial", "--reference", path, cwd=folder), folder, "not a log of ours")
+    _is_refused(command_line("trial", "--reference", path, cwd=folder), folder, "not a log of ours")
+
+
+def test_without_an_object_a_trial_has_the_one_of_its_reference(tmp_path, command_line):
+    made = command_line("teach", "ref.mcap", "--object", "parcel", cwd=tmp_path)
+    assert made.returncode == 0, made.stderr
+    done = command_line("trial", "--reference", "ref.mcap", "--json", cwd=tmp_path)
+    assert (json.loads(done.stdout)["object"], done.stderr) == ("parcel", "")
+    asked = command_line("trial", "--reference", "ref.mcap", "--object", "anvil", cwd=tmp_path)
+    assert "unknown object 'anvil'" in asked.stderr  # what is given counts
 
 
 class _StopAt:
@@ -142,18 +214,18 @@ class _StopAt:
         return self._left < 0
 
 
-def test_a_reference_without_an_impact(cell, tmp_path):
+def test_a_reference_without_an_impact(cell, tmp_path, command_line):
     """A demonstration that was broken off before the hands met the box."""
     path = tmp_path / "early.mcap"
     specification = DemonstrationSpecification()
     simulated = open_cell("direct", specification.object, 0.0, specification.seed)
     log = open_log(path, specification, cell, "direct", default_cell_file())
-    result = run_demonstration(specification, cell, simulated, log=log, stop=_StopAt(700))
+    result = run_demonstration(specification, cell, simulated, Company(log, stop=_StopAt(700)))
     simulated.close()
-    assert "stop requested" in result.failure_reason
+    assert "stop requested" in (result.failure_reason or "")
     folder = tmp_path / "work"
     folder.mkdir()
-    _is_refused(run("trial", "--reference", path, cwd=folder), folder, "no impact")
+    _is_refused(command_line("trial", "--reference", path, cwd=folder), folder, "no impact")
 
 
 def test_ctrl_c_brakes_finishes_the_log_and_ends_without_a_traceback(tmp_path):
@@ -162,7 +234,7 @@ def test_ctrl_c_brakes_finishes_the_log_and_ends_without_a_traceback(tmp_path):
         [str(COMMAND), "teach", str(path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
     while process.poll() is None and not path.exists():
-        pass
+        time.sleep(1e-3)
     process.send_signal(2)
     out, err = process.communicate(timeout=60)
     assert process.returncode == 1, (out, err)
@@ -171,15 +243,15 @@ def test_ctrl_c_brakes_finishes_the_log_and_ends_without_a_traceback(tmp_path):
     assert read_log(path).complete
 
 
-def test_teach_refuses_what_it_cannot_do(tmp_path):
-    _is_refused(run("teach", "x.mcap", "--object", "anvil", cwd=tmp_path), tmp_path, "anvil")
-    _is_refused(run("teach", "missing/x.mcap", cwd=tmp_path), tmp_path, "missing")
-    _is_refused(run("review", "missing.mcap", cwd=tmp_path), tmp_path, "missing.mcap")
-    _is_refused(run("recover", "missing.mcap", cwd=tmp_path), tmp_path, "missing.mcap")
-    _is_refused(run("dance", cwd=tmp_path), tmp_path, "dance")
+def test_teach_refuses_what_it_cannot_do(tmp_path, command_line):
+    _is_refused(command_line("teach", "x.mcap", "--object", "anvil", cwd=tmp_path), tmp_path, "anvil")
+    _is_refused(command_line("teach", "missing/x.mcap", cwd=tmp_path), tmp_path, "missing")
+    _is_refused(command_line("review", "missing.mcap", cwd=tmp_path), tmp_path, "missing.mcap")
+    _is_refused(command_line("recover", "missing.mcap", cwd=tmp_path), tmp_path, "missing.mcap")
+    _is_refused(command_line("dance", cwd=tmp_path), tmp_path, "dance")
 
 
-def test_a_read_only_folder(recording, tmp_path):
+def test_a_read_only_folder(recording, tmp_path, command_line):
     if os.geteuid() == 0:
         target = "/proc/t.mcap"  # root may write anywhere but there
     else:
@@ -187,18 +259,18 @@ def test_a_read_only_folder(recording, tmp_path):
         target = str(tmp_path / "locked" / "t.mcap")
     folder = tmp_path / "work"
     folder.mkdir()
-    _is_refused(run("trial", "--reference", recording, "--log", target, cwd=folder), folder, "cannot write")
+    _is_refused(command_line("trial", "--reference", recording, "--log", target, cwd=folder), folder, "cannot write")
 
 
-def test_help_answers(tmp_path):
-    done = run("--help", cwd=tmp_path)
+def test_help_answers(tmp_path, command_line):
+    done = command_line("--help", cwd=tmp_path)
     assert done.returncode == 0
     for command in ("teach", "trial", "review", "recover", "up", "bench"):
         assert command in done.stdout
     assert run(cwd=tmp_path).stdout == done.stdout
 
 
-def test_a_killed_log_process_fails_the_trial_and_the_rest_is_recovered(recording, tmp_path):
+def test_a_killed_log_process_fails_the_trial_and_the_rest_is_recovered(recording, tmp_path, command_line):
     """kill -9 in the middle: everything up to half a second before is there, and the trial says what to do."""
     path = tmp_path / "t.mcap"
     process = subprocess.Popen(
@@ -207,7 +279,7 @@ def test_a_killed_log_process_fails_the_trial_and_the_rest_is_recovered(recordin
     )  # fmt: skip
     attached = 1.1 * recording.stat().st_size  # the recording comes first in the file, then the samples
     while process.poll() is None and not (path.exists() and path.stat().st_size > attached):
-        pass
+        time.sleep(1e-3)
     writers = [c for c in psutil.Process(process.pid).children() if "rtstack.log.process" in c.cmdline()]
     assert len(writers) == 1
     writers[0].kill()
@@ -218,7 +290,7 @@ def test_a_killed_log_process_fails_the_trial_and_the_rest_is_recovered(recordin
     assert "rtstack recover" in result["failure_reason"]
     assert "Traceback" not in err
     before = read_log(path, truncated=True).topic("/left/arm")
-    done = run("recover", path, cwd=tmp_path)
+    done = command_line("recover", path, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     again = read_log(tmp_path / "t.recovered.mcap")
     samples = again.topic("/left/arm")

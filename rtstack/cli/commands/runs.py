@@ -1,0 +1,104 @@
+"""Commands that move arms: a demonstration, a trial, a playback, the runs that show friction."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rtstack.cli.commands.options import CellKind, Displacement, Json, ObjectName, Seed
+from rtstack.samples import Reaction
+from rtstack.trials.specification import Controller
+
+commands = typer.Typer()
+CellFile = Annotated[Path | None, typer.Option("--cell-file", help="TOML description of the cell.")]
+LogOut = Annotated[Path | None, typer.Option(metavar="OUT.mcap", help="The log to write.")]
+
+
+@commands.command()
+def teach(
+    output: Annotated[Path, typer.Argument(metavar="OUT.mcap", help="The recording to write.")],
+    object_name: ObjectName = "rice_box",
+    variation: Annotated[int, typer.Option(help="Number of the demonstration.", min=0)] = 0,
+    seed: Seed = 0,
+    speed: Annotated[
+        float | None,
+        typer.Option(help="Speed of the pads at the object, m/s, if not the variation's.", min=0.1, max=0.6),
+    ] = None,
+    cell: CellKind = "direct",
+    cell_file: CellFile = None,
+    json: Json = False,
+) -> None:
+    """Record a scripted demonstration through the teleoperation path."""
+    from rtstack.cli.trials import teach as run
+
+    run(output, object_name, variation, seed, speed, cell, cell_file, json)
+
+
+@commands.command()
+def trial(
+    reference: Annotated[Path, typer.Option(metavar="REC.mcap", help="Made by `rtstack teach` or `rtstack plan`.")],
+    controller: Annotated[
+        Controller, typer.Option(help="The proposed controller, a baseline, or contact_completion.")
+    ] = Controller.PROPOSED,
+    object_name: Annotated[
+        str | None, typer.Option("--object", help="An object of the cell; by default the reference's.")
+    ] = None,
+    displacement_mm: Displacement = 0.0,
+    seed: Seed = 0,
+    log: LogOut = None,
+    cell: CellKind = "direct",
+    cell_file: CellFile = None,
+    safety: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="TOML with a table [safety]: limits that this trial tightens.")
+    ] = None,
+    friction: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Friction, made by `rtstack identify-friction`.")
+    ] = None,
+    reaction: Annotated[
+        Reaction, typer.Option(help="What an impact leads to that was not meant; continue: a mark in log and result.")
+    ] = Reaction.CONTINUE,
+    monitor: Annotated[
+        Path | None, typer.Option(metavar="TOML", help="The monitor's parameters, made by `rtstack tune-monitor`.")
+    ] = None,
+    faults: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="TOML script of what goes wrong in a simulated cell.")
+    ] = None,
+    json: Json = False,
+) -> None:
+    """Run one trial: follow a recording through the impact."""
+    from rtstack.cli.trials import trial as run
+
+    run(
+        reference, controller, object_name, displacement_mm, seed, log, cell, cell_file, json, safety, friction,
+        reaction, monitor, faults,
+    )  # fmt: skip
+
+
+@commands.command()
+def play(
+    source: Annotated[Path, typer.Argument(metavar="LOG.mcap", help="A recording, or any other log of both arms.")],
+    speed: Annotated[float, typer.Option(help="Times the log's own speed: 0.1 to 4, as far as limits allow.")] = 1.0,
+    seed: Seed = 0,
+    log: LogOut = None,
+    cell: CellKind = "direct",
+    cell_file: CellFile = None,
+    json: Json = False,
+) -> None:
+    """Play a log on the arms themselves, with a soft start and a soft stop; Ctrl-C brakes along the path."""
+    from rtstack.cli.playback import play as run
+
+    run(source, speed, seed, log, cell, cell_file, json)
+
+
+@commands.command("identify-friction")
+def identify_friction(
+    output: Annotated[Path, typer.Argument(metavar="OUT.toml", help="The file to write; logs go beside it.")],
+    cell: CellKind = "direct",
+    seed: Seed = 0,
+    runs: Annotated[int, typer.Option(help="Runs of each joint.", min=1, max=20)] = 2,
+    cell_file: CellFile = None,
+) -> None:
+    """Move one joint after the other, with the object out of the way, and write both arms' friction."""
+    from rtstack.cli.friction import identify_friction as run
+
+    run(output, cell, seed, cell_file, runs)

@@ -1,0 +1,108 @@
+"""Commands that start the stack, its parts and the simulated arms, and clear what arms have latched."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rtstack.cli.commands.options import Displacement, LeftArm, RightArm, Seed, StackCell
+
+commands = typer.Typer()
+LogsWritten = Annotated[Path, typer.Option(help="Where logs are written.")]
+Port = Annotated[int, typer.Option(help="Port of the console, on the loopback address.", min=0, max=65535)]
+RunFolder = Annotated[Path, typer.Option("--run", metavar="DIR", help="Where robot process and console meet.")]
+
+
+@commands.command("recover-arms")
+def recover_arms(
+    cell: Annotated[str | None, typer.Option(help="fci:LEFT,RIGHT; by default the arms of the running stack.")] = None,
+    stack: Annotated[
+        Path | None, typer.Option(metavar="SOCKET", help="Which stack, where several are running.")
+    ] = None,
+) -> None:
+    """Clear what the arms have latched (a fault, a reflex), once its cause is gone."""
+    from rtstack.cli.recovery import recover_arms as run
+
+    run(cell, stack)
+
+
+@commands.command()
+def up(
+    port: Port = 8080,
+    logs: LogsWritten = Path("logs"),
+    cell_file: StackCell = None,
+    left: LeftArm = None,
+    right: RightArm = None,
+) -> None:
+    """Start the whole stack, with the arms at --left and --right or the simulated cell; Ctrl-C ends all of it."""
+    from rtstack.cli.stack import up as run
+
+    run(port, logs, cell_file, left, right)
+
+
+@commands.command()
+def robot(
+    run_folder: RunFolder = Path("/run/rtstack"),
+    logs: LogsWritten = Path("logs"),
+    cell_file: StackCell = None,
+    left: LeftArm = None,
+    right: RightArm = None,
+) -> None:
+    """Run the robot process alone, as a service does: cell, loop and logs; disarmed, until somebody arms."""
+    from rtstack.cli.service import robot as run
+
+    run(run_folder, logs, cell_file, left, right)
+
+
+@commands.command()
+def console(
+    run_folder: RunFolder = Path("/run/rtstack"),
+    port: Port = 8080,
+    logs: LogsWritten = Path("logs"),
+    cell_file: StackCell = None,
+    left: LeftArm = None,
+    right: RightArm = None,
+) -> None:
+    """Run the console alone, beside `rtstack robot`, with the same options."""
+    from rtstack.cli.service import console as run
+
+    run(run_folder, port, logs, cell_file, left, right)
+
+
+@commands.command()
+def sim(
+    scene: Annotated[str, typer.Option(metavar="NAME", help="The scene to simulate: grab.")] = "grab",
+    left: Annotated[str, typer.Option(metavar="ADDR", help="Address of the left arm.")] = "127.0.0.11",
+    right: Annotated[str, typer.Option(metavar="ADDR", help="Address of the right arm.")] = "127.0.0.12",
+    lockstep: Annotated[bool, typer.Option("--lockstep", help="Wait for every moving arm's answer.")] = False,
+    seed: Seed = 0,
+    object_name: Annotated[
+        str, typer.Option("--object", help="An object of the cell, or none: an empty cell, as a playback needs it.")
+    ] = "rice_box",
+    displacement_mm: Displacement = 0.0,
+    faults: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="TOML script of what goes wrong, and when.")
+    ] = None,
+    tracker: Annotated[
+        str, typer.Option(metavar="HOST:PORT", help="Who is sent the object's poses (UDP).")
+    ] = "127.0.0.1:1341",
+    phase_us: Annotated[float, typer.Option(help="How much later the right arm's clock ticks.")] = 0.0,
+    drift_ppm: Annotated[float, typer.Option(help="How much faster the right arm's clock runs.")] = 0.0,
+    priority: Annotated[int, typer.Option(help="SCHED_FIFO priority, 0 for none.", min=0, max=99)] = 80,
+    cpu: Annotated[
+        int | None,
+        typer.Option(help="CPU to stay on, -1 for any; by default the first, the loop takes the last.", min=-1),
+    ] = None,
+) -> None:
+    """Serve the simulated arms at their addresses, as robots would be, until Ctrl-C."""
+    from rtstack.cli.simulator import chosen_cpu
+    from rtstack.cli.simulator import serve as run
+
+    arguments = [f"--scene={scene}", f"--seed={seed}", f"--tracker={tracker}", f"--phase-us={phase_us!r}"]
+    arguments += [
+        f"--drift-ppm={drift_ppm!r}",
+        f"--priority={priority}",
+        f"--cpu={chosen_cpu(cpu)}",
+    ]
+    arguments += ["--lockstep"] * lockstep + ([f"--faults={faults}"] if faults is not None else [])
+    run(arguments, left, right, object_name, displacement_mm)

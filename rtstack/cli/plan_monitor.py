@@ -1,0 +1,98 @@
+"""`rtstack plan --watch`: the monitor of a plan, made from runs of the plan itself on the simulated cell.
+
+What is expected is the plan's own: when and in which configuration the pads meet the object, the joints' velocities
+that the impact map leaves them, the force that carries the object (rtstack.references.impact). How far a good run may
+be from that only runs can say: sensors, friction, placement and what vibrates after an impact are in no plan. The
+object stands where it may stand in any trial, up to SHIFTED_MM from its place along y.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rtstack.campaign.trial_log import WholeRunLog
+from rtstack.cli.cells import open_cell
+from rtstack.cli.interrupt import interruptible
+from rtstack.cli.monitor import Recorded, split, tuning_toml
+from rtstack.cli.progress import progress_bar
+from rtstack.loop.watchdogs import Parent
+from rtstack.model.cell_description import CellDescription
+from rtstack.planning import PlanError, PlannedMotion
+from rtstack.references.motion import Motion
+from rtstack.trials.assembly import cell_parameters
+from rtstack.trials.company import Company
+from rtstack.trials.record import frames
+from rtstack.trials.specification import TrialSpecification
+from rtstack.trials.tightening import safety_limits
+from rtstack.trials.trial import PreparedTrial, run_trial
+from rtstack.trials.tuning import Check, GoodRun, check, tune
+
+SHIFTED_MM = 30.0  # the reference-spreading paper's experiments, and the tunings in deploy/monitor
+FIRST_SEED = 10_000  # trials count from 0: they are to be judged by runs that are none of them
+SENSITIVITY = 1.5  # as `rtstack tune-monitor` has it by default
+
+
+def plan_monitor(
+    planned: PlannedMotion, name: str, description: CellDescription, runs: int, shown: bool
+) -> tuple[str, Check]:
+    """Run the plan `runs` times, tune on two thirds of the runs, check on the others. Returns the tuning as TOML.
+
+    name: of the plan. Raises PlanError with one line where a run fails, or one that was held out is a false alarm.
+    """
+    recording = planned.recording
+    if recording.motion is not Motion.GRAB:
+        raise PlanError(f"--watch: a {recording.motion} is not watched, only what both arms do: leave it out")
+    good: list[Recorded] = []
+    with progress_bar("runs of the plan", shown) as progress:
+        # rolled: the furthest ones come first, and `split` holds back every third
+        for k, place_mm in enumerate(np.roll(np.linspace(-SHIFTED_MM, SHIFTED_MM, runs), 1).round(1).tolist()):
+            specification = TrialSpecification(
+                name, object=recording.object, displacement_mm=place_mm, seed=FIRST_SEED + k
+            )
+            run = _run(planned, specification, description)
+            good.append(Recorded(run, recording.object, name, place_mm, specification.seed))
+            if progress is not None:
+                progress((k + 1) / runs)
+    used, held_out = split(good)
+    parameters = tune([record.run for record in used], SENSITIVITY)
+    found = check([record.run for record in held_out], parameters)
+    if found.false_alarms:
+        raise PlanError(
+            f"--watch: {len(found.false_alarms)} of {found.runs} runs that were held out would be false alarms: "
+            f"tune on more than {runs} runs"
+        )
+    command = f"rtstack plan --watch {runs}"
+    return tuning_toml(parameters, SENSITIVITY, found, used, held_out, command), found
+
+
+class _Samples(WholeRunLog):
+    """Keeps the samples of a run, and writes nothing."""
+
+    def close(self, result: dict[str, Any]) -> None:
+        """See TrialLog."""
+        if self._history is not None:
+            self.columns = self._history.columns()
+
+
+def _run(planned: PlannedMotion, specification: TrialSpecification, description: CellDescription) -> GoodRun:
+    """Run the plan once, on the plant in this process. Raises PlanError where it fails, KeyboardInterrupt."""
+    thing, place_mm, seed = specification.object, specification.displacement_mm, specification.seed
+    reference, parameters = planned.reference, cell_parameters(description)
+    assert reference.impact is not None  # of a grab
+    prepared = PreparedTrial(specification, description, parameters, reference, safety_limits(description))
+    log = _Samples(Path(specification.reference), {}, [], frames(description, thing))
+    cell = open_cell("direct", thing, place_mm * 1e-3, seed, description)
+    try:
+        with interruptible() as stop:
+            result = run_trial(prepared, cell, Company(log, stop=stop, watchdogs=(Parent(),)))
+    finally:
+        cell.close()
+    if stop.stop_requested:
+        raise KeyboardInterrupt
+    if not result.success or log.columns is None:
+        raise PlanError(
+            f"--watch: the plan fails in simulation with the object at {place_mm:+g} mm (seed {seed}): "
+            f"{result.failure_reason}; change the plan"
+        )
+    return GoodRun(f"{place_mm:+g} mm, seed {seed}", log.columns, reference.impact)
