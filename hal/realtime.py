@@ -6,13 +6,16 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 
 # below the simulated robot (80), which has to keep its own clock, and above everything ordinary
 PRIORITY = 70
+_BESIDE = 60  # of whoever shares a process with such a thread
 _PR_SET_TIMERSLACK, _PR_GET_TIMERSLACK = 29, 30  # linux/prctl.h
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4  # bits/mman-linux.h
 ANY_CPU = -1
 _libc = ctypes.CDLL(None, use_errno=True)
+_POLICIES = {os.SCHED_OTHER: "other", os.SCHED_FIFO: "fifo", os.SCHED_RR: "rr"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,8 +81,27 @@ def realtime_thread(priority: int = PRIORITY, cpu: int | None = None) -> Iterato
             gc.enable()
 
 
+def beside_realtime() -> None:
+    """Put the calling thread between what is ordinary and its process's real-time thread, as far as the host allows it.
+
+    The threads of a process share the interpreter's lock: an ordinary one that holds it and is pushed off its CPU by
+    another program keeps the real-time thread waiting for as long as that one runs.
+    """
+    _try_schedule(os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(_BESIDE))
+
+
+def scheduling(thread: int = 0) -> tuple[str, int]:
+    """Return policy (other, fifo, rr) and priority of a thread now: the calling one, or one by its id.
+
+    A process's main thread has the id of the process.
+    """
+    policy = os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK
+    return _POLICIES.get(policy, "unknown"), os.sched_getparam(thread).sched_priority
+
+
+@lru_cache(maxsize=1)  # of a process: to try it takes a quarter of a second
 def obtainable() -> Obtained:
-    """Return what `realtime_thread` would obtain now."""
+    """Return what `realtime_thread` obtains in this process."""
     with realtime_thread() as obtained:
         return obtained
 

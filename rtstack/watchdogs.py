@@ -10,7 +10,6 @@ from pathlib import Path
 
 from hal.fci.pair import STALE_S
 from hal.limits import COLLISION_TORQUES
-from rtstack.live.stack import POLL_S
 from rtstack.log.ring import CAPACITY
 from rtstack.log.sink import FLUSH_NS
 from rtstack.loop.end import End
@@ -85,7 +84,7 @@ WATCHDOGS = (
     Entry("no rest", "arms that still move after a stop", STOP_TICKS, "ticks", End.NOT_AT_REST, _ROBOT, "loop"),
     Entry("lease", "signs of life of who has control", LEASE_S, "s", "the operator has gone",
           "disarmed; a motion stops, which leaves a fault", "robot process"),
-    Entry("supervisor", "its children's exit", POLL_S, "s", "the robot process died, the console died",
+    Entry("supervisor", "its children's exit", 0, "ms", "the robot process died, the console died",
           "it ends the other ones, in order; without a console a motion stops first", "supervisor"),
     Entry("lifeline", "the supervisor's end of a child's standard input", 0, "ms", End.PARENT_GONE, _STOP,
           "robot process, console"),

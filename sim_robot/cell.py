@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.cell import Cell
-from hal.errors import CommandRejected, ConnectionLost, RecoveryRefused
+from hal.errors import CommandRejected, ConnectionLost, ObjectOutOfReach, RecoveryRefused
 from hal.robot_errors import error_names
 from hal.state import ArmState, RobotMode
 from sim_robot import reflexes
@@ -24,7 +24,7 @@ from sim_robot.faults.kinds import Fault
 from sim_robot.model import SIDES
 from sim_robot.plant import Plant
 from sim_robot.plant_parameters import PlantParameters, load_plant_parameters
-from sim_robot.scene import Scene, load_scene
+from sim_robot.scene import NO_OBJECT, Scene, load_scene
 from sim_robot.sensors import Sensors
 from sim_robot.tracker import SimulatedTracker
 
@@ -108,7 +108,9 @@ class SimulatedCell:
         clock: Clock | None = None,
         box_kind: type[ControlBox] = ControlBox,
         faults: tuple[Fault, ...] = (),
+        empty: bool = False,
     ) -> None:
+        """empty: the plant's object is out of reach and out of sight, from the start."""
         self.plant, self.clock = plant, clock
         self.sensors = Sensors(plant, parameters.sensors, scene.pad.face_offset_z, seed)
         self.states = self.sensors.states  # both arms' present states, dtype ARM_STATE, (2,)
@@ -117,7 +119,8 @@ class SimulatedCell:
         self._judge_states = reflexes.judge_of_states(self.states, parameters.reflexes, self._masks)
         timeout_ms = parameters.reflexes.communication_timeout_ms
         self.boxes = tuple(box_kind(plant, side, timeout_ms) for side in range(2))
-        self.faults = Injection(faults, plant, self.boxes, scene.pad.size[2]) if faults else None
+        disturbed = bool(faults) or empty
+        self.faults = Injection(faults, plant, self.boxes, scene.pad.size[2], empty) if disturbed else None
         tracker = SimulatedTracker(plant, parameters.tracker, seed)
         self.tracker = tracker if self.faults is None else self.faults.tracker(tracker)
         self.left, self.right = SimulatedArm(self, 0), SimulatedArm(self, 1)
@@ -174,7 +177,7 @@ class SimulatedCell:
 
     def as_cell(self, name: str) -> Cell:
         """Return the cell as hal knows it. `name` is the kind as the command line spells it."""
-        return Cell(name, self.left, self.right, self.tracker)
+        return Cell(name, self.left, self.right, self.tracker, paced=self.clock is not None)
 
     def close(self) -> None:
         """Stop both arms. Never raises."""
@@ -203,7 +206,7 @@ def simulated_cell(
     on_the_wire: bool = False,
     arms_seed: int | None = None,
 ) -> SimulatedCell:
-    """Build the cell with this object, `displacement_m` along the world's y from its place.
+    """Build the cell with this object, `displacement_m` along the world's y from its place; NO_OBJECT: an empty cell.
 
     Without a clock it is lockstep: nothing waits, and a seed gives bit-identical states. `on_the_wire`: an
     FCI server stands in front, and carries out the faults of the link. arms_seed: of the arms alone, where the same
@@ -213,8 +216,12 @@ def simulated_cell(
         refuse_link_faults(faults)
     layout = load_scene(scene)
     parameters = load_plant_parameters() if parameters is None else parameters
-    plant = Plant(layout, parameters, object_name, displacement_m, seed, arms_seed, tilt_of(faults))
-    return SimulatedCell(plant, layout, parameters, seed, clock, box_kind, faults)
+    empty = object_name == NO_OBJECT
+    if empty and displacement_m != 0.0:
+        raise ObjectOutOfReach(f"an empty cell (object {NO_OBJECT!r}) has nothing that could be displaced")
+    name = next(iter(layout.objects)) if empty else object_name
+    plant = Plant(layout, parameters, name, displacement_m, seed, arms_seed, tilt_of(faults))
+    return SimulatedCell(plant, layout, parameters, seed, clock, box_kind, faults, empty)
 
 
 def nominal_cell(

@@ -9,6 +9,8 @@ FINAL_WAIT_NS = 60_000
 # after a longer pause (a suspended process) the plant does not catch up, it goes on from where it is
 LONGEST_CATCH_UP_MS = 1000
 LARGEST_DEBT_NS = 20_000_000
+# of the time since the last rest, at most a millisecond: a real-time thread that never sleeps keeps its CPU to itself
+LEAST_REST = 0.1
 
 
 class Clock(Protocol):
@@ -56,16 +58,17 @@ class PacedLockstep:
 
     def __init__(self) -> None:
         self.missed = 0
-        self._deadline_ns = time.monotonic_ns()
+        self._deadline_ns = self._rested_ns = time.monotonic_ns()
 
     def wait(self) -> int:
-        """Sleep until the next millisecond is due, or not at all when it is late. Returns 1, the plant's next ms."""
+        """Sleep until the next millisecond is due, and a little where it is late. Returns 1, the plant's next ms."""
         now = time.monotonic_ns()
         # after a longer pause it does not hurry to catch up
         self._deadline_ns = max(self._deadline_ns + PERIOD_NS, now - LARGEST_DEBT_NS)
-        spare_ns = self._deadline_ns - now - FINAL_WAIT_NS
-        if spare_ns > 0:
-            time.sleep(spare_ns * 1e-9)
+        rest_ns = min(round(LEAST_REST * (now - self._rested_ns)), PERIOD_NS)
+        spare_ns = max(self._deadline_ns - now - FINAL_WAIT_NS, rest_ns)
+        time.sleep(spare_ns * 1e-9)
+        self._rested_ns = time.monotonic_ns()
         while time.monotonic_ns() < self._deadline_ns:
             pass
         return 1

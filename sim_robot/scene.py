@@ -10,6 +10,8 @@ import numpy as np
 from hal.errors import ObjectOutOfReach, UnknownObject
 from sim_robot.strict_toml import read_record
 
+NO_OBJECT = "none"  # in an object's place: an empty cell
+
 Vector2 = tuple[float, float]
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -154,12 +156,14 @@ class Scene:
     def __post_init__(self) -> None:
         if not self.objects:
             raise ValueError("objects must not be empty")
+        if NO_OBJECT in self.objects:
+            raise ValueError(f"objects.{NO_OBJECT}: the name stands for an empty cell; choose another one")
 
     def find(self, object_name: str) -> GraspObject:
         """Return the object of this name. Raises UnknownObject."""
         if object_name not in self.objects:
             known = ", ".join(sorted(self.objects))
-            raise UnknownObject(f"unknown object '{object_name}'; this cell has: {known}")
+            raise UnknownObject(f"unknown object '{object_name}'; this cell has: {known}; {NO_OBJECT}: an empty cell")
         return self.objects[object_name]
 
     def displacement_range(self, object_name: str, pad_faces_y: Vector2) -> Vector2:

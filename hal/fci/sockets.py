@@ -7,7 +7,10 @@ import stat
 
 
 def open_sockets(kind: socket.SocketKind) -> set[tuple[int, int]]:
-    """Return descriptor and inode of each socket of this kind (SOCK_DGRAM, SOCK_STREAM) of this process."""
+    """Return descriptor and inode of each internet socket of this kind (SOCK_DGRAM, SOCK_STREAM) of this process.
+
+    Others come and go meanwhile: whoever asks the robot process something is connected to a socket of its own.
+    """
     found = set()
     for name in os.listdir("/proc/self/fd"):
         with contextlib.suppress(OSError):  # the descriptor of the listing itself is closed by now
@@ -15,7 +18,7 @@ def open_sockets(kind: socket.SocketKind) -> set[tuple[int, int]]:
             if not stat.S_ISSOCK(status.st_mode):
                 continue
             with socket.socket(fileno=os.dup(int(name))) as sock:
-                if sock.type == kind:
+                if (sock.family, sock.type) == (socket.AF_INET, kind):
                     found.add((int(name), status.st_ino))
     return found
 

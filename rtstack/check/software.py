@@ -67,7 +67,10 @@ def versions_tested() -> dict[str, str]:
 
 
 def _disk(logs: Path) -> Finding:
-    there = next(folder for folder in (logs.resolve(), *logs.resolve().parents) if folder.is_dir())
+    there = next(path for path in (logs.resolve(), *logs.resolve().parents) if path.exists())
+    if not there.is_dir():
+        cost, advice = "no arm moves without a log", "another folder with --logs"
+        return finding("disk", f"{there} is no folder", False, cost, advice, required=True)
     free = shutil.disk_usage(there).free
     value = f"{free / 1e9:.0f} GB at {there}, {free / _LOG_BYTES / 3600:.0f} h of logs"
     advice = "another folder with --logs, or `rtstack logs prune`"

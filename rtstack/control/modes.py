@@ -28,9 +28,8 @@ class Strategy(IntEnum):
 class ModeMachine:
     """Mode of the trial, shared by both arms. Times in s since the start of the reference.
 
-    `update` moves through the paper's modes; `begin` and `stop` are the only other ways to change `mode`. Once
-    stopping,
-    nothing but `rest` (when the arms are at rest) changes it: a new trial needs a new machine.
+    `update` moves through the paper's modes, `react` out of them; `begin` and `stop` are the only other ways to change
+    `mode`. Once stopping, nothing but `rest` (when the arms are at rest) changes it: a new trial needs a new machine.
     """
 
     strategy: Strategy

@@ -27,6 +27,8 @@ class ControlParameters:
     # (23) of the impact-map paper follows the post-impact reference as soon as an impact is detected; (27) of the
     # reference-spreading paper blends the references, which demonstrated ones need and planned ones do not
     blend_interim: bool = True
+    # from the detected impact on, if another: the impact-map paper lowers the orientation's for a grab (VI-B)
+    stiffness_after_impact: Array | None = None
     # `stiffness` as gains k_p, k_theta of acceleration tasks, 1/s^2: (15)-(16) of the impact-map paper, instead of (5)
     acceleration_tasks: bool = False
     posture_gain: float = 500.0  # k_pos, 1/s^2

@@ -88,6 +88,8 @@ class ArmController:
         self._history, self._head, self._count = history.memory
         self.completion = CompletionDetector(completion or CompletionParameters())
         self._blend_interim = parameters.blend_interim
+        self._stiffness_after = parameters.stiffness_after_impact
+        self._stiffness = self.setpoint["stiffness"][0]
         self._tau_step = FR3.tau_rate_max * parameters.period_s * (1.0 - 2e-4)  # a little inside the judge's line
         # views of single fields: looking a field up costs more than writing it
         sample = self.sample[0]
@@ -163,6 +165,8 @@ class ArmController:
         blend = _BLEND[mode]
         if blend == INTERIM and not self._blend_interim:
             blend = POST
+        if blend > ANTE and self._stiffness_after is not None:
+            self._stiffness[:] = self._stiffness_after
         index = index if index < self._last else self._last
         self._choose(index, blend if blend > ANTE else ANTE, mode, machine.gamma, machine.velocity_weight)
 
@@ -201,8 +205,8 @@ class DualArmController:
         self.arms = (left, right)
         self.machine = machine
         self.monitor = monitor
+        self.impact_s = [-1.0, -1.0]  # when each arm's detector first fired, s; negative: it has not
         self.first_impact_s = -1.0
-        self.impact_arm = ""
         self.reaction_over = False
         self._reaction = reaction
         self._force_norm = bound(force_norm, left.control, right.control)
@@ -223,15 +227,19 @@ class DualArmController:
     def decide(self, t_s: float) -> None:
         """Advance the shared mode after the observations of this tick. t_s: time since the start of the reference."""
         impact = self.left.impact or self.right.impact
-        if impact and self.first_impact_s < 0.0:
-            self.first_impact_s = t_s
-            self.impact_arm = "both" if self.left.impact and self.right.impact else (
-                "left" if self.left.impact else "right"
-            )  # fmt: skip
+        if impact:
+            self._remember_impact(t_s)
         machine = self.machine
         machine.update(t_s, impact, machine.waiting and self.contact_complete(t_s))
         if self.monitor is not None and self._reaction is not None and self.monitor.unexpected:
             self._react(t_s, self._reaction, self.monitor)
+
+    def _remember_impact(self, t_s: float) -> None:
+        if self.first_impact_s < 0.0:
+            self.first_impact_s = t_s
+        for side, arm in enumerate(self.arms):
+            if arm.impact and self.impact_s[side] < 0.0:
+                self.impact_s[side] = t_s
 
     def _react(self, t_s: float, reaction: ReactionMotion, monitor: TrialMonitor) -> None:
         """React in the tick of the verdict, once."""

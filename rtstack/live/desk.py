@@ -3,12 +3,14 @@
 Every method holds the lock for a few assignments only, so that the loop's thread never waits for a socket.
 """
 
+import os
 import threading
 import time
 from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
 
+from hal.realtime import scheduling
 from rtstack.live.audit import AuditTrail
 from rtstack.live.helm import Helm
 from rtstack.live.protocol import (
@@ -100,6 +102,7 @@ class Desk:
                 holder=helm.holder,
                 since_s=helm.since_s,
                 stop_requested=stopping,
+                scheduler=scheduling(os.getpid())[0],  # the loop's thread is the main one
             )
 
     # -- the loop's side
@@ -121,6 +124,12 @@ class Desk:
             if self._ending is None:
                 self._news.clear()
             return order, recovery
+
+    def refused(self, reason: str) -> None:
+        """Note that an idle arm refuses to move: a fault, unless the recovery from it has been asked for already."""
+        with self._lock:
+            if self._recovery is None:
+                self.helm.fault(reason)
 
     def opened(self, object_name: str) -> None:
         """Note that a cell with this object answers."""

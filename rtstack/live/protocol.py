@@ -9,9 +9,10 @@ from dataclasses import asdict, field
 from enum import StrEnum
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
 
+from rtstack.messages import MESSAGE, NUMBER, StrictBool, StrictFloat
 from rtstack.playback.pace import FASTEST, SLOWEST
 from rtstack.safety.permit import Phase
 from rtstack.samples import Reaction
@@ -25,11 +26,10 @@ from rtstack.trials.specification import (
 
 MAX_LINE_BYTES = 1 << 20  # a request or an answer is far shorter: what is longer is not ours
 
-_STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 ObjectName = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_-]+$")]
-Seed = Annotated[int, Field(ge=0, le=2**31 - 1)]
-DisplacementMm = Annotated[float, Field(ge=-1000.0, le=1000.0)]
+Seed = Annotated[int, Field(ge=0, le=2**31 - 1), NUMBER]
+DisplacementMm = Annotated[StrictFloat, Field(ge=-1000.0, le=1000.0)]
 # a person's or a program's name: one line without control characters, and no space around it
 Operator = Annotated[str, Field(min_length=1, max_length=40, pattern=r"^[^\p{C}\s]([^\p{C}]*[^\p{C}\s])?$")]
 
@@ -58,19 +58,19 @@ class JobState(StrEnum):
     FAILED = "failed"
 
 
-@checked(frozen=True, slots=True, config=_STRICT)
+@checked(frozen=True, slots=True, config=MESSAGE)
 class StatusRequest:
     """Ask how things are."""
 
     verb: Literal["status"] = "status"
 
 
-@checked(frozen=True, slots=True, config=_STRICT)
+@checked(frozen=True, slots=True, config=MESSAGE)
 class DemonstrationRequest:
     """Ask for a scripted demonstration, by the operator who has armed."""
 
     object: ObjectName = "rice_box"
-    variation: Annotated[int, Field(ge=0, le=10_000)] = 0
+    variation: Annotated[int, Field(ge=0, le=10_000), NUMBER] = 0
     seed: Seed = 0
     operator: Operator = field(kw_only=True)
     verb: Literal["demonstration"] = "demonstration"
@@ -80,7 +80,7 @@ class DemonstrationRequest:
         return DemonstrationSpecification(object=self.object, variation=self.variation, seed=self.seed)
 
 
-@checked(frozen=True, slots=True, config=_STRICT)
+@checked(frozen=True, slots=True, config=MESSAGE)
 class TrialRequest:
     """Ask for a trial, by the operator who has armed.
 
@@ -109,7 +109,7 @@ class TrialRequest:
         )
 
 
-@checked(frozen=True, slots=True, config=_STRICT)
+@checked(frozen=True, slots=True, config=MESSAGE)
 class TeleoperationRequest:
     """Ask to move the arms by hand, by the operator who has armed. The targets go through the mailbox.
 
@@ -118,8 +118,8 @@ class TeleoperationRequest:
 
     object: ObjectName = "rice_box"
     seed: Seed = 0
-    recorded: bool = False
-    stop_on_release: bool = True
+    recorded: StrictBool = False
+    stop_on_release: StrictBool = True
     operator: Operator = field(kw_only=True)
     verb: Literal["teleoperation"] = "teleoperation"
 
@@ -135,7 +135,7 @@ class TeleoperationRequest:
         )
 
 
-@checked(frozen=True, slots=True, config=_STRICT)
+@checked(frozen=True, slots=True, config=MESSAGE)
 class PlaybackRequest:
     """Ask to play a log on the arms, by the operator who has armed. source: its path, speed: times its own.
 
@@ -143,7 +143,7 @@ class PlaybackRequest:
     """
 
     source: Annotated[str, Field(min_length=1, max_length=4096)]
-    speed: Annotated[float, Field(ge=SLOWEST, le=FASTEST)] = 1.0
+    speed: Annotated[StrictFloat, Field(ge=SLOWEST, le=FASTEST)] = 1.0
     seed: Seed = 0
     operator: Operator = field(kw_only=True)
     verb: Literal["playback"] = "playback"
@@ -153,7 +153,7 @@ class PlaybackRequest:
         return PlaybackSpecification(source=self.source, speed=self.speed, seed=self.seed)
 
 
-@checked(frozen=True, slots=True, config=_STRICT)
+@checked(frozen=True, slots=True, config=MESSAGE)
 class TakeRequest:
     """Ask for the lease. `over_from`: from this holder, where they still have it and nothing moves."""
 
@@ -162,7 +162,7 @@ class TakeRequest:
     verb: Literal["take"] = "take"
 
 
-@checked(frozen=True, slots=True, config=_STRICT)
+@checked(frozen=True, slots=True, config=MESSAGE)
 class ReleaseRequest:
     """Give the lease back. What moves stops."""
 
@@ -170,7 +170,7 @@ class ReleaseRequest:
     verb: Literal["release"] = "release"
 
 
-@checked(frozen=True, slots=True, config=_STRICT)
+@checked(frozen=True, slots=True, config=MESSAGE)
 class BeatRequest:
     """Give a sign of life. The holder's keeps the lease; anybody else's is answered, and counts for nothing."""
 
@@ -178,7 +178,7 @@ class BeatRequest:
     verb: Literal["beat"] = "beat"
 
 
-@checked(frozen=True, slots=True, config=_STRICT)
+@checked(frozen=True, slots=True, config=MESSAGE)
 class ArmRequest:
     """Ask that motion be allowed. Only the holder of the lease."""
 
@@ -186,7 +186,7 @@ class ArmRequest:
     verb: Literal["arm"] = "arm"
 
 
-@checked(frozen=True, slots=True, config=_STRICT)
+@checked(frozen=True, slots=True, config=MESSAGE)
 class DisarmRequest:
     """Ask that no motion be allowed any more. What moves stops."""
 
@@ -194,7 +194,7 @@ class DisarmRequest:
     verb: Literal["disarm"] = "disarm"
 
 
-@checked(frozen=True, slots=True, config=_STRICT)
+@checked(frozen=True, slots=True, config=MESSAGE)
 class StopRequest:
     """Ask for a controlled stop of whatever moves, and disarm. Anybody may."""
 
@@ -202,7 +202,7 @@ class StopRequest:
     verb: Literal["stop"] = "stop"
 
 
-@checked(frozen=True, slots=True, config=_STRICT)
+@checked(frozen=True, slots=True, config=MESSAGE)
 class RecoverRequest:
     """In a fault: ask both arms to clear what they have latched, or for a new cell where the last one was lost."""
 
@@ -215,7 +215,7 @@ ControlRequest = TakeRequest | ReleaseRequest | BeatRequest | ArmRequest | Disar
 Request = StatusRequest | JobRequest | ControlRequest
 
 
-@checked(frozen=True, slots=True, config=_STRICT)
+@checked(frozen=True, slots=True, config=MESSAGE)
 class Job:
     """One job. `progress` from 0 to 1, `reason` says why it failed or was stopped, `started_s` is Unix time.
 
@@ -223,16 +223,16 @@ class Job:
     `recorded`: a teleoperation that is a recording.
     """
 
-    number: int
+    number: Annotated[int, NUMBER]
     kind: JobKind
     state: JobState
     title: str
-    progress: float
-    started_s: float
+    progress: StrictFloat
+    started_s: StrictFloat
     reason: str | None = None
-    success: bool | None = None
+    success: StrictBool | None = None
     log: str | None = None
-    recorded: bool = False
+    recorded: StrictBool = False
 
     @property
     def active(self) -> bool:
@@ -240,16 +240,17 @@ class Job:
         return self.state in (JobState.STARTING, JobState.RUNNING, JobState.STOPPING)
 
 
-@checked(frozen=True, slots=True, config=_STRICT)
+@checked(frozen=True, slots=True, config=MESSAGE)
 class Status:
     """How the robot process is. `job` is the running job or the last one; `refusal` says why no job is accepted now.
 
     `object` is what the open cell holds. `phase` says whether the arms may move, since the Unix time `since_s`;
     `reason` is the fault's, until it is recovered from; `holder` is the operator who has the robot.
+    `scheduler` is how the system schedules the loop's thread now: fifo while it is a real-time one, or other.
     """
 
     cell: str
-    simulated: bool
+    simulated: StrictBool
     objects: tuple[str, ...]
     object: str
     job: Job | None
@@ -257,11 +258,12 @@ class Status:
     phase: Phase
     reason: str | None
     holder: str | None
-    since_s: float
-    stop_requested: bool
+    since_s: StrictFloat
+    stop_requested: StrictBool
+    scheduler: str
 
 
-@checked(frozen=True, slots=True, config=_STRICT)
+@checked(frozen=True, slots=True, config=MESSAGE)
 class Answer:
     """The answer to a request: the status after it, or one line that says why it was refused."""
 

@@ -17,11 +17,13 @@ import traceback
 from collections.abc import Iterable
 from concurrent.futures import Future
 from pathlib import Path
+from queue import SimpleQueue
 
 import numpy as np
 
 from hal.cell import Cell
 from hal.errors import HardwareError, ObjectOutOfReach, RecoveryRefused, UnknownObject
+from hal.realtime import beside_realtime
 from hal.state import ARM_STATE
 from rtstack.configuration import ConfigurationError
 from rtstack.live.alone import claim, publish_rings, withdraw_rings
@@ -46,19 +48,20 @@ from rtstack.safety.judge import Reason
 from rtstack.samples import ARM_SAMPLE, SIDES, Level
 from rtstack.trials.assembly import safety_judges
 from rtstack.trials.attendant import Remark
+from rtstack.trials.company import Company
+from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.errors import TrialError
-from rtstack.trials.record import open_log
-from rtstack.trials.result import DemonstrationResult, PlaybackResult, TeleoperationResult, TrialResult
-from rtstack.trials.run import prepare_trial, run_demonstration, run_trial
+from rtstack.trials.record import TrialLog, open_log
+from rtstack.trials.result import PlaybackResult, Result
 from rtstack.trials.specification import DemonstrationSpecification, TeleoperationSpecification
 from rtstack.trials.start_motion import start_motion
 from rtstack.trials.teleoperation import run_teleoperation
+from rtstack.trials.trial import prepare_trial, run_trial
 
-_Result = DemonstrationResult | TrialResult | TeleoperationResult | PlaybackResult
 _libc = ctypes.CDLL(None)
 _RETRY_S = 2.0  # between two attempts to open a cell that was lost
 # what the supervisor says by a signal, and what a session that runs then ends with
-_ENDS = {
+_ENDS: dict[int, tuple[End, str]] = {
     signal.SIGTERM: (End.STOP_REQUESTED, "the stack is being shut down"),
     signal.SIGHUP: (End.CONSOLE_GONE, "its process has died"),
 }
@@ -121,7 +124,7 @@ class Robot:
                 self._reopen()
             return
         try:
-            self._idle.watch(self._cell, lambda: self._desk.has_news, self._desk.helm.fault, self.remarks)
+            self._idle.watch(self._cell, lambda: self._desk.has_news, self._desk.refused, self.remarks)
         except HardwareError as error:
             self._close()
             self._desk.helm.fault(str(error))
@@ -190,7 +193,7 @@ class Robot:
         self._desk.finished(JobState.STOPPED if stopped else JobState.FAILED, reason, None, _name_if_there(log))
         self._idle.tell(Level.ERROR, f"{order.verb} failed: {reason}")
 
-    def _job(self, order: JobRequest, log: Path) -> _Result:
+    def _job(self, order: JobRequest, log: Path) -> Result:
         """Read the reference, put the object in its place, run. What is refused is refused before an arm moves."""
         if isinstance(order, PlaybackRequest):
             return self._playback(order, log)
@@ -209,26 +212,18 @@ class Robot:
         by_hand = isinstance(order, TeleoperationRequest)
         specification = order.specification(self._desk.job_number) if by_hand else order.specification()
         opened = open_log(
-            log, specification, description, cell.name, self._source.file, attachments, reference=reference
-        )
+            log, specification, description, cell.name, self._source.file, attachments, reference=reference,
+            paced=cell.paced,
+        )  # fmt: skip
         self._desk.started(log.name)
         self._idle.tell(Level.INFO, f"{order.verb} started: {log.name}")
-        live, stop, progress, watchdogs = self._rings, self._mailbox, self._desk.progress, self._watchdogs
+        company = self._company(opened)
         if prepared is not None:
-            return run_trial(
-                prepared, cell, log=opened, live=live, stop=stop, progress=progress, way=way, watchdogs=watchdogs,
-                attendant=self,
-            )  # fmt: skip
+            return run_trial(prepared, cell, company, way=way)
         if isinstance(specification, TeleoperationSpecification):
-            return run_teleoperation(
-                specification, description, cell, self._mailbox, log=opened, live=live, stop=stop, way=way,
-                watchdogs=watchdogs, attendant=self,
-            )  # fmt: skip
+            return run_teleoperation(specification, description, cell, self._mailbox, company, way=way)
         assert isinstance(specification, DemonstrationSpecification)
-        return run_demonstration(
-            specification, description, cell, log=opened, live=live, stop=stop, progress=progress, way=way,
-            watchdogs=watchdogs, attendant=self,
-        )  # fmt: skip
+        return run_demonstration(specification, description, cell, company, way=way)
 
     def _playback(self, order: PlaybackRequest, log: Path) -> PlaybackResult:
         """Read the log, open a cell without an object, play."""
@@ -239,14 +234,14 @@ class Robot:
         way = way_to_start(prepared, cell)
         if self._mailbox.stop_requested:
             raise TrialError("stopped by the operator before it began")
-        opened = open_log(log, prepared.specification, description, cell.name, self._source.file)
+        opened = open_log(log, prepared.specification, description, cell.name, self._source.file, paced=cell.paced)
         self._desk.started(log.name)
         self._idle.tell(Level.INFO, f"{order.verb} started: {log.name}")
-        return run_playback(
-            prepared, cell, log=opened, live=self._rings, stop=self._mailbox,
-            soft_stop=Finish(self._mailbox, self._desk.job_number), progress=self._desk.progress, way=way,
-            watchdogs=self._watchdogs, attendant=self,
-        )  # fmt: skip
+        finish = Finish(self._mailbox, self._desk.job_number)
+        return run_playback(prepared, cell, self._company(opened), soft_stop=finish, way=way)
+
+    def _company(self, log: TrialLog) -> Company:
+        return Company(log, self._rings, self._mailbox, self._desk.progress, self._watchdogs, attendant=self)
 
     def _open(self, object_name: str, displacement_m: float, seed: int) -> None:
         try:
@@ -301,6 +296,21 @@ def _reference(path: Path) -> Attachment:
     return Attachment("reference.mcap", "application/octet-stream", path.read_bytes())
 
 
+def _end_by_signal(desk: Desk) -> None:
+    """Have the desk end by the signals of the supervisor, in their order: the first says why."""
+    told: SimpleQueue[int] = SimpleQueue()
+
+    def pass_on() -> None:
+        beside_realtime()
+        while True:
+            desk.end(*_ENDS[told.get()])
+
+    # in a thread: a signal may come while the main thread holds one of the desk's locks
+    threading.Thread(target=pass_on, daemon=True, name="signals").start()
+    for number in _ENDS:
+        signal.signal(number, lambda number, _: told.put(number))
+
+
 def _name_if_there(log: Path) -> str | None:
     return log.name if log.exists() else None
 
@@ -327,9 +337,7 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"robot process: {error}", file=sys.stderr)
         return 2
     desk = Desk(source, mailbox, audit)
-    for number, (end, detail) in _ENDS.items():
-        # in a thread: a signal may come while this thread holds one of the desk's locks
-        signal.signal(number, lambda *_, why=(end, detail): threading.Thread(target=desk.end, args=why).start())
+    _end_by_signal(desk)
     if not asked.alone:
         hold_lifeline(lambda: desk.end(End.PARENT_GONE, "the supervisor has died"))
     rings = Rings.create()

@@ -1,6 +1,7 @@
 """The robot process's socket: a side thread that reads requests and writes answers, and never touches an arm.
 
-The same thread looks after the helm, so that a lease ends although nobody asks.
+The same thread looks after the helm, so that a lease ends although nobody asks. All of these threads stand
+above what is ordinary: they share the interpreter's lock with the loop.
 """
 
 import contextlib
@@ -11,6 +12,7 @@ from concurrent.futures import TimeoutError as RecoveryTimeout
 from pathlib import Path
 
 from hal.errors import HardwareError
+from hal.realtime import beside_realtime
 from rtstack.live.desk import Desk
 from rtstack.live.notify import Pulse
 from rtstack.live.protocol import (
@@ -50,10 +52,11 @@ class Service:
             os.umask(mask)
         self._server.desk = desk
         self._server.pulse = pulse
-        self._thread = threading.Thread(
-            target=self._server.serve_forever, args=(_WATCH_S,), daemon=True, name="service"
-        )
-        self._thread.start()
+        threading.Thread(target=self._serve, daemon=True, name="service").start()
+
+    def _serve(self) -> None:
+        beside_realtime()
+        self._server.serve_forever(_WATCH_S)
 
     def close(self) -> None:
         """Stop serving and remove the socket."""
@@ -76,6 +79,7 @@ class _Server(socketserver.ThreadingUnixStreamServer):
 
 class _Handler(socketserver.StreamRequestHandler):
     def handle(self) -> None:
+        beside_realtime()
         assert isinstance(self.server, _Server)
         with contextlib.suppress(ConnectionError):
             while line := self.rfile.readline(MAX_LINE_BYTES):

@@ -11,7 +11,6 @@ import socket
 import subprocess
 import sys
 import tempfile
-import time
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,8 +20,8 @@ from rtstack.live.client import RUN_PREFIX
 from rtstack.loop.mailbox import remove_mailbox
 
 _START_TIMEOUT_S = 90.0  # compiled code may have to be compiled for this machine first
+_ENDING = (signal.SIGINT, signal.SIGTERM)
 _END_TIMEOUT_S = 10.0  # a controlled stop, the end of the log, and a margin
-POLL_S = 0.1
 
 
 class StackError(Exception):
@@ -50,26 +49,34 @@ class _Ended(Exception):
 
 
 def run_stack(settings: StackSettings) -> int:
-    """Run the stack until Ctrl-C or SIGTERM. Returns the exit status: 0, 1 when a process died, 2 for bad input."""
-    previous = {number: signal.signal(number, _raise_ended) for number in (signal.SIGINT, signal.SIGTERM)}
+    """Run the stack until Ctrl-C or SIGTERM. Returns the exit status: 0, 1 when a process died, 2 for bad input.
+
+    The program is to end after it: from the end's beginning on, both signals are ignored.
+    """
+    for number in _ENDING:
+        signal.signal(number, _raise_ended)
     try:
         with ExitStack() as stack:
-            _supervise(settings, stack)
+            try:
+                _supervise(settings, stack)
+            finally:
+                _ignore_signals()  # nothing may interrupt the orderly end
     except _Ended:
         return 0
     except StackError as error:
         print(f"rtstack: {error}", file=sys.stderr, flush=True)
         return error.status
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
     return 0
 
 
 def _raise_ended(_number: int, _frame: FrameType | None) -> None:
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.SIG_IGN)  # a second Ctrl-C must not interrupt the orderly end
+    _ignore_signals()
     raise _Ended
+
+
+def _ignore_signals() -> None:
+    for number in _ENDING:
+        signal.signal(number, signal.SIG_IGN)
 
 
 def _supervise(settings: StackSettings, stack: ExitStack) -> None:
@@ -101,12 +108,10 @@ def _supervise(settings: StackSettings, stack: ExitStack) -> None:
     )
     stack.callback(console.end)  # ended first: callbacks run backwards
     print(f"rtstack is up: {console.first_line()}", flush=True)
-    while True:
-        for child in (robot, console):
-            if child.ended:
-                robot.tell(signal.SIGHUP)  # at once, and with the true reason: a console that has died is not STOP
-                raise StackError(f"the {child.what} died: {child.how_it_ended()}", status=1)
-        time.sleep(POLL_S)
+    select.select([robot.exit, console.exit], [], [])
+    robot.tell(signal.SIGHUP)  # at once, and with the true reason: a console that has died is not STOP
+    child = robot if robot.ended else console
+    raise StackError(f"the {child.what} died: {child.how_it_ended()}", status=1)
 
 
 def listen(port: int) -> socket.socket:
@@ -124,7 +129,10 @@ def listen(port: int) -> socket.socket:
 
 
 class _Child:
-    """A child process of ours, in a session of its own, so that Ctrl-C reaches the supervisor alone."""
+    """A child process of ours, in a session of its own, so that Ctrl-C reaches the supervisor alone.
+
+    exit: a descriptor that can be read from once the process has ended.
+    """
 
     def __init__(self, what: str, module: str, arguments: list[str], inherited: tuple[int, ...] = ()) -> None:
         self.what = what
@@ -135,18 +143,17 @@ class _Child:
             start_new_session=True,
             pass_fds=inherited,
         )
+        self.exit = os.pidfd_open(self._process.pid)
 
     def first_line(self) -> str:
         """Return the line that says that the child is ready. Raises StackError when it ends or stays silent."""
         assert self._process.stdout is not None
-        deadline = time.monotonic() + _START_TIMEOUT_S
-        while not select.select([self._process.stdout], [], [], POLL_S)[0]:
-            if time.monotonic() > deadline:
-                raise StackError(f"the {self.what} did not start within {_START_TIMEOUT_S:g} s", status=1)
+        if not select.select([self._process.stdout], [], [], _START_TIMEOUT_S)[0]:
+            raise StackError(f"the {self.what} did not start within {_START_TIMEOUT_S:g} s", status=1)
         line = self._process.stdout.readline().decode().strip()
         if not line:
-            status = self._process.wait()
-            raise StackError(f"the {self.what} did not start: {self.how_it_ended()}", status=2 if status == 2 else 1)
+            how = self.how_it_ended()
+            raise StackError(f"the {self.what} did not start: {how}", status=2 if self._process.returncode == 2 else 1)
         return line
 
     @property
@@ -154,8 +161,9 @@ class _Child:
         return self._process.poll() is not None
 
     def how_it_ended(self) -> str:
-        status = self._process.returncode
-        if status is not None and status < 0:
+        """Say how, of a child that has ended."""
+        status = self._process.wait()
+        if status < 0:
             return f"killed by {signal.Signals(-status).name}"
         return f"exit status {status}; its reason is above"
 
@@ -176,3 +184,4 @@ class _Child:
         for pipe in (self._process.stdin, self._process.stdout):
             if pipe is not None:
                 pipe.close()
+        os.close(self.exit)

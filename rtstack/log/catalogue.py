@@ -48,6 +48,7 @@ class LogEntry:
 class Catalogue:
     """The logs (*.mcap) of one directory, cached in SQLite beside them where the directory is writable.
 
+    No link brings a file of another folder in: what is listed is served to whoever may look.
     patience_s: how long to wait for somebody else who writes the cache.
     """
 
@@ -61,7 +62,7 @@ class Catalogue:
         Raises LogError where the directory cannot be read.
         """
         try:
-            files = [path for path in self.directory.iterdir() if path.suffix == ".mcap" and path.is_file()]
+            files = [path for path in self.directory.iterdir() if path.suffix == ".mcap" and self._is_ours(path)]
         except OSError as error:
             raise LogError(f"cannot read {self.directory}: {error.strerror}") from error
         try:
@@ -78,6 +79,14 @@ class Catalogue:
             if entry.id == log_id:
                 return entry
         raise LogError(f"there is no log {log_id}")
+
+    def _is_ours(self, path: Path) -> bool:
+        """Whether it is a file of this folder, with a name that can be said: what is listed can be downloaded."""
+        try:
+            path.name.encode()
+        except UnicodeEncodeError:
+            return False
+        return path.is_file() and (not path.is_symlink() or path.resolve().is_relative_to(self.directory.resolve()))
 
     def rebuild(self) -> tuple[LogEntry, ...]:
         """Forget the cache and read every file."""
@@ -101,11 +110,12 @@ def _prepared(path: Path | str, patience_s: float = 0.0) -> sqlite3.Connection:
         version = cache.execute("PRAGMA user_version").fetchone()[0]
         if version not in (0, _VERSION):
             raise sqlite3.DatabaseError("another version")
-        cache.execute(
-            "CREATE TABLE IF NOT EXISTS logs (name TEXT PRIMARY KEY, size INTEGER, modified_ns INTEGER, entry TEXT)"
-        )
-        cache.execute(f"PRAGMA user_version = {_VERSION}")
-        cache.commit()
+        if version == 0:  # new; saying the version again would write and sync, at each look
+            cache.execute(
+                "CREATE TABLE IF NOT EXISTS logs (name TEXT PRIMARY KEY, size INTEGER, modified_ns INTEGER, entry TEXT)"
+            )
+            cache.execute(f"PRAGMA user_version = {_VERSION}")
+            cache.commit()
     except sqlite3.DatabaseError:
         cache.close()
         raise

@@ -1,7 +1,7 @@
 """Messages of a log back into records, for every topic of rtstack.samples.
 
-Messages that our encoder wrote are decoded in one go; any other valid protobuf encoding, and a schema of
-another version, through the protobuf library and the schema inside the file.
+Messages that our encoder wrote, in this version or another, are decoded in one go: the schema inside the file and its
+first message tell how their bytes lie. Any other valid protobuf encoding is for the protobuf library, one by one.
 """
 
 from typing import Any
@@ -12,7 +12,7 @@ from mcap.records import Schema
 from numpy.typing import NDArray
 
 from hal.robot_errors import ROBOT_ERRORS, error_bit
-from rtstack.log.encoding import WireFormat, wire_format
+from rtstack.log.encoding import WireFormat, wire_format, wire_format_of
 from rtstack.log.errors import LogError
 from rtstack.log.schema import COLUMN_MAJOR_FIELD, ERRORS_FIELD, TOPIC_MESSAGES, sample_descriptors
 from rtstack.samples import TOPICS
@@ -37,8 +37,9 @@ class TopicDecoder:
         self._record = TOPICS[topic]
         self._message = message_class(schema)
         self._wire: WireFormat | None = None
-        if topic in TOPIC_MESSAGES and schema.data == sample_descriptors():
-            self._wire = wire_format(TOPIC_MESSAGES[topic])
+        self._learns = topic in TOPIC_MESSAGES
+        if self._learns and schema.data == sample_descriptors():
+            self._wire, self._learns = wire_format(TOPIC_MESSAGES[topic]), False
 
     def decode(
         self, data: bytes, t_ns: NDArray[np.int64], start: NDArray[np.int64], size: NDArray[np.int64]
@@ -49,16 +50,26 @@ class TopicDecoder:
         """
         records = np.zeros(len(t_ns), self._record)
         rest = np.ones(len(t_ns), np.bool_)
+        if self._learns and len(t_ns):
+            self._wire, self._learns = self._learnt(data[start[0] : start[0] + size[0]]), False
         if self._wire is not None:
             records, rest = self._decode_templates(self._wire, records, data, start, size)
         for row in np.flatnonzero(rest).tolist():
-            try:
-                message = self._message.FromString(data[start[row] : start[row] + size[row]])
-            except Exception as error:
-                raise LogError(f"a message of {self._topic} is broken: {error}") from error
-            self._fill(records[row : row + 1], message)
+            self._fill(records[row : row + 1], self._parsed(data[start[row] : start[row] + size[row]]))
         records["t_ns"] = t_ns
         return records
+
+    def _parsed(self, data: bytes) -> Any:
+        try:
+            return self._message.FromString(data)
+        except Exception as error:
+            raise LogError(f"a message of {self._topic} is broken: {error}") from error
+
+    def _learnt(self, data: bytes) -> WireFormat | None:
+        """The format of another version's messages, of which this is one."""
+        message, descriptor = self._parsed(data), self._message.DESCRIPTOR
+        counts = {field.name: len(getattr(message, field.name)) for field in descriptor.fields if field.is_repeated}
+        return wire_format_of(self._record, descriptor, counts)
 
     def _decode_templates(
         self,

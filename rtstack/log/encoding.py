@@ -7,10 +7,13 @@ takes fields in any order, and the last value of a field wins.
 https://protobuf.dev/programming-guides/encoding/
 """
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 import numpy as np
+from google.protobuf.descriptor import Descriptor, FieldDescriptor
 from numpy.typing import NDArray
 
 from hal.robot_errors import ROBOT_ERRORS, error_names
@@ -31,37 +34,51 @@ def varint(value: int) -> bytes:
     return bytes(out)
 
 
-class WireFormat:
-    """One of our messages on the wire: `template` is the dtype of one without errors, `size` its bytes."""
+@dataclass(frozen=True, slots=True)
+class WireField:
+    """A field on the wire. payload: "u1" an enum's one byte, "f8" or "i8"; count: of a packed array, None for one."""
 
-    def __init__(self, message: str) -> None:
-        self.record = MESSAGES[message]
+    name: str
+    number: int
+    payload: str
+    count: int | None = None
+
+
+class WireFormat:
+    """A message on the wire: `template` is the dtype of one without errors, `size` its bytes.
+
+    record: what it is decoded into; fields in the order of their bytes, the names of errors among them with payload "".
+    Fields that the record does not have are passed over, and of what only the record has nothing is known: zeros.
+    """
+
+    def __init__(self, record: np.dtype, fields: Sequence[WireField]) -> None:
+        self.record = record
         self.tags: dict[str, bytes] = {}
         parts: list[tuple[str, str, int | tuple[int, ...]]] = []
         constants = bytearray()
-        names = [name for name in self.record.names or () if name != "t_ns"]
-        for number, name in enumerate(names, start=1):
-            dtype = self.record[name]
-            wire_type = _VARINT if name in ENUM_FIELDS else _LENGTH if dtype.shape or name == ERRORS_FIELD else _I64
-            self.tags[name] = tag = varint(number << 3 | wire_type)
+        for field in fields:
+            name, array = field.name, field.count is not None
+            wire_type = _VARINT if field.payload == "u1" else _LENGTH if array or name == ERRORS_FIELD else _I64
+            self.tags[name] = tag = varint(field.number << 3 | wire_type)
             if name == ERRORS_FIELD:
                 continue
-            prefix = tag + varint(dtype.itemsize) if dtype.shape else tag
-            payload = np.dtype("u1") if name in ENUM_FIELDS else dtype
-            count = int(np.prod(payload.shape))
+            payload = np.dtype((field.payload, (field.count if field.count is not None else 1,)))
+            prefix = tag + varint(payload.itemsize) if array else tag
             parts.append((f"{name} prefix", "u1", (len(prefix),)))
-            parts.append((name, payload.base.str, (count,)))
+            parts.append((name, field.payload, payload.shape))
             constants += prefix + bytes(payload.itemsize)
-        self.names = [name for name in names if name != ERRORS_FIELD]
         self.template = np.dtype(parts)
         self.size = self.template.itemsize
+        known = record.names or ()
+        self.names = [field.name for field in fields if field.name != ERRORS_FIELD and field.name in known]
         self._empty = np.frombuffer(bytes(constants), self.template)
         # fields whose bytes are on the wire as they are in the record: copied as such, not number by number
         self._plain = [name for name in self.names if name not in ENUM_FIELDS and name != COLUMN_MAJOR_FIELD]
         self._wire_bytes, self._record_bytes = (_as_bytes(dtype, self._plain) for dtype in (self.template, self.record))
         fixed = np.zeros(1, self.template)
-        for name in self.names:
-            fixed[f"{name} prefix"] = 0xFF
+        for field in fields:
+            if field.name != ERRORS_FIELD:
+                fixed[f"{field.name} prefix"] = 0xFF
         self._fixed_bytes = np.flatnonzero(fixed.view(np.uint8))
         self._fixed_values = np.frombuffer(bytes(constants), np.uint8)[self._fixed_bytes]
         self._errors_of_tail: dict[bytes, int] = {}
@@ -146,5 +163,43 @@ def _as_bytes(dtype: np.dtype, names: list[str]) -> np.dtype:
 
 @cache
 def wire_format(message: str) -> WireFormat:
-    """Return the format of one of the messages of rtstack.log.schema.MESSAGES."""
-    return WireFormat(message)
+    """Return the format of one of the messages of rtstack.log.schema.MESSAGES, as we write it."""
+    record = MESSAGES[message]
+    names = [name for name in record.names or () if name != "t_ns"]
+    return WireFormat(record, [_own_field(record, name, number) for number, name in enumerate(names, start=1)])
+
+
+def _own_field(record: np.dtype, name: str, number: int) -> WireField:
+    dtype = record[name]
+    if name == ERRORS_FIELD:
+        return WireField(name, number, "")
+    count = int(np.prod(dtype.shape)) if dtype.shape else None
+    return WireField(name, number, "u1" if name in ENUM_FIELDS else dtype.base.str[1:], count)
+
+
+def wire_format_of(record: np.dtype, descriptor: Descriptor, counts: Mapping[str, int]) -> WireFormat | None:
+    """Return the format of messages that an older or a newer version wrote, by the descriptor in their file.
+
+    counts: how long the arrays of its messages are, by field. None where a field has a form that we never wrote, or
+    another one than the record asks for: such messages are for the protobuf library.
+    """
+    fields = []
+    for field in sorted(descriptor.fields, key=lambda field: field.number):
+        payload = _PAYLOADS.get(field.type, "")
+        if field.name == ERRORS_FIELD and field.type == FieldDescriptor.TYPE_STRING:
+            fields.append(WireField(field.name, field.number, ""))
+            continue
+        count = counts.get(field.name, 0) if field.is_repeated else None
+        found = WireField(field.name, field.number, payload, count)
+        known = field.name in (record.names or ()) and field.name != "t_ns"
+        if not payload or (known and found != _own_field(record, field.name, field.number)):
+            return None
+        fields.append(found)
+    return WireFormat(record, fields) if fields else None
+
+
+_PAYLOADS = {
+    FieldDescriptor.TYPE_ENUM: "u1",
+    FieldDescriptor.TYPE_DOUBLE: "f8",
+    FieldDescriptor.TYPE_SFIXED64: "i8",
+}

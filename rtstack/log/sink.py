@@ -1,4 +1,4 @@
-"""The MCAP file while it is being written: foxglove-sdk behind six topics, metadata and attachments."""
+"""The MCAP file while it is being written: foxglove-sdk behind the log's topics, metadata and attachments."""
 
 import time
 from collections.abc import Callable

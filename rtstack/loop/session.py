@@ -21,12 +21,13 @@ from rtstack.loop.echo import Echo
 from rtstack.loop.end import End
 from rtstack.loop.fault import Fault, FaultNotes
 from rtstack.loop.low_pass import low_pass, low_pass_share
+from rtstack.loop.narrator import Narrator
 from rtstack.loop.publisher import Publisher
 from rtstack.loop.rest import REST_DQ, STOP_TICKS, Rest
 from rtstack.loop.timeline import TICK_NS, Timeline
 from rtstack.loop.watchdogs import TickOverrun, Trip, Watchdog
 from rtstack.safety.judge import Reason, SafetyJudge
-from rtstack.samples import ARM_SAMPLE, SIDES, Level, Mode, QpStatus
+from rtstack.samples import ARM_SAMPLE, SIDES, Mode, QpStatus
 
 _OF_THE_OTHER = (Reason.PAIR_SKEW, Reason.OTHER_ARM)  # the other arm's own reason says more
 # looked up once: an enumeration's member costs 0.1 us
@@ -48,6 +49,11 @@ class StopSignal(Protocol):
 class Guide(Protocol):
     """Somebody who writes the plan's points as the session goes on, which has no end of its own then."""
 
+    @property
+    def points(self) -> NDArray[np.void]:
+        """The points (2, 1) of POINT that are written."""
+        ...
+
     def step(self, side: int, arm: ArmController) -> None:
         """Write the point of an arm (0 left, 1 right) whose state was just observed. Never waits."""
         ...
@@ -66,6 +72,11 @@ class Plan:
     stiffness: NDArray[np.floating]
     period_s: float
     guide: Guide | None = None
+
+    @classmethod
+    def guided(cls, guide: Guide, stiffness: NDArray[np.floating], period_s: float) -> "Plan":
+        """Return the plan whose only point the guide writes anew each tick."""
+        return cls(guide.points, guide.points, Mode.TELEOPERATION, stiffness, period_s, guide)
 
     @property
     def ticks(self) -> int:
@@ -143,12 +154,10 @@ class Session:
         self._overrun = TickOverrun()
         self._watchdogs = (*watchdogs, self._overrun) if cell.own_clocks else tuple(watchdogs)
         self._notes = FaultNotes()
-        self._speaker = ""  # who has something to say about the end
+        self._narrator = Narrator(publisher, controller, self._time, self._notes)
         self._alone = False  # the controller is not asked any more
         self._unpublished = 0
         self._rest = Rest([a.sample["dq"][0] for a in controller.arms])
-        self._mode = Mode.IDLE
-        self._waiting = False
 
     def run(self) -> SessionOutcome:
         """Follow the plan to its end, brake, and leave torque control. Never raises for what a robot or a controller
@@ -160,19 +169,20 @@ class Session:
             while self._tick():
                 self._pause()
         except HardwareError as error:
-            self._tell_end()
+            self._narrator.end()
             self._end(Trip(End.HARDWARE, str(error)))
-            self._publisher.event(self._time.t_ns, Level.ERROR, "robot", str(error))
+            self._narrator.robot(error)
         finally:
             # whose state stands still may take its time to say that it has stopped
             for k in sorted((0, 1), key=lambda k: self._judges[k].blind):
                 self._arms[k].stop()
             if collecting:
                 gc.enable()
-        self._tell_end()
+        self._narrator.end()
         self._machine.rest()
-        self._say_mode()
-        self._say_link()
+        self._narrator.mode()
+        if self._own_clocks:
+            self._narrator.link(sum(echo.lost for echo in self._echoes))
         trip = self._notes.trip
         return SessionOutcome(
             end=trip.end,
@@ -195,10 +205,9 @@ class Session:
             self._arms[k].write(self._torques[k])
         self._look_at_judges(status)
         try:
-            self._say_mode()
-            self._say_verdict()
+            self._narrator.tick()
             self._publish(sides, (time.perf_counter_ns() - began_ns) * 1e-3)
-            self._tell_end()
+            self._narrator.end()
         except Exception as error:
             self._go_on_alone(error)
         if self._own_clocks:
@@ -322,7 +331,7 @@ class Session:
     def _end(self, trip: Trip, speaker: str = "") -> None:
         """Stop from now on, for this reason unless there was one before."""
         if self._notes.take(trip, self._time.t_ns, self._time.now_ns):
-            self._speaker = speaker
+            self._narrator.let_speak(speaker)
         self._machine.stop()
 
     def _judge(self, sides: tuple[int, ...], status: QpStatus) -> None:
@@ -362,57 +371,3 @@ class Session:
             detail = f"still {self._rest.fastest:.3g} rad/s after {STOP_TICKS} ticks"
             self._end(Trip(End.NOT_AT_REST, detail, value=self._rest.fastest, bound=REST_DQ), "safety")
         return True
-
-    def _tell_end(self) -> None:
-        """Say once, loudly, what no operator asked for."""
-        if self._speaker:
-            trip, speaker, self._speaker = self._notes.trip, self._speaker, ""
-            self._publisher.event(self._notes.t_ns, trip.level, speaker, trip.text)
-
-    def _say_mode(self) -> None:
-        machine = self._machine
-        if machine.mode is self._mode and machine.waiting is self._waiting:
-            return
-        if self._waiting and not machine.waiting:
-            self._say_contact()
-        self._waiting = machine.waiting
-        if machine.mode is self._mode:
-            return
-        if (
-            machine.mode in (Mode.INTERIM, Mode.POST_IMPACT)
-            and machine.impact_s >= 0.0
-            and self._mode is Mode.ANTE_IMPACT
-        ):
-            self._publisher.event(
-                self._time.t_ns,
-                Level.INFO,
-                "impact",
-                f"detected at {machine.impact_s:.3f} s, {self._controller.impact_arm}",
-            )
-        self._publisher.event(
-            self._time.t_ns, Level.INFO, "mode", f"{self._mode.name.lower()} -> {machine.mode.name.lower()}"
-        )
-        self._mode = machine.mode
-
-    def _say_contact(self) -> None:
-        machine = self._machine
-        if machine.completion_s >= 0.0:
-            level, text = Level.INFO, f"complete at {machine.completion_s:.3f} s"
-        else:
-            patience_s = machine.parameters.completion_patience_s
-            level, text = Level.WARNING, f"not complete within {patience_s} s of the impact: going on without"
-        self._publisher.event(self._time.t_ns, level, "contact", text)
-
-    def _say_verdict(self) -> None:
-        monitor = self._controller.monitor
-        if monitor is not None and monitor.news():
-            level = Level.WARNING if monitor.unexpected else Level.INFO
-            self._publisher.event(self._time.t_ns, level, "verdict", monitor.text)
-
-    def _say_link(self) -> None:
-        """Where two clocks were served: what the link lost, and how far the clocks drifted apart."""
-        if self._cell.own_clocks:
-            lost = sum(echo.lost for echo in self._echoes)
-            text = f"{lost} answers came too late, {self._time.missed} states missed, "
-            text += f"the arms' states were {self._time.skew_ns * 1e-6:g} ms apart at most"
-            self._publisher.event(self._time.t_ns, Level.INFO, "link", text)

@@ -1,6 +1,7 @@
 """What a lab knows about its cell: where the arms stand, what they carry, where a trial starts."""
 
 import re
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -162,6 +163,7 @@ def load_cell_description(path: Path) -> CellDescription:
         "right.address": lambda: _check_other(left.address, right.address),
         "left.": lambda: Base(left.base_position, left.base_orientation_wxyz),
         "right.": lambda: Base(right.base_position, right.base_orientation_wxyz),
+        "objects.": lambda: _check_names(description.objects),
         "pad.": lambda: Tool(pad.size, pad.flange_to_face),
         "": lambda: HARDWARE.tightened(description.safety),
     }
@@ -176,6 +178,11 @@ def load_cell_description(path: Path) -> CellDescription:
     if description.joint_friction is not None:
         description = replace(description, joint_friction=path.resolve().parent / description.joint_friction)
     return description
+
+
+def _check_names(objects: Collection[str]) -> None:
+    if "none" in objects:
+        raise ValueError("none: the name stands for an empty cell; choose another one")
 
 
 def _check_home(home: tuple[float, ...]) -> None:

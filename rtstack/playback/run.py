@@ -4,7 +4,6 @@ Nothing is meant to be met: the object is left out of it, and a pad that touches
 """
 
 import hashlib
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,9 +13,7 @@ from numpy.typing import NDArray
 from hal.cell import Cell
 from rtstack.control.modes import Strategy
 from rtstack.control.records import POINT
-from rtstack.log.ring import Rings
-from rtstack.loop.session import Plan, StopSignal
-from rtstack.loop.watchdogs import Watchdog
+from rtstack.loop.session import Plan
 from rtstack.model.cell_description import CellDescription
 from rtstack.playback.guide import PlaybackGuide, SoftStop
 from rtstack.playback.limits import check_playback, check_speed
@@ -24,13 +21,12 @@ from rtstack.playback.motion import load_motion
 from rtstack.playback.pace import pace
 from rtstack.playback.path import arm_path
 from rtstack.safety.limits import SafetyLimits
-from rtstack.samples import SIDES, Mode
+from rtstack.samples import SIDES
 from rtstack.trials.assembly import Parameters, arm_controllers, cell_parameters
-from rtstack.trials.attendant import Attendant
+from rtstack.trials.company import NOBODY, Company
 from rtstack.trials.errors import TrialError
-from rtstack.trials.record import TrialLog
 from rtstack.trials.result import PlaybackResult
-from rtstack.trials.run import Progress, Run, log_of, with_log
+from rtstack.trials.run import Run
 from rtstack.trials.scoring import failure_reason
 from rtstack.trials.specification import PlaybackSpecification
 from rtstack.trials.start_motion import StartMotion, start_motion
@@ -123,29 +119,22 @@ def _look_for_objects(prepared: PreparedPlayback, cell: Cell) -> None:
 def run_playback(
     prepared: PreparedPlayback,
     cell: Cell,
+    company: Company = NOBODY,
     *,
-    log: TrialLog | None,
-    live: Rings | None = None,
-    stop: StopSignal | None = None,
     soft_stop: SoftStop | None = None,
-    progress: Progress | None = None,
     way: StartMotion | None = None,
-    watchdogs: Sequence[Watchdog] = (),
-    attendant: Attendant | None = None,
 ) -> PlaybackResult:
     """Play a prepared log on an open cell. Closes the log, not the cell.
 
-    stop: the judge's, at once; soft_stop: along the path, within a ramp. See `run_trial` for the rest.
+    soft_stop: along the path, within a ramp, where the company's stop is the judge's, at once. way: to where the log
+    begins, gone before its first tick.
     """
     specification, control = prepared.specification, prepared.parameters.control
     guide = PlaybackGuide(prepared.stations, pace(prepared.duration_s, specification.speed), soft_stop)
-    plan = Plan(guide.points, guide.points, Mode.TELEOPERATION, control.stiffness, control.period_s, guide)
-    run = Run(
-        prepared.description, prepared.parameters, plan, log, live, stop, progress, way, (*watchdogs, guide), attendant,
-        prepared.limits,
-    )  # fmt: skip
-    run.share = lambda: guide.share
-    with log_of(log):
+    plan = Plan.guided(guide, control.stiffness, control.period_s)
+    company = company.joined_by(guide)
+    with Run(prepared.description, prepared.parameters, plan, prepared.limits, company, way) as run:
+        run.share = lambda: guide.share
         outcome = run.follow(cell, Strategy.PROPOSED, 0.0)
         reason = failure_reason(outcome.end, outcome.detail, outcome.safety_interventions)
         result = PlaybackResult(
@@ -160,7 +149,6 @@ def run_playback(
             largest_error_mm=guide.largest_error_m * 1e3 if guide.begun else None,
             missed_deadlines=outcome.missed_deadlines,
             safety_interventions=outcome.safety_interventions,
-            log=str(log.path) if log is not None else None,
+            log=run.log_name,
         )
-        incomplete = log.close(result.as_dict()) if log is not None else None
-    return with_log(result, incomplete)
+        return run.finished(result)

@@ -1,7 +1,7 @@
 """The filter from an operator's requests, 20 or so a second, to a command a tick. Compiled; no allocation.
 
 A pose is six coordinates: the position, and the rotation vector from where the end effector began, so that poses can
-be averaged. Three linear steps follow one another: a low-pass of which each half (m, rad) goes no faster than its
+be averaged. Three steps follow one another: a low-pass of which each half (m, rad) goes no faster than its
 speed, a moving average over SMOOTH_S, and one over SOFT_S. An average of what is bounded is bounded, so that by
 construction, for either half and any sequence of requests,
 

@@ -22,7 +22,10 @@ from rtstack.teleoperation.reach import FASTEST_M_S, HARDEST_N_M, SLOWEST_M_S, S
 
 _CLUTCH_NS = round(CLUTCH_S * 1e9)
 _STIFFER_N_M = 500.0 * CONTROL_PERIOD_S  # a tick: a stiffness that jumped would be a force that jumps
-_LETTING = {Letting.RELEASED: "the clutch was let go", Letting.LOST: "the page lost the operator's hand"}
+_LETTING: dict[int, str] = {
+    Letting.RELEASED: "the clutch was let go",
+    Letting.LOST: "the page lost the operator's hand",
+}
 
 
 class Guide:
@@ -123,8 +126,7 @@ class Guide:
             return None
         self._held = False
         if self._stop_on_release or letting != Letting.RELEASED:
-            why = _LETTING.get(Letting(letting)) if letting in _LETTING else "for no reason given"
-            return Trip(End.LET_GO, str(why), Level.INFO)
+            return Trip(End.LET_GO, _LETTING.get(letting, "for no reason given"), Level.INFO)
         for follower in self._followers:
             hold(follower)
         return None

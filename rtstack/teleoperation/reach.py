@@ -9,7 +9,7 @@ from rtstack.safety.limits import SafetyLimits
 
 SLOWEST_M_S, FASTEST_M_S, SPEED_M_S = 0.05, 0.4, 0.2
 TURN_RAD_M = 2.5  # of the speed: an end effector at 0.4 m/s turns at 1 rad/s at most
-SOFTEST_N_M, HARDEST_N_M, STIFFNESS_N_M = 100.0, 600.0, 300.0  # the middle one: K_r of the reference-spreading paper
+SOFTEST_N_M, HARDEST_N_M, STIFFNESS_N_M = 100.0, 600.0, 300.0  # the last one: K_r of the reference-spreading paper
 AHEAD_M, AHEAD_RAD = 0.25, 0.8  # of the command: what is further away is a jump, and is not followed
 TILT_RAD = 1.0  # away from where the end effector began
 # of the judge's box, at whose edge it stops the arms: at 300 N/m they swing past their command by up to 15 mm. Below

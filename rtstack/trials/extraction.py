@@ -13,7 +13,7 @@ from rtstack.references.acceptance import Acceptance
 from rtstack.references.recording import ReferenceError, recording_of
 from rtstack.references.spreading import ExtendedReference, extend
 from rtstack.samples import SIDES
-from rtstack.trials.assembly import arm_controllers, default_parameters
+from rtstack.trials.assembly import arm_controllers, cell_parameters
 
 Array = NDArray[np.float64]
 AROUND_S = 0.4  # of the impact: what is drawn closely
@@ -53,7 +53,7 @@ class Extraction:
 
 def extract(path: Path, description: CellDescription, acceptance: Acceptance) -> Extraction:
     """Make the references of a recording, with what was said about it. ReferenceError: it is none at all."""
-    parameters = default_parameters()
+    parameters = cell_parameters(description)
     control = parameters.control
     arms = arm_controllers(description, parameters)
     # shown whatever was decided about it

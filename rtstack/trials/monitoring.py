@@ -1,13 +1,20 @@
-"""The monitor's tunings, one an object, as they were committed: what is a good grab of one is none of another."""
+"""The monitor's tunings, one an object, as they were committed: what is a good grab of one is none of another.
 
+A plan has a tuning of its own, which is in its file: what runs of it deviate from is what was planned, not what was
+felt in a demonstration.
+"""
+
+import tomllib
 from collections.abc import Mapping
 from importlib.resources import as_file, files
 from pathlib import Path
 
 from pydantic.dataclasses import dataclass as checked
 
-from rtstack.configuration import STRICT, ConfigurationError, load_toml
+from rtstack.configuration import STRICT, ConfigurationError, from_document, load_toml
+from rtstack.log.reader import read_log
 from rtstack.monitor.pair import PairParameters
+from rtstack.references.planned import MONITOR
 
 JOINTS = 7
 
@@ -22,11 +29,23 @@ class Tuning:
 
 def load_tuning(path: Path) -> Tuning:
     """Read a tuning made by `rtstack tune-monitor`. Raises ConfigurationError."""
-    tuning = load_toml(path, Tuning)
+    return _of_seven_joints(load_toml(path, Tuning), path)
+
+
+def _of_seven_joints(tuning: Tuning, path: Path) -> Tuning:
     if tuning.monitor.arm.joints != JOINTS:
         count = tuning.monitor.arm.joints
         raise ConfigurationError(f"{path}: key monitor.arm.residual_rate_nm_s: {JOINTS} bounds, not {count}")
     return tuning
+
+
+def tuning_in(plan: Path) -> Tuning | None:
+    """Return the tuning that a plan was written with, None where it has none. Raises ConfigurationError, LogError."""
+    for attachment in read_log(plan).attachments:
+        if attachment.name == MONITOR:
+            text = attachment.data.decode()
+            return _of_seven_joints(from_document(tomllib.loads(text), Tuning, f"{plan}, {MONITOR}", text), plan)
+    return None
 
 
 def tuning_of(object_name: str) -> Tuning | None:

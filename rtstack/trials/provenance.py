@@ -8,6 +8,8 @@ from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from hal.realtime import scheduling
+
 PACKAGES = ("rtstack", "numpy", "numba", "pin", "mujoco", "proxsuite", "daqp", "foxglove-sdk")
 
 
@@ -42,12 +44,12 @@ def git_commit() -> str:
 
 def host_report() -> dict[str, str]:
     """Return what the host is and what this process obtained of it."""
-    scheduler = {os.SCHED_OTHER: "other", os.SCHED_FIFO: "fifo", os.SCHED_RR: "rr"}
+    scheduler, priority = scheduling()
     return {
         "kernel": platform.release(),
         "machine": platform.machine(),
         "cores": str(len(os.sched_getaffinity(0))),
-        "scheduler": scheduler.get(os.sched_getscheduler(0), "unknown"),
-        "priority": str(os.sched_getparam(0).sched_priority),
+        "scheduler": scheduler,
+        "priority": str(priority),
         "executable": Path(sys.executable).name,
     }

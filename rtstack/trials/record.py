@@ -19,6 +19,7 @@ from rtstack.model.cell_description import CellDescription, base_frame
 from rtstack.references.spreading import ExtendedReference
 from rtstack.trials.provenance import git_commit, host_report, package_versions
 from rtstack.trials.specification import (
+    FreeRunSpecification,
     PlaybackSpecification,
     Specification,
     SweepSpecification,
@@ -116,15 +117,19 @@ def open_log(
     *,
     reference: ExtendedReference | None = None,
     overwrite: bool = False,
+    paced: bool = False,
 ) -> TrialLog:
-    """Start the log of a trial, with its reference's times if it has one. Raises LogError."""
+    """Start the log of a trial, with its reference's times if it has one. Raises LogError.
+
+    paced: the cell is (hal.cell.Cell).
+    """
     lockstep = cell_kind in LOCKSTEP_KINDS
     rings = Rings.create()
     try:
         process = LogProcess.start(
             path,
             rings,
-            {"trial": trial_metadata(specification, cell_kind, reference)},
+            {"trial": trial_metadata(specification, cell_kind, reference, paced)},
             [
                 Attachment("cell.toml", "application/toml", cell_file.read_bytes()),
                 Attachment("fr3.urdf", "application/xml", fr3_urdf().encode()),
@@ -143,7 +148,7 @@ def _kind(specification: Specification) -> str:
     match specification:
         case TrialSpecification():
             return "trial"
-        case SweepSpecification():
+        case SweepSpecification() | FreeRunSpecification():
             return "identification"
         case PlaybackSpecification():
             return "playback"
@@ -157,9 +162,11 @@ def trial_metadata(
     specification: Specification,
     cell_kind: str,
     reference: ExtendedReference | None,
+    paced: bool = False,
 ) -> dict[str, str]:
-    """Return the metadata record `trial`: nested values are JSON."""
-    realtime = {} if cell_kind in LOCKSTEP_KINDS else {f"loop_{k}": v for k, v in obtainable().as_dict().items()}
+    """Return the metadata record `trial`: nested values are JSON. Where time counts: what the loop gets of the host."""
+    timed = paced or cell_kind not in LOCKSTEP_KINDS
+    realtime = {f"loop_{k}": v for k, v in obtainable().as_dict().items()} if timed else {}
     times = {}
     if reference is not None:
         times = {

@@ -1,4 +1,4 @@
-"""The result of a trial (contract): the JSON that `--json` prints and the metadata record `result` of the log."""
+"""The result of a run (contract): the JSON that `--json` prints and the metadata record `result` of the log."""
 
 import json
 from dataclasses import asdict, dataclass
@@ -6,7 +6,23 @@ from typing import Any
 
 
 @dataclass(frozen=True, slots=True)
-class TrialResult:
+class Result:
+    """What every run says of itself. failure_reason: in one line, None for a success."""
+
+    success: bool
+    failure_reason: str | None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the result as JSON-ready values."""
+        return asdict(self)
+
+    def as_json(self) -> str:
+        """Return the result as one line of JSON."""
+        return json.dumps(self.as_dict())
+
+
+@dataclass(frozen=True, slots=True)
+class TrialResult(Result):
     """What came out of a trial. Times in s since the start of the trial, forces in N, None where nothing happened.
 
     average_force_norm is the mean of (33) over the 200 ms around the nominal impact time; _linear_n its force part
@@ -17,8 +33,6 @@ class TrialResult:
     real_time_factor: robot's seconds over the host's, from the first tick to the last, logging included.
     """
 
-    success: bool
-    failure_reason: str | None
     controller: str
     object: str
     displacement_mm: float
@@ -45,21 +59,11 @@ class TrialResult:
     impact_margin: float | None = None
     impact_verdict_time_s: float | None = None
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the result as JSON-ready values."""
-        return asdict(self)
-
-    def as_json(self) -> str:
-        """Return the result as one line of JSON."""
-        return json.dumps(self.as_dict())
-
 
 @dataclass(frozen=True, slots=True)
-class DemonstrationResult:
+class DemonstrationResult(Result):
     """What came out of a demonstration: a recording with an impact in it, or why not."""
 
-    success: bool
-    failure_reason: str | None
     object: str
     variation: int
     seed: int
@@ -71,25 +75,15 @@ class DemonstrationResult:
     safety_interventions: int
     log: str | None
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the result as JSON-ready values."""
-        return asdict(self)
-
-    def as_json(self) -> str:
-        """Return the result as one line of JSON."""
-        return json.dumps(self.as_dict())
-
 
 @dataclass(frozen=True, slots=True)
-class TeleoperationResult:
+class TeleoperationResult(Result):
     """What came out of a teleoperation. success: it ended as the operator wanted it, and the judge changed no torque.
 
     recorded: it was meant as a recording, moved: somebody held the clutch. Whether a reference can be made from it is
     found when it is read.
     """
 
-    success: bool
-    failure_reason: str | None
     object: str
     seed: int
     operator: str
@@ -102,24 +96,14 @@ class TeleoperationResult:
     safety_interventions: int
     log: str | None
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the result as JSON-ready values."""
-        return asdict(self)
-
-    def as_json(self) -> str:
-        """Return the result as one line of JSON."""
-        return json.dumps(self.as_dict())
-
 
 @dataclass(frozen=True, slots=True)
-class PlaybackResult:
+class PlaybackResult(Result):
     """What came out of a playback. success: the log was played to its end, nothing was met, no torque was changed.
 
     played_s: how far, s of the log's time, of duration_s; largest_error_mm: of a pad from where it was to be.
     """
 
-    success: bool
-    failure_reason: str | None
     source: str
     speed: float
     seed: int
@@ -130,11 +114,3 @@ class PlaybackResult:
     missed_deadlines: int
     safety_interventions: int
     log: str | None
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the result as JSON-ready values."""
-        return asdict(self)
-
-    def as_json(self) -> str:
-        """Return the result as one line of JSON."""
-        return json.dumps(self.as_dict())

@@ -66,10 +66,14 @@ def score(
     linear = np.linalg.norm(wrench[:, :, :3], axis=(0, 2))
     compute = columns.timing["compute_us"]
     followed = _held if motion is Motion.GRAB else _pushed
+    end_s = release_s - criterion.release_margin_s
     seen = bool(np.any(columns.object["t_ns"] > start_t_ns))  # what waited in the socket before is no evidence
+    held = False
+    if seen and detected_impact_s is not None and t_s[-1] >= end_s:
+        held = followed(columns, start_t_ns, t_s, detected_impact_s, end_s, criterion)
     return Score(
         seen=seen,
-        held=seen and followed(columns, start_t_ns, t_s, release_s, detected_impact_s, criterion),
+        held=held,
         average_force_norm=_mean(norm[window]),
         average_force_norm_linear_n=_mean(linear[window]),
         peak_force_norm=float(norm.max()) if len(norm) else None,
@@ -94,42 +98,36 @@ def _max_lift_mm(poses: NDArray) -> float:
 
 
 def _held(
-    columns: Columns, start_t_ns: int, t_s: Array, release_s: float, detected_impact_s: float | None,
-    criterion: SuccessCriterion,
-) -> bool:  # fmt: skip
-    """Whether the object followed the pads from the lift to the release."""
+    columns: Columns, start_t_ns: int, t_s: Array, impact_s: float, end_s: float, criterion: SuccessCriterion
+) -> bool:
+    """Whether the object followed the pads from the lift to the release, between impact_s and end_s."""
     poses = columns.object
-    if detected_impact_s is None or len(poses) == 0 or t_s[-1] < release_s - criterion.release_margin_s:
-        return False
     # the measured pads, in the base's frame: only their rise counts, so that the mounting drops out
     pad_z = columns.arm["O_T_EE"][:, :, 2, 3].mean(axis=0)
-    at_impact = np.searchsorted(t_s, detected_impact_s)
+    at_impact = np.searchsorted(t_s, impact_s)
     pad_rise = pad_z - pad_z[min(at_impact, len(pad_z) - 1)]
     pose_t_s = (poses["t_ns"] - start_t_ns) * 1e-9
     height = poses["position"][:, 2]
     lift = height - np.median(height[: min(20, len(height))])
     rise = np.interp(pose_t_s, t_s, pad_rise)
-    carried = (pose_t_s > detected_impact_s) & (pose_t_s < release_s - criterion.release_margin_s)
+    carried = (pose_t_s > impact_s) & (pose_t_s < end_s)
     carried &= rise > criterion.lifted_m
     return bool(carried.any() and np.all(lift[carried] > rise[carried] - criterion.slip_m))
 
 
 def _pushed(
-    columns: Columns, start_t_ns: int, t_s: Array, release_s: float, detected_impact_s: float | None,
-    criterion: SuccessCriterion,
-) -> bool:  # fmt: skip
-    """Whether the object went with the left pad, along the pad's way, from the impact to the release."""
+    columns: Columns, start_t_ns: int, t_s: Array, impact_s: float, end_s: float, criterion: SuccessCriterion
+) -> bool:
+    """Whether the object went with the left pad, along the pad's way, between impact_s and end_s."""
     poses = columns.object
-    if detected_impact_s is None or len(poses) == 0 or t_s[-1] < release_s - criterion.release_margin_s:
-        return False
     # how far each has gone over the table: the mounting drops out
     pad = columns.arm[0]["O_T_EE"][:, :2, 3]
-    at_impact = min(int(np.searchsorted(t_s, detected_impact_s)), len(pad) - 1)
+    at_impact = min(int(np.searchsorted(t_s, impact_s)), len(pad) - 1)
     way = np.linalg.norm(pad - pad[at_impact], axis=1)
     pose_t_s = (poses["t_ns"] - start_t_ns) * 1e-9
     place = poses["position"][:, :2]
     gone = np.linalg.norm(place - np.median(place[: min(20, len(place))], axis=0), axis=1)
-    pushed = (pose_t_s > detected_impact_s) & (pose_t_s < release_s - criterion.release_margin_s)
+    pushed = (pose_t_s > impact_s) & (pose_t_s < end_s)
     apart = np.abs(gone - np.interp(pose_t_s, t_s, way))[pushed]
     return bool(gone[pushed].max(initial=0.0) > criterion.pushed_m and apart.max(initial=0.0) <= criterion.apart_m)
 

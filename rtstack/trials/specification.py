@@ -75,6 +75,25 @@ class SweepSpecification:
 
 
 @dataclass(frozen=True, slots=True)
+class FreeRunSpecification:
+    """One run along a part of a planned reference with nothing in the way: what friction compensation leaves of it.
+
+    reference: its name; part: ante or post; seed: of the noise; robot: of the arms.
+    """
+
+    reference: str
+    part: str
+    run: int
+    robot: int = 0
+    seed: int = 0
+    object: str = ""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the specification as JSON-ready values."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, slots=True)
 class TeleoperationSpecification:
     """An operator moves the arms by hand. recorded: as a recording; stop_on_release: a clutch that is let go ends it.
 
@@ -115,6 +134,7 @@ Specification = (
     TrialSpecification
     | DemonstrationSpecification
     | SweepSpecification
+    | FreeRunSpecification
     | TeleoperationSpecification
     | PlaybackSpecification
 )

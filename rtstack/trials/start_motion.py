@@ -16,7 +16,7 @@ from rtstack.control.tick import ArmController
 from rtstack.model.cell_description import CellDescription, ObjectDescription
 from rtstack.model.rotation import log_so3
 from rtstack.samples import SIDES
-from rtstack.trials.assembly import arm_controllers, default_parameters
+from rtstack.trials.assembly import arm_controllers, cell_parameters
 from rtstack.trials.errors import TrialError
 
 Array = NDArray[np.float64]
@@ -66,7 +66,7 @@ def start_motion(
                 "(a simulated one: start the simulated robot again)"
             )
         place = pose.position
-    arms = arm_controllers(description, default_parameters())
+    arms = arm_controllers(description, cell_parameters(description))
     homes = np.array([description.left.home, description.right.home])
     goal = homes if start is None else np.stack([posture(arms[k], homes[k], start[k], SIDES[k]) for k in range(2)])
     now = np.stack([arm.read().q.copy() for arm in (cell.left, cell.right)])

@@ -1,25 +1,22 @@
 """Runs a teleoperation on a cell: the session of a demonstration, led by an operator instead of a script."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 from hal.cell import Cell
 from rtstack.control.modes import Strategy
-from rtstack.log.ring import Rings
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox
-from rtstack.loop.session import Plan, StopSignal
+from rtstack.loop.session import Plan
 from rtstack.loop.timeline import TICK_NS
-from rtstack.loop.watchdogs import Watchdog
 from rtstack.model.cell_description import CellDescription
-from rtstack.samples import Mode
 from rtstack.teleoperation.guide import Guide
 from rtstack.teleoperation.reach import Reach
 from rtstack.trials.assembly import Parameters, cell_parameters
-from rtstack.trials.attendant import Attendant
-from rtstack.trials.record import TrialLog
+from rtstack.trials.company import NOBODY, Company
+from rtstack.trials.object import check_object
 from rtstack.trials.result import TeleoperationResult
-from rtstack.trials.run import Run, check_object, log_of, with_log
+from rtstack.trials.run import Run
 from rtstack.trials.scoring import failure_reason
 from rtstack.trials.specification import TeleoperationSpecification
 from rtstack.trials.start_motion import StartMotion
@@ -33,31 +30,24 @@ def run_teleoperation(
     description: CellDescription,
     cell: Cell,
     mailbox: Mailbox,
+    company: Company = NOBODY,
     *,
-    log: TrialLog | None,
-    live: Rings | None = None,
-    stop: StopSignal | None = None,
     parameters: Parameters | None = None,
     way: StartMotion | None = None,
-    watchdogs: Sequence[Watchdog] = (),
-    attendant: Attendant | None = None,
     clock: Callable[[], int] = time.monotonic_ns,
 ) -> TeleoperationResult:
     """Follow the mailbox's targets of this job on an open cell until the operator ends it. The log is closed here.
 
     Before the first target the arms hold where they are. clock: the host's monotonic time, ns, that the clutch's signs
-    of life carry. See `run_trial` for the rest.
+    of life carry. way: gone before the first tick.
     """
     parameters = parameters or cell_parameters(description)
     check_object(specification.object, description)
     limits = safety_limits(description)
     guide = Guide(mailbox, specification.job, Reach.within(limits), specification.stop_on_release, clock)
     control = parameters.control
-    plan = Plan(
-        guide.points, guide.points, Mode.TELEOPERATION, control.stiffness_teleoperation, control.period_s, guide
-    )
-    run = Run(description, parameters, plan, log, live, stop, None, way, (*watchdogs, guide), attendant, limits)
-    with log_of(log):
+    plan = Plan.guided(guide, control.stiffness_teleoperation, control.period_s)
+    with Run(description, parameters, plan, limits, company.joined_by(guide), way) as run:
         outcome = run.follow(cell, Strategy.PROPOSED, 0.0)
         interventions = outcome.safety_interventions
         end = End.COMPLETED if outcome.end in _AS_WANTED else outcome.end
@@ -75,7 +65,6 @@ def run_teleoperation(
             duration_s=run.history.ticks * TICK_NS * 1e-9,
             missed_deadlines=outcome.missed_deadlines,
             safety_interventions=interventions,
-            log=str(log.path) if log is not None else None,
+            log=run.log_name,
         )
-        incomplete = log.close(result.as_dict()) if log is not None else None
-    return with_log(result, incomplete)
+        return run.finished(result)

@@ -18,9 +18,9 @@ AWAY_M = 10.0
 class PlantFaults:
     """Carries out what a schedule says about a plant. While a push is active, no other pad force can be applied."""
 
-    def __init__(self, plant: Plant, schedule: Schedule, pad_thickness: float) -> None:
-        """pad_thickness: m, from the pad's body to its face twice."""
-        self._plant, self._schedule = plant, schedule
+    def __init__(self, plant: Plant, schedule: Schedule, pad_thickness: float, empty: bool = False) -> None:
+        """pad_thickness: m, from the pad's body to its face twice; empty: the object was never there."""
+        self._plant, self._schedule, self._empty = plant, schedule, empty
         model = plant.model
         self._pads = [model.geom(f"{side}_pad").id for side in SIDES]
         self._pad_bodies = [model.body(f"{side}_pad").id for side in SIDES]
@@ -35,7 +35,7 @@ class PlantFaults:
         self._joint_pushes = [np.zeros(JOINTS) for _ in SIDES]
         self._pushed = False
         self._biases = np.zeros((2, JOINTS))
-        self._biased = self.object_lost = False
+        self._biased, self.object_lost = False, empty
         self._true = {name: plant.motors[name].copy() for name in ("tau_J", "tau_ext")}
 
     def pad_touches_object(self) -> bool:
@@ -69,7 +69,7 @@ class PlantFaults:
             mass * self._inertia,
         )
         self._biased = bool(self._biases.any())
-        self.object_lost = bool(effects(ObjectLost, 0))
+        self.object_lost = self._empty or bool(effects(ObjectLost, 0))
 
     def begin_millisecond(self) -> None:
         """Push, and keep the object away, for the next ms of the plant."""

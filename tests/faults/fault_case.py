@@ -39,10 +39,12 @@ from rtstack.log.ring import Rings
 from rtstack.loop.end import End
 from rtstack.samples import Mode
 from rtstack.trials import record
+from rtstack.trials.company import Company
+from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.errors import TrialError
 from rtstack.trials.record import TrialLog, open_log
-from rtstack.trials.run import PreparedTrial, run_demonstration, run_trial
 from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
+from rtstack.trials.trial import PreparedTrial, run_trial
 
 IDLE_MOTION_TICKS = 50  # before an idle case: the script counts from a motion
 IDLE_AT_TICK = 56  # while the plant comes to rest after it
@@ -187,15 +189,15 @@ class Case:
         specification = DemonstrationSpecification(seed=1) if teleoperated else prepared.specification
         description = prepared.description
         stage.log_path = self._folder / "run.mcap"
-        around = {"stop": stage.mailbox, "watchdogs": stage.signs.watchdogs(), "attendant": stage}
         log = self._open_log(stage.log_path, specification)
+        company = Company(log, stop=stage.mailbox, watchdogs=stage.signs.watchdogs(), attendant=stage)
         self._tail = log.rings.reader("/left/arm")
         try:
             with stage:
                 if isinstance(specification, DemonstrationSpecification):
-                    result = run_demonstration(specification, description, stage.cell, log=log, **around)
+                    result = run_demonstration(specification, description, stage.cell, company)
                 else:
-                    result = run_trial(prepared, stage.cell, log=log, **around)
+                    result = run_trial(prepared, stage.cell, company)
         except (HardwareError, TrialError, LogError) as error:
             return f"{type(error).__name__}: {error}"
         except Exception as error:

@@ -12,10 +12,12 @@ from rtstack.cli.cells import default_cell_file, open_cell
 from rtstack.log.reader import read_log
 from rtstack.model.cell_description import CellDescription
 from rtstack.samples import SIDES
+from rtstack.trials.company import Company
+from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.record import open_log
 from rtstack.trials.result import TrialResult
-from rtstack.trials.run import prepare_trial, run_demonstration, run_trial
 from rtstack.trials.specification import Controller, DemonstrationSpecification, TrialSpecification
+from rtstack.trials.trial import prepare_trial, run_trial
 
 # the heaviest object has the largest forces that an ordinary grab has: 135 N (left) and 115 N (right) at the impact
 LEAST_PEAK_N = 100.0
@@ -30,7 +32,7 @@ def run(cell: CellDescription, demonstration):
             specification = TrialSpecification(str(demonstration.path), Controller.PROPOSED, "rice_box", -30.0, 1)
             prepared = prepare_trial(specification, cell)
             log = open_log(log_path, specification, cell, "lockstep", default_cell_file(), reference=prepared.reference)
-            return run_trial(prepared, opened, log=log)
+            return run_trial(prepared, opened, Company(log))
         finally:
             opened.close()
 
@@ -86,7 +88,7 @@ def test_a_grab_trips_nothing_with_the_robots_own_thresholds(
     opened = open_cell("lockstep", specification.object, 0.0, specification.seed)
     try:
         log = open_log(path, specification, cell, "lockstep", default_cell_file())
-        result = run_demonstration(specification, cell, opened, log=log)
+        result = run_demonstration(specification, cell, opened, Company(log))
     finally:
         opened.close()
     assert result.success, result.failure_reason

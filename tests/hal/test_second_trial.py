@@ -9,10 +9,11 @@ from hal.fci import Tool, open_pair
 from rtstack.cli.cells import default_cell_file
 from rtstack.cli.simulator import Simulator
 from rtstack.log.reader import read_log
+from rtstack.trials.company import Company
 from rtstack.trials.record import open_log
-from rtstack.trials.run import prepare_trial, run_trial
 from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.start_motion import start_motion
+from rtstack.trials.trial import prepare_trial, run_trial
 
 PAD = Tool.pad((0.1, 0.1, 0.03), 0.35, 0.03)
 
@@ -31,7 +32,7 @@ def test_the_arms_go_back_to_the_start_and_grab_again(simulator: Simulator, cell
         # "lockstep": this robot waits for us, and so we may wait for the log
         log = open_log(path, specification, cell, "lockstep", default_cell_file(), reference=prepared.reference)
         try:
-            result = run_trial(prepared, opened, log=log, way=way)
+            result = run_trial(prepared, opened, Company(log), way=way)
         finally:
             pair.close()
         assert result.success, result.failure_reason
@@ -61,7 +62,7 @@ def test_a_way_that_is_broken_off_ends_the_trial_before_its_first_tick(simulator
     class Stopped:
         stop_requested = True
 
-    result = run_trial(prepared, opened, log=None, way=way, stop=Stopped())
+    result = run_trial(prepared, opened, Company(stop=Stopped()), way=way)
     pair.close()
     assert not result.success
     assert result.failure_reason == "stop requested by the operator: on the way to the start pose"

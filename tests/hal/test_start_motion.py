@@ -100,8 +100,8 @@ def test_whether_a_way_is_needed_and_may_be_gone(pair: FciPair, cell):
 
 
 def test_the_first_point_of_a_recording_is_found_from_home(pair: FciPair, cell, demonstration):
-    from rtstack.trials.run import prepare_trial
     from rtstack.trials.specification import TrialSpecification
+    from rtstack.trials.trial import prepare_trial
 
     prepared = prepare_trial(TrialSpecification(str(demonstration.path)), cell)
     opened = Cell("fci", pair.left, pair.right, NoTracker(), pair, own_clocks=True)

@@ -25,9 +25,10 @@ from rtstack.loop.mailbox import Mailbox
 from rtstack.loop.watchdogs import CONSOLE_S, OPERATOR_S, OVERRUN_TICKS, Heartbeat, TickOverrun, Trip
 from rtstack.safety.judge import Verdict
 from rtstack.samples import Level, QpStatus
+from rtstack.trials.company import Company
 from rtstack.trials.record import TrialLog
-from rtstack.trials.run import prepare_trial, run_trial
 from rtstack.trials.specification import TrialSpecification
+from rtstack.trials.trial import prepare_trial, run_trial
 
 AT = 300  # tick of the fault, both arms on their way to the box
 MOST_TICKS = 2
@@ -98,9 +99,8 @@ class Stage:
         cell: Cell = open_cell("direct", "rice_box", 0.0, 1)
         try:
             with Rings.create() as live:
-                result = run_trial(
-                    self._prepared, change(cell), log=log, live=live, watchdogs=(EachTick(act), *watchdogs), **around
-                )
+                company = Company(log, live, watchdogs=(EachTick(act), *watchdogs), **around)
+                result = run_trial(self._prepared, change(cell), company)
                 ticks = live.log_reader("/left/arm").drain()
                 events = live.log_reader("/events").drain()
         finally:

@@ -17,6 +17,7 @@ from rtstack.playback.finish import Finish
 from rtstack.playback.pace import RAMP_S
 from rtstack.playback.run import NO_OBJECT, prepare_playback, run_playback, way_to_start
 from rtstack.samples import TOPICS, Mode
+from rtstack.trials.company import Company
 from rtstack.trials.errors import TrialError
 from rtstack.trials.record import open_log
 from rtstack.trials.specification import PlaybackSpecification
@@ -55,14 +56,15 @@ def prepared(cell, demonstration):
 def played(cell, prepared, tmp_path):
     """Play the shared demonstration; return result and log."""
 
-    def run(speed=1.0, thing=NO_OBJECT, act=lambda ms: None, **around):
+    def run(speed=1.0, thing=NO_OBJECT, act=lambda ms: None, soft_stop=None, **around):
         path = tmp_path / "played.mcap"
         slowed = replace(prepared, specification=replace(prepared.specification, speed=speed))
         opened = open_cell("direct", thing, 0.0, 0, cell)
         try:
             assert way_to_start(slowed, opened) is None
             log = open_log(path, slowed.specification, cell, "direct", default_cell_file(), overwrite=True)
-            result = run_playback(slowed, opened, log=log, watchdogs=(Script(act),), **around)
+            company = Company(log, watchdogs=(Script(act),), **around)
+            result = run_playback(slowed, opened, company, soft_stop=soft_stop)
         finally:
             opened.close()
         return result, read_log(path)

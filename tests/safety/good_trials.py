@@ -35,9 +35,11 @@ from recorded_trial import Recorded, empty_places, furthest, judges_of, read_rec
 from rtstack.cli.cells import default_cell_file, open_cell
 from rtstack.model.cell_description import CellDescription, load_cell_description
 from rtstack.safety.limits import HARDWARE
+from rtstack.trials.company import Company
+from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.record import open_log
-from rtstack.trials.run import prepare_trial, run_demonstration, run_trial
 from rtstack.trials.specification import Controller, DemonstrationSpecification, TrialSpecification
+from rtstack.trials.trial import prepare_trial, run_trial
 
 DISPLACEMENTS_MM = (-30.0, 15.0, 0.0, -15.0, 30.0)
 HERE = Path(__file__).resolve().parent
@@ -105,7 +107,7 @@ class Recorder:
             if grab.controller is None:
                 specification = DemonstrationSpecification(grab.object)
                 writing = open_log(part, specification, self._cell, "direct", default_cell_file(), overwrite=True)
-                result = run_demonstration(specification, self._cell, opened, log=writing, stop=self)
+                result = run_demonstration(specification, self._cell, opened, Company(writing, stop=self))
             else:
                 reference = str(self._folder / f"{Grab(grab.object).name}.mcap")
                 specification = TrialSpecification(
@@ -113,7 +115,7 @@ class Recorder:
                 )
                 prepared = prepare_trial(specification, self._cell)
                 writing = open_log(part, specification, self._cell, "direct", default_cell_file(), overwrite=True)
-                result = run_trial(prepared, opened, log=writing, stop=self)
+                result = run_trial(prepared, opened, Company(writing, stop=self))
         finally:
             opened.close()
         if self.stop_requested:

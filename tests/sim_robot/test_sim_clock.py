@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sim_robot.cell import SimulatedCell, simulated_cell
-from sim_robot.clock import RealtimeClock
+from sim_robot.clock import PERIOD_NS, PacedLockstep, RealtimeClock
 
 NO_TORQUE = np.zeros(7)
 
@@ -98,3 +98,27 @@ def test_a_long_pause_is_not_caught_up_in_full(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr("sim_robot.clock.time.monotonic_ns", lambda: now)
     assert clock.wait() == 1001
     assert clock.missed >= 59_000
+
+
+@pytest.mark.parametrize(("busy_ms", "period_ms"), [(0.3, 1.0), (0.85, 1.0), (2.0, 2.2), (30.0, 31.0)])
+def test_whoever_waits_for_the_paced_clock_rests_even_when_it_is_late(monkeypatch, busy_ms, period_ms) -> None:
+    now_ns, slept_ns = 0, 0
+
+    def monotonic_ns() -> int:
+        nonlocal now_ns
+        now_ns += 100
+        return now_ns
+
+    def sleep(duration_s: float) -> None:
+        nonlocal now_ns, slept_ns
+        now_ns += round(1e9 * duration_s)
+        slept_ns += round(1e9 * duration_s)
+
+    monkeypatch.setattr("sim_robot.clock.time.monotonic_ns", monotonic_ns)
+    monkeypatch.setattr("sim_robot.clock.time.sleep", sleep)
+    clock = PacedLockstep()
+    for _ in range(100):
+        now_ns += round(1e6 * busy_ms)
+        assert clock.wait() == 1
+    assert now_ns / 100 == pytest.approx(period_ms * PERIOD_NS, rel=0.01)
+    assert slept_ns >= 0.03 * now_ns

@@ -125,6 +125,15 @@ def test_an_object_that_is_lost_presses_no_more_and_is_seen_no_more() -> None:
     assert abs(seen.position[0]) < 0.05
 
 
+def test_an_empty_cell_has_no_object_from_the_start_nor_after_somebody_has_tidied_up() -> None:
+    cell = simulated_cell("none", 0.0, 3, faults=faults_in({"fault": [at("push", force_N=[0.0, 9.0, 0.0])]}, "script"))
+    for _ in range(2):
+        cell.plant.put_object_back()
+        hold(cell, 150)
+        assert not cell.tracker.latest().record["seen"][0]
+        assert cell.object_truth()[0][0] > 1.0
+
+
 def test_an_object_weighs_what_the_script_says() -> None:
     cell = faulty_cell({"kind": "object_mass", "mass_factor": 3.0, "at_s": 0.05, "duration_s": 0.3})
     carried = []
@@ -327,7 +336,6 @@ def complaint(load: Callable[[], object]) -> str:
     return ""
 
 
-@settings(max_examples=300)
 @given(st.one_of(st.dictionaries(names, values), st.fixed_dictionaries({"fault": st.lists(tables, max_size=3)})))
 def test_random_values_are_taken_or_refused_in_one_line(document: dict) -> None:
     said = complaint(lambda: faults_in(document, "script.toml"))

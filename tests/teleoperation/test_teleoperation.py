@@ -15,10 +15,11 @@ from rtstack.references.demonstration import end_effector_pose
 from rtstack.samples import Mode
 from rtstack.teleoperation.reach import FASTEST_M_S, HARDEST_N_M
 from rtstack.trials.assembly import arm_controllers, default_parameters
+from rtstack.trials.company import Company
 from rtstack.trials.record import open_log
-from rtstack.trials.run import prepare_trial, run_trial
 from rtstack.trials.specification import TeleoperationSpecification, TrialSpecification
 from rtstack.trials.teleoperation import run_teleoperation
+from rtstack.trials.trial import prepare_trial, run_trial
 
 JOB = 5
 START = np.array([[0.0, 0.35, 0.26], [0.0, -0.35, 0.26]])
@@ -82,9 +83,8 @@ def teleoperate(cell, tmp_path):
         opened = open_cell("direct", "rice_box", 0.0, 0)
         log = open_log(path, specification, cell, "direct", default_cell_file(), overwrite=True)
         try:
-            result = run_teleoperation(
-                specification, cell, opened, mailbox, log=log, watchdogs=(hand,), clock=hand.clock
-            )
+            company = Company(log, watchdogs=(hand,))
+            result = run_teleoperation(specification, cell, opened, mailbox, company, clock=hand.clock)
         finally:
             opened.close()
         log = read_log(path)
@@ -259,7 +259,7 @@ def test_a_grab_by_hand_is_a_reference_that_a_trial_follows(teleoperate, cell):
     assert reference.nominal_impact_s < result.detected_impact_time_s - 0.8
     assert np.abs(reference.ante[0]["twist"][:200]).max() < 0.01
     opened = open_cell("direct", "rice_box", 0.0, 0)
-    trial = run_trial(prepared, opened, log=None)
+    trial = run_trial(prepared, opened)
     opened.close()
     assert trial.detected_impact_time_s == pytest.approx(reference.nominal_impact_s, abs=0.03)
     assert trial.max_lift_mm == pytest.approx(100.0, abs=60.0)

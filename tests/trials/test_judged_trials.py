@@ -13,8 +13,8 @@ from rtstack.log.reader import read_log
 from rtstack.model.cell_description import load_cell_description
 from rtstack.trials.assembly import default_parameters
 from rtstack.trials.review import log_columns
-from rtstack.trials.run import prepare_trial, run_trial
 from rtstack.trials.specification import Controller, TrialSpecification
+from rtstack.trials.trial import prepare_trial, run_trial
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,7 @@ def test_the_controllers_residual_is_judged_too(runner, tmp_path):
     nervous = replace(parameters, inertia=replace(parameters.inertia, observer_gain_hz=1500.0))
     prepared = prepare_trial(TrialSpecification(str(runner.reference), seed=1), cell, nervous)
     opened = open_cell("direct", "rice_box", 0.0, 1)
-    result = run_trial(prepared, opened, log=None)
+    result = run_trial(prepared, opened)
     opened.close()
     assert "the momentum residual is too large" in str(result.failure_reason)
 

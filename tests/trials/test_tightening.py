@@ -10,10 +10,11 @@ from rtstack.configuration import ConfigurationError
 from rtstack.live.protocol import ProtocolError, decode_request
 from rtstack.log.reader import read_log
 from rtstack.safety.limits import HARDWARE
+from rtstack.trials.company import Company
 from rtstack.trials.errors import TrialError
-from rtstack.trials.run import prepare_trial
 from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.tightening import load_tightening, safety_limits
+from rtstack.trials.trial import prepare_trial
 
 
 def _file(tmp_path, text: str):
@@ -25,7 +26,7 @@ def _file(tmp_path, text: str):
 def test_a_trial_is_stopped_by_its_own_limit_and_says_so(runner, tmp_path):
     from rtstack.cli.cells import default_cell_file, open_cell
     from rtstack.trials.record import open_log
-    from rtstack.trials.run import run_trial
+    from rtstack.trials.trial import run_trial
 
     tightening = load_tightening(_file(tmp_path, "[safety]\nee_speed_max = 0.3\n"))
     specification = TrialSpecification(str(runner.reference), seed=1, safety=tightening)
@@ -34,7 +35,7 @@ def test_a_trial_is_stopped_by_its_own_limit_and_says_so(runner, tmp_path):
     cell = open_cell("direct", "rice_box", 0.0, 1)
     try:
         log = open_log(path, specification, runner.cell, "direct", default_cell_file())
-        result = run_trial(prepared, cell, log=log)
+        result = run_trial(prepared, cell, Company(log))
     finally:
         cell.close()
     assert re.match("safety stop: (left|right): the end effector is too fast", str(result.failure_reason))

@@ -34,6 +34,11 @@ def test_the_proposed_controller_grabs_a_displaced_box(runner, displacement_mm, 
     assert second - first > 0.02  # two separate impacts
     assert (review.first_contact_s[0] < review.first_contact_s[1]) == (displacement_mm > 0)
     assert result.detected_impact_time_s == pytest.approx(first, abs=0.005)
+    told = [event for event in read_log(path).events if event.name == "impact"]
+    contacts = sorted(zip(review.first_contact_s, SIDES, strict=True))
+    assert [event.text.split()[-1] for event in told] == [side for _, side in contacts]
+    # an arm that meets an object already moving hits it more slowly: the detector has to wait longer
+    assert [float(event.text.split()[2]) for event in told] == pytest.approx([s for s, _ in contacts], abs=0.02)
     assert review.score.average_force_norm == result.average_force_norm
     assert review.score.held
     assert review.score.max_lift_mm == result.max_lift_mm

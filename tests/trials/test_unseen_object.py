@@ -4,8 +4,8 @@ from dataclasses import replace
 
 from hal.tracker_link import NoTracker
 from rtstack.cli.cells import open_cell
-from rtstack.trials.run import prepare_trial, run_trial
 from rtstack.trials.specification import TrialSpecification
+from rtstack.trials.trial import prepare_trial, run_trial
 
 
 class Frozen:
@@ -24,7 +24,7 @@ def test_an_object_that_was_never_seen_is_no_object_that_slipped(cell, demonstra
     for watcher in (NoTracker(), Frozen(NoTracker())):
         prepared = prepare_trial(TrialSpecification(str(demonstration.path)), cell)
         opened = open_cell("direct", "rice_box", 0.0, 0)
-        result = run_trial(prepared, replace(opened, tracker=watcher), log=None)
+        result = run_trial(prepared, replace(opened, tracker=watcher))
         opened.close()
         assert not result.success
         assert result.failure_reason.startswith("the object was never seen")

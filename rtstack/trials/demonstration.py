@@ -1,0 +1,75 @@
+"""Runs a scripted demonstration on a cell, through the teleoperation path, and writes its log."""
+
+import numpy as np
+
+from hal.cell import Cell
+from rtstack.control.modes import Strategy
+from rtstack.loop.session import Plan, SessionOutcome
+from rtstack.model.cell_description import CellDescription
+from rtstack.references.demonstration import Grab, grab, scripted_targets
+from rtstack.samples import Mode
+from rtstack.trials.assembly import Parameters, arm_controllers, cell_parameters
+from rtstack.trials.company import NOBODY, Company
+from rtstack.trials.object import check_object
+from rtstack.trials.result import DemonstrationResult
+from rtstack.trials.run import Run
+from rtstack.trials.scoring import SuccessCriterion, failure_reason, score
+from rtstack.trials.specification import DemonstrationSpecification
+from rtstack.trials.start_motion import StartMotion
+from rtstack.trials.tightening import safety_limits
+
+
+def run_demonstration(
+    specification: DemonstrationSpecification,
+    description: CellDescription,
+    cell: Cell,
+    company: Company = NOBODY,
+    *,
+    parameters: Parameters | None = None,
+    script: Grab | None = None,
+    way: StartMotion | None = None,
+) -> DemonstrationResult:
+    """Run a scripted demonstration on an open cell. Closes the log, not the cell.
+
+    script: what to do instead of the specification's variation. way: to home, gone before the first tick.
+    """
+    parameters = parameters or cell_parameters(description)
+    check_object(specification.object, description)
+    arms = arm_controllers(description, parameters)
+    period_s = parameters.control.period_s
+    targets = scripted_targets(
+        script or grab(specification.variation, specification.speed_m_s),
+        (arms[0].model, arms[1].model),
+        np.array([description.left.home, description.right.home]),
+        description.objects[specification.object],
+        description.table,
+        period_s,
+    )
+    plan = Plan(targets, targets, Mode.TELEOPERATION, parameters.control.stiffness_teleoperation, period_s)
+    with Run(description, parameters, plan, safety_limits(description), company, way) as run:
+        outcome = run.follow(cell, Strategy.PROPOSED, 0.0)
+        return run.finished(_result(specification, cell.name, outcome, run))
+
+
+def _result(
+    specification: DemonstrationSpecification, cell: str, outcome: SessionOutcome, run: Run
+) -> DemonstrationResult:
+    impact_s = run.first_impact_s
+    values = score(run.history.columns(), outcome.start_t_ns, impact_s or 0.0, 0.0, impact_s, SuccessCriterion())
+    reason = failure_reason(outcome.end, outcome.detail, outcome.safety_interventions)
+    if reason is None and impact_s is None:
+        reason = "no impact was detected"
+    return DemonstrationResult(
+        success=reason is None,
+        failure_reason=reason,
+        object=specification.object,
+        variation=specification.variation,
+        seed=specification.seed,
+        cell=cell,
+        detected_impact_time_s=impact_s,
+        max_lift_mm=values.max_lift_mm,
+        ticks=values.ticks,
+        missed_deadlines=outcome.missed_deadlines,
+        safety_interventions=outcome.safety_interventions,
+        log=run.log_name,
+    )

@@ -1,0 +1,33 @@
+"""Follows a plan that meets nothing, on a cell: what an identification moves the arms by."""
+
+from hal.cell import Cell
+from rtstack.control.modes import Strategy
+from rtstack.loop.history import Columns
+from rtstack.loop.session import Plan
+from rtstack.model.cell_description import CellDescription
+from rtstack.trials.assembly import Parameters
+from rtstack.trials.company import NOBODY, Company
+from rtstack.trials.run import Run
+from rtstack.trials.scoring import failure_reason
+from rtstack.trials.start_motion import StartMotion
+from rtstack.trials.tightening import safety_limits
+
+
+def run_motion(
+    plan: Plan,
+    description: CellDescription,
+    parameters: Parameters,
+    cell: Cell,
+    company: Company = NOBODY,
+    *,
+    way: StartMotion | None = None,
+) -> tuple[str | None, Columns]:
+    """Follow a plan that meets nothing, on an open cell. Closes the log, not the cell.
+
+    Returns why it failed, None for a success, and the samples.
+    """
+    with Run(description, parameters, plan, safety_limits(description), company, way) as run:
+        outcome = run.follow(cell, Strategy.PROPOSED, 0.0)
+        reason = failure_reason(outcome.end, outcome.detail, outcome.safety_interventions)
+        incomplete = run.close({"success": reason is None, "failure_reason": reason})
+    return reason or incomplete, run.history.columns()

@@ -1,0 +1,28 @@
+"""The object that a run is asked to be about."""
+
+from pathlib import Path
+
+from rtstack.log.errors import LogError
+from rtstack.log.reader import read_log
+from rtstack.model.cell_description import CellDescription
+from rtstack.references.planned import PLAN
+from rtstack.trials.errors import TrialError
+
+
+def check_object(name: str, description: CellDescription) -> None:
+    """Raise TrialError for an object that the cell does not have."""
+    if name not in description.objects:
+        known = ", ".join(description.objects)
+        raise TrialError(f"unknown object {name!r}: the cell {description.name} has {known}")
+
+
+def object_of(reference: Path) -> str:
+    """Return the object that a recording or a plan is about. Raises TrialError with one line."""
+    try:
+        metadata = read_log(reference).metadata
+    except LogError as error:
+        raise TrialError(str(error)) from None
+    name = (metadata.get(PLAN) or metadata.get("trial", {})).get("object", "")
+    if not name:
+        raise TrialError(f"{reference}: it was made without an object: follow another one, or give --object")
+    return name

@@ -1,0 +1,170 @@
+"""Runs a trial on a cell: follow a reference through the impact, and score it. One process, one MCAP file."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hal.cell import Cell
+from rtstack.loop.session import Plan, SessionOutcome
+from rtstack.model.cell_description import CellDescription
+from rtstack.monitor.pair import PairParameters
+from rtstack.monitor.records import Verdict
+from rtstack.references.motion import Motion
+from rtstack.references.recording import ReferenceError
+from rtstack.references.source import load_reference
+from rtstack.references.spreading import ExtendedReference
+from rtstack.safety.limits import SafetyLimits
+from rtstack.samples import Level, Mode, Reaction
+from rtstack.trials.assembly import STRATEGIES, Parameters, Watched, arm_controllers, cell_parameters
+from rtstack.trials.attendant import Remark
+from rtstack.trials.company import NOBODY, Company
+from rtstack.trials.errors import TrialError
+from rtstack.trials.monitoring import tuning_in, tuning_of
+from rtstack.trials.object import check_object
+from rtstack.trials.result import TrialResult
+from rtstack.trials.run import Run
+from rtstack.trials.scoring import Score, SuccessCriterion, failure_reason, score
+from rtstack.trials.specification import TrialSpecification
+from rtstack.trials.start_motion import StartMotion
+from rtstack.trials.tightening import safety_limits
+
+
+@dataclass(frozen=True, slots=True)
+class PreparedTrial:
+    """A trial whose reference was read and checked: nothing is open and nothing written yet.
+
+    monitor: None where the object, or the plan, has no tuning.
+    """
+
+    specification: TrialSpecification
+    description: CellDescription
+    parameters: Parameters
+    reference: ExtendedReference
+    limits: SafetyLimits
+    monitor: PairParameters | None = None
+
+    @property
+    def unwatched(self) -> str | None:
+        """Why nobody judges the impact, and what to do about it; None where the monitor does."""
+        if self.reference.motion is not Motion.GRAB:
+            return f"it follows a {self.reference.motion}, and the monitor judges what both arms do to one object"
+        if self.reference.impact is None:
+            return "its plan does not say what the pads are to exert: plan it again with this version"
+        if self.monitor is not None:
+            return None
+        if self.reference.planned:
+            return "its plan has no monitor: make one with it, by rtstack plan --watch RUNS"
+        name = self.specification.object
+        return (
+            f"the monitor is not tuned for {name}; make a tuning of its good runs: "
+            f"rtstack tune-monitor LOG.mcap... --out deploy/monitor/{name}.toml"
+        )
+
+
+def prepare_trial(
+    specification: TrialSpecification,
+    description: CellDescription,
+    parameters: Parameters | None = None,
+    monitor: PairParameters | None = None,
+) -> PreparedTrial:
+    """Read and check what a trial needs. monitor: by default what the plan brings, or the object's committed tuning.
+
+    Raises TrialError with one line, also for a reaction that nothing could start.
+    """
+    parameters = parameters or cell_parameters(description)
+    check_object(specification.object, description)
+    limits = safety_limits(description, specification.safety)
+    try:
+        reference = load_reference(
+            Path(specification.reference), arm_controllers(description, parameters), parameters.detector
+        )
+    except ReferenceError as error:
+        raise TrialError(str(error)) from None
+    if reference.planned and reference.object != specification.object:
+        raise TrialError(
+            f"the plan is for {reference.object}, not for {specification.object}: choose that object, or plan another"
+        )
+    if monitor is None:
+        path, name = Path(specification.reference), specification.object
+        tuning = tuning_in(path) if reference.planned else tuning_of(name)
+        monitor = None if tuning is None else tuning.monitor
+    prepared = PreparedTrial(specification, description, parameters, reference, limits, monitor)
+    if prepared.unwatched is not None and specification.reaction is not Reaction.CONTINUE:
+        raise TrialError(f"nothing would start the reaction {specification.reaction}: {prepared.unwatched}")
+    return prepared
+
+
+def _watched(prepared: PreparedTrial) -> Watched | None:
+    """What the trial's monitor needs; None where nobody knows what to expect."""
+    reference, tuning = prepared.reference, prepared.monitor
+    if tuning is None or reference.impact is None:
+        return None
+    k = round(reference.nominal_impact_s / reference.period_s)
+    approach = np.array(reference.ante["twist"][:, k, :3])
+    start = np.array(reference.ante["position"][:, 0])
+    return Watched(tuning, reference.impact, prepared.specification.reaction, approach, start)
+
+
+def run_trial(
+    prepared: PreparedTrial,
+    cell: Cell,
+    company: Company = NOBODY,
+    *,
+    way: StartMotion | None = None,
+    criterion: SuccessCriterion | None = None,
+) -> TrialResult:
+    """Run a prepared trial on an open cell. The caller closes the cell; the company's log is closed here.
+
+    way: to where the reference begins, gone before its first tick.
+    """
+    specification, reference = prepared.specification, prepared.reference
+    control = prepared.parameters.control
+    plan = Plan(reference.ante, reference.post, Mode.ANTE_IMPACT, control.stiffness, reference.period_s)
+    with Run(prepared.description, prepared.parameters, plan, prepared.limits, company, way) as run:
+        if prepared.unwatched is not None:
+            run.remark(Remark(Level.INFO, "verdict", f"not watched: {prepared.unwatched}"))
+        strategy = STRATEGIES[specification.controller]
+        outcome = run.follow(cell, strategy, reference.nominal_impact_s, _watched(prepared))
+        values = score(
+            run.history.columns(), outcome.start_t_ns, reference.nominal_impact_s, reference.release_s,
+            run.first_impact_s, criterion or SuccessCriterion(), reference.motion,
+        )  # fmt: skip
+        return run.finished(_result(prepared, cell.name, outcome, values, run))
+
+
+def _result(prepared: PreparedTrial, cell: str, outcome: SessionOutcome, values: Score, run: Run) -> TrialResult:
+    reason = failure_reason(
+        outcome.end, outcome.detail, outcome.safety_interventions, values, prepared.reference.motion
+    )
+    specification, monitor = prepared.specification, run.monitor
+    decided = monitor is not None and monitor.verdict is not Verdict.NONE
+    return TrialResult(
+        success=reason is None,
+        failure_reason=reason,
+        controller=str(specification.controller),
+        object=specification.object,
+        displacement_mm=specification.displacement_mm,
+        seed=specification.seed,
+        cell=cell,
+        nominal_impact_time_s=prepared.reference.nominal_impact_s,
+        detected_impact_time_s=values.detected_impact_time_s,
+        impact_verdict=monitor.verdict.name.lower() if monitor is not None else None,
+        average_force_norm=values.average_force_norm,
+        average_force_norm_linear_n=values.average_force_norm_linear_n,
+        peak_force_norm=values.peak_force_norm,
+        max_lift_mm=values.max_lift_mm,
+        peak_torque_ratio=values.peak_torque_ratio,
+        peak_velocity_ratio=values.peak_velocity_ratio,
+        ticks=values.ticks,
+        missed_deadlines=values.missed_deadlines,
+        compute_us_p50=values.compute_us_p50,
+        compute_us_p99=values.compute_us_p99,
+        safety_interventions=outcome.safety_interventions,
+        real_time_factor=round(outcome.real_time_factor, 3),
+        log=run.log_name,
+        impact_reason=monitor.reason.name.lower() if monitor is not None and monitor.unexpected else None,
+        impact_kind=str(run.kind) if run.kind is not None else None,
+        impact_margin=float(monitor.pair[0]["margin"]) if monitor is not None else None,
+        impact_verdict_time_s=float(monitor.pair[0]["t_verdict_ns"]) * 1e-9 if monitor and decided else None,
+    )
