@@ -12,15 +12,13 @@ from rtstack.identification.sweep import Sweep, sweep
 from rtstack.log.errors import LogError
 from rtstack.log.reader import read_log
 from rtstack.loop.history import Columns
-from rtstack.loop.session import StopSignal
-from rtstack.loop.watchdogs import Watchdog
 from rtstack.model.cell_description import CellDescription
 from rtstack.trials.assembly import Parameters, arm_controllers, default_parameters
+from rtstack.trials.company import NOBODY, Company
 from rtstack.trials.errors import TrialError
 from rtstack.trials.friction import ArmFriction, FrictionFile
-from rtstack.trials.record import TrialLog
+from rtstack.trials.motion import run_motion
 from rtstack.trials.review import log_columns
-from rtstack.trials.run import Progress, run_motion
 from rtstack.trials.specification import SweepSpecification
 from rtstack.trials.start_motion import StartMotion
 
@@ -68,16 +66,12 @@ class Identification:
             self._sweeps[joint] = sweep(self._description, self._arms, joint - 1)
         return self._sweeps[joint]
 
-    def run(
-        self, run: Run, cell: Cell, *, log: TrialLog | None, stop: StopSignal | None = None,
-        progress: Progress | None = None, way: StartMotion | None = None, watchdogs: Sequence[Watchdog] = (),
-    ) -> str | None:  # fmt: skip
+    def run(self, run: Run, cell: Cell, company: Company = NOBODY, way: StartMotion | None = None) -> str | None:
         """Make a run on an open cell and take it. Returns why it failed, None for a success. Closes the log."""
         joint = run.specification.joint
         reason, columns = run_motion(
-            self.sweep(joint).plan, self._description, self._parameters, cell, log=log, stop=stop, progress=progress,
-            way=way, watchdogs=watchdogs,
-        )  # fmt: skip
+            self.sweep(joint).plan, self._description, self._parameters, cell, company, way=way
+        )
         if reason is None:
             self._take(joint, columns)
         return reason

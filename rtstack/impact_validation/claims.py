@@ -10,6 +10,11 @@ from rtstack.references.motion import Motion
 B_THETA, B, NONE = ReflectedInertia.B_THETA, ReflectedInertia.B, ReflectedInertia.NONE
 LARGEST_ERROR = 4.0  # %, absolute, with B_theta
 LEAST_R_SQUARED = 0.98
+SCATTER = {
+    Motion.HIT_AND_PUSH: "Where friction on the table differs from trial to trial (the plan's friction_scatter), "
+    "(29) holds what that does for as long as it integrates: the heavier the object, the more.",
+    Motion.GRAB: "",
+}
 
 
 def percent(value: float | None) -> str:
@@ -55,7 +60,7 @@ def _of_table(table: Table) -> list[Claim]:
         Claim(
             where, f"R^2 of the fit at least {LEAST_R_SQUARED} in every line",
             "-" if r_squared is None else f"at least {r_squared:.4f}",
-            _at_most(None if r_squared is None else -r_squared, -LEAST_R_SQUARED),
+            _at_most(None if r_squared is None else -r_squared, -LEAST_R_SQUARED), SCATTER[table.motion],
         ),
     ]  # fmt: skip
     if table.motion is Motion.HIT_AND_PUSH:

@@ -36,7 +36,7 @@ def signals(path: Path, by_scale: Mapping[float, Sequence[FeedbackSignal]]) -> N
         axes[1][0].plot(t_ms, feedback, color=colour)
         axes[2][0].plot(t_ms, integral, color=colour)
     for axis, label in zip(
-        axes[:, 0], ("velocity, m/s (dashed: reference)", "feedback (28), m/s$^2$", "its integral, m/s"), strict=True
+        axes[:, 0], ("velocity, m/s\n(dashed: reference)", "feedback (28), m/s$^2$", "its integral, m/s"), strict=True
     ):
         axis.axvline(0.0, color="#555555", linestyle=":", linewidth=0.9)
         axis.axhline(0.0, color="#555555", linewidth=0.6)

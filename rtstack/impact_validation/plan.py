@@ -16,6 +16,7 @@ from rtstack.campaign.trial import seed_of
 from rtstack.configuration import STRICT, ConfigurationError, load_toml
 from rtstack.impact_validation.feedback import Direction
 from rtstack.planning import GrabPlan, PlanError, PushPlan, grab_plan, push_plan
+from rtstack.planning.free import Part
 from rtstack.references.motion import Motion
 
 KIND = "impact-map-validation"
@@ -28,7 +29,8 @@ DIRECTIONS = {Motion.HIT_AND_PUSH: Direction((0,), 1, -1.0), Motion.GRAB: Direct
 
 
 class JointFriction(StrEnum):
-    """What the controller compensates: what Appendix A found on this robot, another robot's, or nothing."""
+    """What the controller compensates: what Appendix A found on this robot, joint by joint and along each reference,
+    another robot's, or nothing."""
 
     IDENTIFIED = "identified"
     PUBLISHED = "published"
@@ -57,11 +59,13 @@ class Conditions:
 
 @checked(frozen=True, slots=True, config=STRICT)
 class Gains:
-    """Of the tasks (15)-(17), 1/s^2: position, orientation, posture."""
+    """Of the tasks (15)-(17), 1/s^2: position, orientation, posture; k_theta_after: orientation after the impact, where
+    it is another one (VI-B)."""
 
     k_p: Positive
     k_theta: Positive
     k_q: Positive
+    k_theta_after: Positive | None = None
 
 
 @checked(frozen=True, slots=True, config=STRICT)
@@ -92,18 +96,55 @@ class Sample:
 
 @dataclass(frozen=True, slots=True)
 class PlannedReference:
-    """A reference that has to be planned; its file's name follows from it."""
+    """A reference that has to be planned; its file's name follows from it. along: whether its feedforward has what
+    friction compensation leaves along it, (31)."""
 
     motion: Motion
     object: str
     case_name: str
     scale: float
     compensate: bool
+    along: bool
 
     @property
     def file(self) -> str:
         """Name of its log."""
-        return f"{self.motion}.{self.object}.{self.case_name}.{self.scale:g}{'' if self.compensate else '.bare'}.mcap"
+        kind = ("" if self.compensate else ".bare") + ("" if self.along else ".plain")
+        return f"{self.motion}.{self.object}.{self.case_name}.{self.scale:g}{kind}.mcap"
+
+    @property
+    def free_runs(self) -> tuple["FreeRuns", ...]:
+        """The free runs on which it depends, none where nothing is identified along it. What is before the impact is
+        the same for all velocities after it."""
+        if not self.along:
+            return ()
+        scales = {Part.ANTE: 1.0, Part.POST: self.scale}
+        return tuple(FreeRuns(self.motion, self.object, self.case_name, scales[part], part) for part in Part)
+
+
+@dataclass(frozen=True, slots=True)
+class FreeRuns:
+    """The runs of a part of a reference with nothing in the way, and what they say of it: (30)-(31)."""
+
+    motion: Motion
+    object: str
+    case_name: str
+    scale: float
+    part: Part
+
+    @property
+    def file(self) -> str:
+        """Name of the average, an array as numpy writes it."""
+        return f"{self.name}.npy"
+
+    @property
+    def name(self) -> str:
+        """What its files' names begin with."""
+        return f"{self.motion}.{self.object}.{self.case_name}.{self.scale:g}.{self.part}"
+
+    def log(self, run: int) -> str:
+        """Name of a run's log."""
+        return f"{self.name}.run{run}.mcap"
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,12 +201,19 @@ class ValidationPlan:
 
     def reference(self, trial: ValidationTrial) -> PlannedReference:
         """Return the reference of a trial."""
-        compensate = self.conditions[trial.conditions].compensate_object
-        return PlannedReference(trial.motion, trial.object, trial.case_name, trial.scale, compensate)
+        conditions = self.conditions[trial.conditions]
+        along = conditions.joint_friction is JointFriction.IDENTIFIED
+        return PlannedReference(
+            trial.motion, trial.object, trial.case_name, trial.scale, conditions.compensate_object, along
+        )
 
     def references(self) -> tuple[PlannedReference, ...]:
         """Return every reference that has to be planned."""
         return tuple(dict.fromkeys(self.reference(trial) for trial in self.trials()))
+
+    def free_runs(self) -> tuple[FreeRuns, ...]:
+        """Return all runs along parts of references."""
+        return tuple(dict.fromkeys(runs for reference in self.references() for runs in reference.free_runs))
 
     def scenario(self, motion: Motion) -> Scenario:
         """Return the scenario of a motion."""

@@ -11,7 +11,7 @@ from rtstack.impact_map import ReflectedInertia, Status, converged
 from rtstack.impact_map.problem import JOINTS, Problem
 from rtstack.impact_map.reflected import joint_inertia
 from rtstack.impact_validation.feedback import Direction
-from rtstack.planning import PlannedMotion
+from rtstack.planning import PlanError, PlannedMotion
 from rtstack.samples import SIDES
 
 
@@ -35,13 +35,16 @@ def read_prediction(path: Path) -> Prediction:
 
 
 def predict(planned: PlannedMotion, direction: Direction) -> Prediction:
-    """Return the predictions of a plan: of the same impact, with another inertia of the motors each."""
+    """Return the predictions of a plan: of the same impact, with another inertia of the motors each.
+
+    Raises PlanError where a map has no solution.
+    """
     problem = planned.map.problem
     predicted = {}
     for kind in ReflectedInertia:
         impact = converged(with_inertia(problem, planned.request.inertia, kind), second_opinion=False)
         if impact.status in (Status.INFEASIBLE, Status.UNSOLVED):
-            raise ValueError(f"the impact map with {kind}: {impact.status}, {impact.detail}")
+            raise PlanError(f"impact map with {kind}: {impact.status}, {impact.detail}; plan another height or speed")
         speeds = []
         for arm in direction.arms:
             k = problem.names.index(SIDES[arm])

@@ -1,27 +1,26 @@
 """The report of a validation campaign: CSV, figures, and one HTML page that needs nothing else."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
-
 from rtstack.campaign.claims import Claim
+from rtstack.campaign.page import FIGURES, PAGE, embedded, page_template
 from rtstack.campaign.plan import PlanFile
-from rtstack.campaign.report import FIGURES, PAGE, embedded, pace
+from rtstack.campaign.report import pace
 from rtstack.campaign.store import Row, Store
 from rtstack.control.tick import ArmController
 from rtstack.impact_validation import figures
 from rtstack.impact_validation.claims import judge_claims, percent
 from rtstack.impact_validation.evaluation import NAMES, PAPER, PAPER_LINES, TABLES, Cell, Table, combined, tables
 from rtstack.impact_validation.feedback import FeedbackSignal, feedback_signal
-from rtstack.impact_validation.plan import DIRECTIONS, ValidationPlan
+from rtstack.impact_validation.plan import DIRECTIONS, PlannedReference, ValidationPlan
 from rtstack.log.reader import read_log
 from rtstack.model.cell_description import CellDescription
 from rtstack.references.motion import Motion
-from rtstack.trials.assembly import arm_controllers, default_parameters
+from rtstack.trials.assembly import arm_controllers, cell_parameters
 from rtstack.trials.review import log_columns
 
 # the sets of the paper's figures 6 and 7 (cat food, case 2) and 8 and 9 (juice, case 3): object, index of the case
@@ -39,8 +38,16 @@ class Part:
     tables: list[dict[str, Any]]
 
 
-def write_report(store: Store, plan: ValidationPlan, file: PlanFile, description: CellDescription) -> Path:
-    """Write results.csv, times.csv, figures/*.png and report.html. Returns the page's path."""
+def write_report(
+    store: Store, plan: ValidationPlan, file: PlanFile, description: CellDescription,
+    refused: Mapping[PlannedReference, str] | None = None,
+) -> Path:  # fmt: skip
+    """Write results.csv, times.csv, figures/*.png and report.html. Returns the page's path.
+
+    refused: references that could not be planned, with the reason; their trials were not run.
+    """
+    refused = refused or {}
+    left_out = sum(plan.reference(trial) in refused for trial in plan.trials())
     rows = store.rows(plan.trials())
     store.write_csv(rows)
     folder = store.out / FIGURES
@@ -53,13 +60,10 @@ def write_report(store: Store, plan: ValidationPlan, file: PlanFile, description
         words = ", ".join(f"{key} {value}" for key, value in asdict(plan.conditions[name]).items() if value is not None)
         parts.append(Part(name, words, judge_claims(own), [_table(table) for table in own]))
     drawn = _figures(rows, of_all, plan, store.out, folder, description)
-    environment = Environment(
-        loader=ChoiceLoader([PackageLoader(f"rtstack.{name}", "pages") for name in ("impact_validation", "campaign")]),
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True,
-    )  # fmt: skip
-    environment.globals["figure"] = lambda name, caption: embedded(folder / name, caption)
-    page = environment.get_template(PAGE).render(
-        plan=plan, file=file, rows=rows, planned=plan.size(), parts=parts, figures=drawn,
+    page = page_template(PAGE, "rtstack.impact_validation").render(
+        figure=lambda name, caption: embedded(folder / name, caption),
+        plan=plan, file=file, rows=rows, planned=plan.size(), left_out=left_out, parts=parts, figures=drawn,
+        refused={reference.file.removesuffix(".mcap"): reason for reference, reason in refused.items()},
         overview=_overview(of_all) if len(names) > 1 else [],
         verdicts=Counter(str(claim.verdict) for part in parts for claim in part.claims),
         plan_commit=store.about()["plan_commit"], commits=sorted({row["git_commit"] for row in rows}),
@@ -128,7 +132,7 @@ def _figures(
     description: CellDescription,
 ) -> list[tuple[str, str]]:  # fmt: skip
     """Draw figures 6 to 9 of the first set of conditions; returns their names and captions."""
-    arms = arm_controllers(description, default_parameters())
+    arms = arm_controllers(description, cell_parameters(description))
     drawn = []
     conditions = next(iter(plan.conditions))
     for table in of_all:
@@ -146,7 +150,10 @@ def _figures(
         figures.signals(folder / f"figure{first}.png", _signals(rows, table, cell, out, arms))
         figures.fit(folder / f"figure{second}.png", cell)
         drawn.append(
-            (f"figure{first}.png", f"Figure {first}: {of}. Means over the trials of each post-impact velocity.")
+            (
+                f"figure{first}.png",
+                f"Figure {first}: {of}. Means over the trials of each velocity; dotted: the nominal impact.",
+            )
         )
         drawn.append((f"figure{second}.png", f"Figure {second}: {of}. Grey: the estimate's 95 % interval."))
     return drawn

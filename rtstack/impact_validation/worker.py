@@ -1,4 +1,4 @@
-"""What a worker does: identify a joint's friction, plan a reference, or run a trial and write its log."""
+"""What a worker does: identify a joint's friction, or run a trial and write its log. References: see reference.py."""
 
 import os
 import time
@@ -23,18 +23,16 @@ from rtstack.impact_validation.plan import (
     Gains,
     JointFriction,
     PlannedReference,
-    Scenario,
     ValidationTrial,
 )
-from rtstack.impact_validation.prediction import Prediction, predict, read_prediction
+from rtstack.impact_validation.prediction import Prediction, read_prediction
 from rtstack.model.cell_description import CellDescription, load_cell_description
-from rtstack.planning import GrabPlan, plan_grab, plan_push
-from rtstack.planning.file import write_plan
 from rtstack.trials.assembly import Parameters, arm_controllers, cell_parameters
+from rtstack.trials.company import Company
 from rtstack.trials.provenance import git_commit
 from rtstack.trials.record import frames, trial_metadata
-from rtstack.trials.run import PreparedTrial, prepare_trial, run_trial
 from rtstack.trials.specification import TrialSpecification
+from rtstack.trials.trial import PreparedTrial, prepare_trial, run_trial
 
 SWEEPS = "identification"
 FRICTION = "friction.toml"
@@ -70,14 +68,15 @@ class ValidationBench:
 
 
 @lru_cache(maxsize=4)
-def _description(bench: ValidationBench) -> CellDescription:
+def description_of(bench: ValidationBench) -> CellDescription:
+    """Return the cell's description, of files that are those of the campaign. Raises WorkerMismatch."""
     check_sources(bench.sources)
     return load_cell_description(bench.cell_file)
 
 
 @lru_cache(maxsize=1)
 def _identification(bench: ValidationBench) -> Identification:
-    return Identification(_description(bench))
+    return Identification(description_of(bench))
 
 
 def identify(bench: ValidationBench, run: Run) -> str | None:
@@ -87,27 +86,14 @@ def identify(bench: ValidationBench, run: Run) -> str | None:
     log = WholeRunLog(
         bench.out / SWEEPS / run.file,
         {"trial": trial_metadata(specification, CELL, None)}, common_attachments(bench.cell_file),
-        frames(_description(bench), specification.object),
+        frames(description_of(bench), specification.object),
     )  # fmt: skip
     noise = 1000 * specification.run + specification.joint
     cell = bench.open_cell(specification.object, noise, bench.robot, bench.nominal)
     try:
-        return identification.run(run, cell, log=log)
+        return identification.run(run, cell, Company(log))
     finally:
         cell.close()
-
-
-def plan_reference(bench: ValidationBench, reference: PlannedReference, scenario: Scenario) -> None:
-    """Plan a reference, and write it beside its predictions. Raises PlanError."""
-    description = _description(bench)
-    request = scenario.request(reference.case_name, reference.scale, reference.compensate)
-    if isinstance(request, GrabPlan):
-        planned = plan_grab(description, reference.object, request)
-    else:
-        planned = plan_push(description, reference.object, request)
-    path = bench.out / RECORDINGS / reference.file
-    predict(planned, DIRECTIONS[reference.motion]).write(path.with_suffix(".json"))
-    write_plan(path, planned, description, bench.cell_file)
 
 
 def parameters_of(
@@ -120,9 +106,10 @@ def parameters_of(
     if conditions.joint_friction is JointFriction.NONE:
         none = FrictionParameters(scale=0.0)
         parameters = replace(parameters, friction=(none, none))
+    after = None if gains.k_theta_after is None else np.repeat([gains.k_p, gains.k_theta_after], 3)
     control = ControlParameters(
-        stiffness=np.repeat([gains.k_p, gains.k_theta], 3), posture_gain=gains.k_q, acceleration_tasks=True,
-        blend_interim=False,
+        stiffness=np.repeat([gains.k_p, gains.k_theta], 3), stiffness_after_impact=after, posture_gain=gains.k_q,
+        acceleration_tasks=True, blend_interim=False,
     )  # fmt: skip
     return replace(parameters, control=control)
 
@@ -131,7 +118,7 @@ def parameters_of(
 def _prepared(
     bench: ValidationBench, reference: PlannedReference, gains: Gains, conditions: Conditions
 ) -> tuple[PreparedTrial, Prediction]:
-    description = _description(bench)
+    description = description_of(bench)
     path = bench.out / RECORDINGS / reference.file
     parameters = parameters_of(bench, conditions, gains, description)
     prepared = prepare_trial(TrialSpecification(str(path), object=reference.object), description, parameters)
@@ -140,7 +127,7 @@ def _prepared(
 
 @lru_cache(maxsize=1)
 def _models(bench: ValidationBench) -> tuple[ArmController, ArmController]:
-    description = _description(bench)
+    description = description_of(bench)
     return arm_controllers(description, cell_parameters(description))
 
 
@@ -161,7 +148,7 @@ def run(
     )  # fmt: skip
     cell = bench.open_cell(trial.object, trial.seed, bench.robot, conditions)
     try:
-        result = run_trial(prepared, cell, log=log)
+        result = run_trial(prepared, cell, Company(log))
     finally:
         cell.close()
     if log.columns is None or not path.exists():

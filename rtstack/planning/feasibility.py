@@ -143,7 +143,7 @@ def _check_pad(planned: PlannedMotion, arm: int, side: str, limits: SafetyLimits
     if speed.max() > VELOCITY_SHARE * limits.ee_speed_max:
         raise PlanError(
             f"{side} arm: the pad moves at {speed.max():.2f} m/s, more than {VELOCITY_SHARE} of the cell's "
-            f"ee_speed_max = {limits.ee_speed_max:g}: plan a lower speed"
+            f"ee_speed_max = {limits.ee_speed_max:g}: plan a lower speed, or give it more time"
         )
 
 

@@ -16,14 +16,19 @@ from rtstack.log.job import Attachment
 from rtstack.log.sink import McapSink
 from rtstack.model.cell_description import CellDescription
 from rtstack.planning.planned import PlannedMotion
-from rtstack.references.planned import PLAN
+from rtstack.references.planned import MONITOR, PLAN
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, EVENT, SIDES, TIMING_SAMPLE, Level, Mode
 from rtstack.trials.provenance import git_commit, package_versions
 from rtstack.trials.record import frames
 
 
-def write_plan(path: Path, planned: PlannedMotion, description: CellDescription, cell_file: Path) -> None:
-    """Write the plan to `path`, which gets its name when the file is complete. Raises LogError with one line."""
+def write_plan(
+    path: Path, planned: PlannedMotion, description: CellDescription, cell_file: Path, tuning: str | None = None
+) -> None:
+    """Write the plan to `path`, which gets its name when the file is complete. Raises LogError with one line.
+
+    tuning: of the plan's monitor, TOML, which goes with it.
+    """
     partial = path.with_name(f".{path.name}.{os.getpid()}.part")
     values = {key: value if isinstance(value, str) else json.dumps(value) for key, value in planned.as_dict().items()}
     load = planned.recording.load
@@ -35,15 +40,18 @@ def write_plan(path: Path, planned: PlannedMotion, description: CellDescription,
     batches = _records(planned)
     tree = FrameTree(frames(description, planned.recording.object), fr3_urdf())
     arms = {side: batches[f"/{side}/arm"] for side in SIDES}
+    attachments = [
+        Attachment("cell.toml", "application/toml", cell_file.read_bytes()),
+        Attachment("fr3.urdf", "application/xml", fr3_urdf().encode()),
+    ]
+    if tuning is not None:
+        attachments.append(Attachment(MONITOR, "application/toml", tuning.encode()))
     try:
         with open(partial, "xb") as file:
             sink = McapSink(file)
             sink.write_metadata("trial", trial)
             sink.write_metadata(PLAN, values)
-            for attachment in (
-                Attachment("cell.toml", "application/toml", cell_file.read_bytes()),
-                Attachment("fr3.urdf", "application/xml", fr3_urdf().encode()),
-            ):
+            for attachment in attachments:
                 sink.attach(attachment.name, attachment.media_type, attachment.data)
             sink.write(batches, tree.update(arms, batches["/object/pose"]))
             sink.close()
@@ -65,6 +73,8 @@ def _records(planned: PlannedMotion) -> dict[str, NDArray]:
         sample, control = np.zeros(n, ARM_SAMPLE), np.zeros(n, CONTROL_SAMPLE)
         sample["t_ns"] = control["t_ns"] = t_ns
         sample["q"], sample["dq"], sample["O_T_EE"] = motion.q, motion.dq, motion.T_base_ee
+        R_base_world = motion.T_base_ee[0, :3, :3] @ points["rotation"][0].T
+        sample["O_F_ext_hat_K"][:, :3] = planned.force[arm] @ R_base_world.T
         control["mode"] = np.where(np.arange(n) < recording.impact, Mode.ANTE_IMPACT, Mode.POST_IMPACT)
         control["pose_ref"][:, :3] = points["position"]
         control["pose_ref"][:, 3:] = quaternions_of(points["rotation"])

@@ -6,16 +6,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline, interp1d
 
+from hal.limits import FR3
 from rtstack.control.parameters import InertiaParameters
 from rtstack.impact_map import SceneError
 from rtstack.impact_map.grab import joint_state_near
+from rtstack.impact_map.problem import JOINTS
 from rtstack.model.arm_model import ArmModel
 from rtstack.planning.request import PlanError
 
 Array = NDArray[np.floating]
 # inverse kinematics every 10 ms: between them q is within 1e-7 rad, M and J are within 1e-4 of theirs
 NODE_TICKS = 10
-_LOWER = np.tril_indices(7, -1)
+REPAY_TICKS = 30
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,13 +58,11 @@ def _piece(model: ArmModel, q: Array, points: NDArray, period_s: float, posture_
             q, dq, J = joint_state_near(model, q, point)
         except SceneError as error:
             raise PlanError(f"{side} arm: {error}: the path leaves its reach; plan a smaller motion") from None
-        M = model.M.copy()
+        M = arm_inertia(model)
         model.update(q, dq)
         rows.append((q, dq, M, model.g + model.C @ dq, J[:6]))
         q = q + dq * NODE_TICKS * period_s
     q_nodes, dq_nodes, M, bias, J = (np.array(column) for column in zip(*rows, strict=True))
-    M[:, _LOWER[0], _LOWER[1]] = M[:, _LOWER[1], _LOWER[0]]  # crba fills the upper triangle only
-    M[:, range(7), range(7)] += InertiaParameters().B_theta
     ticks = np.arange(len(points))
     path = CubicHermiteSpline(nodes * period_s, q_nodes, dq_nodes)
     q_all, dq_all, ddq_all = (path(ticks * period_s, order) for order in range(3))
@@ -73,16 +73,35 @@ def _piece(model: ArmModel, q: Array, points: NDArray, period_s: float, posture_
     return JointMotion(q_all, dq_all, ddq_all, M, bias, J, np.linalg.inv(model.T_world_base) @ T_world_ee)
 
 
-def feedforward(motion: JointMotion, acceleration: Array, force: Array, posture_joint: int) -> tuple[Array, Array]:
-    """Return wrench_ff (n, 6) and beta (n,) of a pad that accelerates with `acceleration` (n, 4: x, y, z, posture)
-    while it exerts `force` (n, 3) N on the object: (22), (26)-(27) of the impact-map paper.
+def arm_inertia(model: ArmModel) -> Array:
+    """Return M + B_theta (7, 7) of an arm where the model is, with the reflected inertia of the torque loop."""
+    upper = np.triu(model.M)  # crba fills the upper triangle only
+    return upper + np.triu(upper, 1).T + np.diag(InertiaParameters().B_theta)
+
+
+def feedforward(motion: JointMotion, acceleration: Array, torque: Array, posture_joint: int) -> tuple[Array, Array]:
+    """Return wrench_ff (n, 6) and beta (n,) of a pad that accelerates with `acceleration` (n, 7: as `points_along`)
+    while the arm exerts `torque` (n, 7) Nm beside it, J^T of a force on the object: (22), (26)-(27) of the impact-map
+    paper.
 
     Lambda times the acceleration, and the force; its reaction turns the posture's joint too, which beta takes along.
     """
-    reaction = np.linalg.solve(motion.M, motion.J.transpose(0, 2, 1))  # M^-1 J^T
-    wanted = np.zeros((len(force), 6))
-    wanted[:, :3] = acceleration[:, :3]
-    wrench = np.linalg.solve(motion.J @ reaction, wanted[:, :, None])[:, :, 0]
-    wrench[:, :3] += force
-    beta = acceleration[:, 3] + np.einsum("nk,nk->n", reaction[:, posture_joint, :3], force)
-    return wrench, beta
+    reaction = np.linalg.solve(motion.M, torque[:, :, None])[:, :, 0]
+    wanted = np.einsum("nij,nj->ni", motion.J, reaction) + acceleration[:, :6]
+    inverse = motion.J @ np.linalg.solve(motion.M, motion.J.transpose(0, 2, 1))  # Lambda^-1
+    return np.linalg.solve(inverse, wanted[:, :, None])[:, :, 0], acceleration[:, 6] + reaction[:, posture_joint]
+
+
+def held_back(step: Array, period_s: float) -> Array:
+    """Return the impulse (7,) Nms that the robot's torque rate holds back of a torque that steps by `step` (7,) Nm."""
+    largest = FR3.tau_rate_max * period_s
+    ticks = np.arange(1, int(np.abs(step).max() / largest) + 1)
+    return np.sign(step) * np.maximum(np.abs(step) - largest * ticks[:, None], 0.0).sum(axis=0) * period_s
+
+
+def repaid(impulse: Array, n: int, period_s: float) -> Array:
+    """Return torques (n, 7) Nm that give an impulse (7,) Nms within REPAY_TICKS, and none after them."""
+    torque = np.zeros((n, JOINTS))
+    shape = np.sin(np.pi * (np.arange(REPAY_TICKS) + 0.5) / REPAY_TICKS) ** 2
+    torque[:REPAY_TICKS] = np.outer(shape / (shape.sum() * period_s), impulse)[:n]
+    return torque

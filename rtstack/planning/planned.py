@@ -10,19 +10,18 @@ from numpy.typing import NDArray
 from rtstack.impact_map import Impact, ImpactMap
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
-from rtstack.planning.joints import JointMotion, feedforward, joint_motion
+from rtstack.planning.joints import JointMotion, feedforward, held_back, joint_motion, repaid
 from rtstack.planning.path import ArmPath, points_along
 from rtstack.planning.request import GrabPlan, PushPlan
 from rtstack.references.motion import Motion
 from rtstack.references.planned import planned_reference
-from rtstack.references.recording import Recording
+from rtstack.references.recording import MEASURED, Recording
 from rtstack.references.spreading import ExtendedReference
 from rtstack.samples import SIDES
 
 Array = NDArray[np.floating]
-# times (n,) s and accelerations of both arms (2, n, 3) -> forces of the pads on the object, N (2, n, 3): those that
-# move and carry it, and those that only clamp it
-Forces = Callable[[Array, Array], tuple[Array, Array]]
+# times (n,) s and accelerations of both arms (2, n, 3) -> forces of the pads on the object, N (2, n, 3)
+Forces = Callable[[Array, Array], Array]
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,13 +38,15 @@ class PlannedMotion:
     """A plan that may be run.
 
     recording: ante-impact points before the nominal impact, post-impact ones from it on; joints: of the left and the
-    right arm at the same ticks; force (2, n, 3) N: what the pads are to exert; map: of the impact; velocities (2, 3)
-    m/s of the pads after it, scaled; object_pose (n, 3) m: where the object's centre is meant to be.
+    right arm at the same ticks; acceleration (2, n, 7): of the pads along x, y and z m/s^2, about them and of the
+    posture's joint rad/s^2; force (2, n, 3) N: what the pads are to exert; map: of the impact; velocities (2, 3) m/s of
+    the pads after it, scaled; object_pose (n, 3) m: where the object's centre is meant to be.
     """
 
     request: GrabPlan | PushPlan
     recording: Recording
     joints: tuple[JointMotion, JointMotion]
+    acceleration: Array
     force: Array
     map: ImpactMap
     velocities: Array
@@ -87,33 +88,41 @@ def assemble(
     t_s = np.arange(round(timing.end_s / period_s)) * period_s
     pieces, accelerations = [], []
     for arm in range(2):
-        before, a = points_along(ante[arm], rotations[arm], t_s[:k])
-        after, b = points_along(post[arm], rotations[arm], t_s[k:])
+        before, a = points_along(ante[arm], rotations[arm], t_s[:k], period_s)
+        after, b = points_along(post[arm], rotations[arm], t_s[k:], period_s)
         pieces.append((before, after))
         accelerations.append(np.concatenate([a, b]))
     acceleration = np.array(accelerations)
     force = np.zeros((2, len(t_s), 3))
-    moving, clamping = forces(t_s[k:], acceleration[:, k:, :3])
-    force[:, k:] = moving + clamping
+    force[:, k:] = forces(t_s[k:], acceleration[:, k:, :3])
     load = np.zeros((2, 6))
-    load[:, :3] = moving[:, 0]
     points, joints = [], []
     for arm, mounting in enumerate((description.left, description.right)):
         model = ArmModel(mounting, description.pad)
         moved = joint_motion(model, np.array(mounting.home), pieces[arm], period_s, posture_joint, SIDES[arm])
         joints.append(moved)
         whole = np.concatenate(pieces[arm])
-        whole["wrench_ff"], whole["beta"] = feedforward(moved, acceleration[arm], force[arm], posture_joint)
+        torque = np.einsum("nij,ni->nj", moved.J[:, :3], force[arm])
+        wrench, _ = feedforward(moved, acceleration[arm], torque, posture_joint)
+        load[arm] = wrench[k] - wrench[k - 1]
+        # it steps at the impact: what the torque rate holds back of it (5 ms of a 2.2 kg box's weight, 1 % of its
+        # momentum) comes right after it
+        lacking = held_back(load[arm] @ moved.J[k], period_s)
+        torque[k:] += repaid(lacking, len(t_s) - k, period_s)
+        whole["wrench_ff"], whole["beta"] = feedforward(moved, acceleration[arm], torque, posture_joint)
         points.append(whole)
     both = np.array(points)
-    recording = Recording(both, period_s, k, round(timing.release_s / period_s), object_name, motion, load)
+    felt = np.zeros(both.shape, MEASURED)
+    felt["q"], felt["dq"], felt["force"] = [j.q for j in joints], [j.dq for j in joints], -force
+    release = round(timing.release_s / period_s)
+    recording = Recording(both, period_s, k, release, object_name, motion, load, measured=felt)
     carriers = [arm for arm, side in enumerate(SIDES) if side in impact.problem.names]
     held = both["position"][carriers].mean(axis=0)
     where = object_start + held - held[k]
     where[:k] = object_start
     where[recording.release :] = where[recording.release]
     velocities = both["twist"][:, k, :3]
-    return PlannedMotion(request, recording, (joints[0], joints[1]), force, impact, velocities, where)
+    return PlannedMotion(request, recording, (joints[0], joints[1]), acceleration, force, impact, velocities, where)
 
 
 def _impact_dict(result: ImpactMap, impact: Impact) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from rtstack.control.parameters import ControlParameters
 from rtstack.impact_map import Arm, Box, Contact, ImpactMap, Plane, Scene, SceneError, impact_map
 from rtstack.impact_map.grab import joint_state
 from rtstack.impact_map.scene import Joints
@@ -16,21 +15,18 @@ from rtstack.planning.request import PlanError, PushPlan
 from rtstack.references.demonstration import end_effector_pose
 from rtstack.references.motion import Motion
 from rtstack.references.quintic import ViaPoint
+from rtstack.trials.assembly import cell_parameters
 
 Array = NDArray[np.floating]
 COAST_S = 0.4
 GIVING_WAY_S = 1.2
+STILL_M_S = 1e-3  # slower than this the object is at rest, and friction has no direction
 
 
-def plan_push(
-    description: CellDescription,
-    object_name: str,
-    plan: PushPlan | None = None,
-    control: ControlParameters | None = None,
-) -> PlannedMotion:
+def plan_push(description: CellDescription, object_name: str, plan: PushPlan | None = None) -> PlannedMotion:
     """Return a hit-and-push of the object at its place. Raises PlanError with one line where it is not feasible."""
     plan = plan or PushPlan()
-    control = control or ControlParameters()
+    control = cell_parameters(description).control
     thing = object_named(description, object_name)
     check_place(description, object_name, plan.height)
     period_s, top, joint = control.period_s, description.table.top_z, control.posture_joint
@@ -46,22 +42,26 @@ def plan_push(
     approach = Approach(start, contact, np.array([0.0, inward * plan.speed, 0.0]), xi, xi - inward * plan.posture)
     touch = max(common_touch_s([approach], plan.rest_s, plan.steady_s, period_s), GIVING_WAY_S)
     ante = approach.path(touch, plan.steady_s)
-    meeting = points_along(ante, rotation, np.array([touch]))[0][0]
+    meeting = points_along(ante, rotation, np.array([touch]), period_s)[0][0]
     impact = _push_impact(description, object_name, meeting, plan)
     check_impact(impact, plan.speed)
     velocity = plan.post_impact_scale * impact.twist("left")[:3]
     dxi = plan.post_impact_scale * float(impact.velocity("left")[joint])
-    post, release = _post_path(plan, approach, velocity, dxi, inward, touch)
+    table = description.contact_friction.table
+    gives = plan.give * table * thing.mass * GRAVITY
+    post, release = _post_path(plan, approach, velocity, dxi, inward, touch, gives)
     timing = Timing(touch, release, release + plan.release_s + plan.rest_s)
     aside = _aside(poses[1][0], description.right.home[joint], plan.way_up)
-    table = description.contact_friction.table
 
-    def forces(t_s: Array, acceleration: Array) -> tuple[Array, Array]:
+    def forces(t_s: Array, acceleration: Array) -> Array:
         force = np.zeros((2, len(t_s), 3))
         pushing = (t_s < timing.release_s) * float(plan.compensate)
-        force[0, :, :2] = thing.mass * acceleration[0, :, :2] * pushing[:, None]
-        force[0, :, 1] += inward * table * thing.mass * GRAVITY * pushing
-        return force, np.zeros_like(force)
+        slides = points_along(post, rotation, t_s, period_s)[0]["twist"][:, :2]
+        # the table holds the object back against its velocity, which the impact has turned aside
+        along = slides / np.maximum(np.linalg.norm(slides, axis=1), STILL_M_S)[:, None]
+        resistance = table * thing.mass * GRAVITY * along
+        force[0, :, :2] = (thing.mass * acceleration[0, :, :2] + resistance) * pushing[:, None]
+        return force
 
     planned = assemble(
         description, plan, Motion.HIT_AND_PUSH, object_name, (ante, aside), (post, aside), timing, forces, impact,
@@ -100,9 +100,12 @@ def _joints(values: Array) -> Joints:
 
 
 def _post_path(
-    plan: PushPlan, approach: Approach, velocity: Array, dxi: float, inward: float, touch: float
+    plan: PushPlan, approach: Approach, velocity: Array, dxi: float, inward: float, touch: float, gives: float
 ) -> tuple[ArmPath, float]:
-    """Return the left arm's path from the nominal impact on, and when it lets go of the object, s."""
+    """Return the left arm's path from the nominal impact on, and when it lets go of the object, s.
+
+    gives: how far the pad goes into its silicone to push the object over the table, m.
+    """
     (x, y, z), (vx, vy, vz) = approach.contact.tolist(), velocity.tolist()
     v = inward * vy
     slowing = plan.travel - v * plan.steady_s
@@ -110,12 +113,12 @@ def _post_path(
         raise PlanError(f"after the impact the object goes at {v:.3f} m/s: plan a longer travel or a lower speed")
     steady = touch + plan.steady_s
     release = steady + 2.0 * slowing / v
-    end = y + inward * plan.travel
+    end = y + inward * (plan.travel + gives)
     path = ArmPath(
         x=coast(touch, x, vx, COAST_S),
         y=[
             ViaPoint(touch, y, vy),
-            ViaPoint(steady, y + vy * plan.steady_s, vy),
+            ViaPoint(steady, y + vy * plan.steady_s + inward * gives, vy),
             ViaPoint(release, end),
             ViaPoint(release + plan.release_s, end - inward * plan.retreat),
         ],

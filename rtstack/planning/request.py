@@ -15,6 +15,8 @@ Distance = Annotated[float, Field(gt=0.0, le=0.5, allow_inf_nan=False)]
 Speed = Annotated[float, Field(ge=0.05, le=0.8, allow_inf_nan=False)]
 # the validation campaign's range is 0.8 to 1.2
 Scale = Annotated[float, Field(ge=0.5, le=1.5, allow_inf_nan=False)]
+Give = Annotated[float, Field(ge=0.0, le=1e-3, allow_inf_nan=False)]
+Momentum = Annotated[float, Field(ge=0.0, le=0.2, allow_inf_nan=False)]
 Angle = Annotated[float, Field(ge=-1.5, le=1.5, allow_inf_nan=False)]
 
 
@@ -28,8 +30,12 @@ class GrabPlan:
 
     speed, rise: of both pads when they meet the object, inwards and upwards, m/s; height: of the pads' centres over the
     object's there; posture: joint 1 of the left arm there, rad from home (the right arm's is the mirror image);
-    squeeze: the force of each pad that is wanted, N. post_impact_scale: what the velocities after the impact are
-    multiplied with (the validation campaign plans 0.8 to 1.2); inertia: of the motors, as the map counts it.
+    squeeze: the force of each pad that is wanted, N; momentum_s: how long after the impact momentum alone lifts,
+    without a force upwards in the feedforward: the pads slow down as the object's weight slows them, by two thirds at
+    most. 0: they go on at constant velocity for steady_s, and the weight is fed forward at once; give: how far a pad
+    goes in under a force, m/N, by its silicone and the object's wall, as a static squeeze shows. post_impact_scale:
+    what the velocities after the impact are multiplied with (the validation campaign plans 0.8 to 1.2); inertia: of the
+    motors, as the map counts it.
     compensate: whether weight, friction and inertia of the object are in the feedforward after the impact, (26)-(27).
     """
 
@@ -38,13 +44,15 @@ class GrabPlan:
     height: Length = 0.02
     posture: Angle = 0.0
     squeeze: Annotated[float, Field(gt=0.0, le=120.0, allow_inf_nan=False)] = 40.0
+    give: Give = 0.0
+    momentum_s: Momentum = 0.1
     lift: Distance = 0.25
     carry: Length = 0.05
     post_impact_scale: Scale = 1.0
     inertia: ReflectedInertia = ReflectedInertia.B_THETA
     compensate: bool = True
     rest_s: Time = 0.3
-    steady_s: Time = 0.05  # at constant velocity before the impact and after it
+    steady_s: Time = 0.05  # at constant velocity before the impact, and after it where no momentum lifts
     lift_s: Time = 1.2
     carry_s: Time = 0.6
     lower_s: Time = 1.1
@@ -63,6 +71,7 @@ class PushPlan:
     height: Length = 0.0
     posture: Angle = 0.0
     travel: Distance = 0.25
+    give: Give = 0.0
     post_impact_scale: Scale = 1.0
     inertia: ReflectedInertia = ReflectedInertia.B_THETA
     compensate: bool = True

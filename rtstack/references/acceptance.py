@@ -14,6 +14,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
 
 from rtstack.configuration import STRICT
+from rtstack.messages import StrictFloat
 
 SUFFIX = ".accepted.json"
 
@@ -37,7 +38,7 @@ class Acceptance:
     name: Annotated[str, Field(max_length=80, pattern=r"^\P{C}*$")] = ""
     note: Annotated[str, Field(max_length=2000)] = ""
     verdict: Verdict = Verdict.OPEN
-    nominal_impact_s: Annotated[float, Field(ge=0.0, le=3600.0, allow_inf_nan=False)] | None = None
+    nominal_impact_s: Annotated[StrictFloat, Field(ge=0.0, le=3600.0, allow_inf_nan=False)] | None = None
 
 
 _ACCEPTANCE = TypeAdapter(Acceptance)

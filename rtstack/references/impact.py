@@ -1,8 +1,9 @@
 """The impact that a reference aims at, as the monitor wants it: when, in which configuration, and what is to follow.
 
 From a demonstration: its joints at the nominal impact, its joint velocities as the post-impact reference of (14),
-extended like (16) to the time before T_p, and what both pads together feel: the weight and inertia of the object. A
-planned impact is the same record, with the velocities of an impact map (rtstack.impact_map) in place of the measured.
+extended like (16) to the time before T_p, and what both pads together feel: the weight and inertia of the object. From
+a plan the same, with what was planned in place of what was measured: its joints are the path's, which leaves the impact
+with the velocities of the impact map, and its forces are those that move and carry the object.
 """
 
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ Array = NDArray[np.float64]
 LIFTED_S = 0.6  # after the impact the object hangs in the air
 CARRIED_SHARE = 0.35  # of its weight: what carrying adds or takes away at most
 EARLIER_S = 0.1  # a trial meets the table earlier, where it has grabbed the object lower
+NEAR_TABLE_M = 0.01  # a planned object that is not higher may stand on the table: arms sag, and it slips in the pads
 SMOOTHING_S = 0.02  # on each side: what oscillates in the demonstration's velocities is no reference
 
 
@@ -58,6 +60,22 @@ def demonstrated_impact(
     ante = dq[:, before].mean(axis=1)
     down = _set_down(net[:, 2], impact + round(LIFTED_S / period_s), release) - round(EARLIER_S / period_s)
     return ExpectedImpact(impact * period_s, q[:, impact].copy(), ante, post, net, down * period_s, release * period_s)
+
+
+def planned_impact(
+    q: Array, dq: Array, force: Array, height: Array, impact: int, release: int, period_s: float
+) -> ExpectedImpact:
+    """Return the impact of a plan: q, dq (2, n, 7), force (2, n, 3) ON the pads, N, along the world's axes; height (n,)
+    m: of what is carried; impact: index of the first post-impact point, at which the velocities jump."""
+    post = dq.copy()
+    post[:, :impact] = dq[:, impact, None]
+    lifted = height[impact:release] - height[impact]
+    up = np.flatnonzero(lifted > min(NEAR_TABLE_M, 0.5 * lifted.max()))
+    down = impact + int(up[-1]) - round(EARLIER_S / period_s)
+    return ExpectedImpact(
+        impact * period_s, q[:, impact].copy(), dq[:, impact - 1].copy(), post, -force.sum(axis=0), down * period_s,
+        release * period_s,
+    )  # fmt: skip
 
 
 def _set_down(lift: Array, lifted: int, release: int) -> int:

@@ -1,7 +1,8 @@
 """A planned motion as a file: a log of the arms' planned states, with /control in the modes of the plan.
 
 Any reader of logs shows it. What a trial needs is in /left/control and /right/control (mode, pose_ref, twist_ref,
-wrench_ff, beta), in the posture's joint of /left/arm and /right/arm, and in the metadata record `plan`.
+wrench_ff, beta), in the posture's joint of /left/arm and /right/arm, and in the metadata record `plan`; what its
+monitor expects, in q, dq and O_F_ext_hat_K of /left/arm and /right/arm.
 """
 
 import json
@@ -12,11 +13,12 @@ from rtstack.control.records import POINT
 from rtstack.log.reader import Log
 from rtstack.model.rotation import rotation_from_quaternion
 from rtstack.references.motion import Motion
-from rtstack.references.recording import Recording, ReferenceError
+from rtstack.references.recording import MEASURED, Recording, ReferenceError
 from rtstack.references.spreading import ExtendedReference, spread
 from rtstack.samples import SIDES, Mode
 
 PLAN = "plan"  # the metadata record that makes a log a plan
+MONITOR = "monitor.toml"  # the attachment with the tuning of its monitor, where it has one
 
 
 def planned_reference(recording: Recording) -> ExtendedReference:
@@ -35,7 +37,7 @@ def planned_recording(log: Log, posture_joint: int, period_s: float) -> Recordin
         raise ReferenceError(f"{log.path}: the plan is incomplete: plan it again")
     if np.any(np.diff(t_ns) != round(period_s * 1e9)):
         raise ReferenceError(f"{log.path}: the plan has not one point every {period_s:g} s: plan it again")
-    points = np.zeros((2, n), POINT)
+    points, felt = np.zeros((2, n), POINT), np.zeros((2, n), MEASURED)
     for arm, (control, sample) in enumerate(zip(controls, samples, strict=True)):
         points[arm]["position"] = control["pose_ref"][:, :3]
         points[arm]["rotation"] = [rotation_from_quaternion(pose[3:]) for pose in control["pose_ref"]]
@@ -44,6 +46,9 @@ def planned_recording(log: Log, posture_joint: int, period_s: float) -> Recordin
         points[arm]["beta"] = control["beta"]
         points[arm]["xi"] = sample["q"][:, posture_joint]
         points[arm]["dxi"] = sample["dq"][:, posture_joint]
+        R_world_base = points[arm]["rotation"][0] @ sample["O_T_EE"][0, :3, :3].T
+        felt[arm]["q"], felt[arm]["dq"] = sample["q"], sample["dq"]
+        felt[arm]["force"] = -sample["O_F_ext_hat_K"][:, :3] @ R_world_base.T
     modes = controls[0]["mode"]
     after = np.flatnonzero(modes == Mode.POST_IMPACT)
     impact = int(after[0]) if len(after) else 0
@@ -54,4 +59,5 @@ def planned_recording(log: Log, posture_joint: int, period_s: float) -> Recordin
         load = np.array(json.loads(metadata["load"]), dtype=float).reshape(2, 6)
     except (KeyError, ValueError) as error:
         raise ReferenceError(f"{log.path}: its record of the plan is damaged ({error}): plan it again") from None
-    return Recording(points, period_s, impact, release, metadata.get("object", ""), motion, load)
+    measured = felt if felt["force"].any() else None  # plans of older versions do not say what they exert
+    return Recording(points, period_s, impact, release, metadata.get("object", ""), motion, load, measured=measured)

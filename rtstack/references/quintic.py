@@ -11,11 +11,12 @@ Array = NDArray[np.floating]
 
 @dataclass(frozen=True, slots=True)
 class ViaPoint:
-    """A coordinate at a time: s, m, m/s. The acceleration there is zero."""
+    """A coordinate at a time: s, m, m/s, m/s^2."""
 
     t_s: float
     position: float
     velocity: float = 0.0
+    acceleration: float = 0.0
 
 
 def quintic_path(points: list[ViaPoint], t_s: Array) -> tuple[Array, Array]:
@@ -41,12 +42,13 @@ def quintic_motion(points: list[ViaPoint], t_s: Array) -> tuple[Array, Array, Ar
         x = (t_s[inside] - a.t_s) / duration
         distance = b.position - a.position
         v0, v1 = a.velocity * duration, b.velocity * duration
-        # coefficients of the quintic with zero acceleration at both ends
-        c3 = 10.0 * distance - 6.0 * v0 - 4.0 * v1
-        c4 = -15.0 * distance + 8.0 * v0 + 7.0 * v1
-        c5 = 6.0 * distance - 3.0 * v0 - 3.0 * v1
-        position[inside] = a.position + v0 * x + c3 * x**3 + c4 * x**4 + c5 * x**5
-        velocity[inside] = (v0 + 3 * c3 * x**2 + 4 * c4 * x**3 + 5 * c5 * x**4) / duration
-        acceleration[inside] = (6 * c3 * x + 12 * c4 * x**2 + 20 * c5 * x**3) / duration**2
+        a0, a1 = a.acceleration * duration**2, b.acceleration * duration**2
+        c2 = a0 / 2.0
+        c3 = 10.0 * distance - 6.0 * v0 - 4.0 * v1 - 1.5 * a0 + 0.5 * a1
+        c4 = -15.0 * distance + 8.0 * v0 + 7.0 * v1 + 1.5 * a0 - a1
+        c5 = 6.0 * distance - 3.0 * v0 - 3.0 * v1 - 0.5 * a0 + 0.5 * a1
+        position[inside] = a.position + v0 * x + c2 * x**2 + c3 * x**3 + c4 * x**4 + c5 * x**5
+        velocity[inside] = (v0 + 2 * c2 * x + 3 * c3 * x**2 + 4 * c4 * x**3 + 5 * c5 * x**4) / duration
+        acceleration[inside] = (2 * c2 + 6 * c3 * x + 12 * c4 * x**2 + 20 * c5 * x**3) / duration**2
     position[t_s >= points[-1].t_s] = points[-1].position
     return position, velocity, acceleration

@@ -13,7 +13,7 @@ from rtstack.control.tick import ArmController
 from rtstack.log.errors import LogError
 from rtstack.log.reader import Log, read_log
 from rtstack.references.acceptance import Acceptance, AcceptanceError, Verdict, load_acceptance
-from rtstack.references.impact import ExpectedImpact, demonstrated_impact
+from rtstack.references.impact import ExpectedImpact, demonstrated_impact, planned_impact
 from rtstack.references.motion import Motion
 from rtstack.samples import SIDES, Mode
 
@@ -24,7 +24,7 @@ MOVING = 1e-3  # m/s and rad/s: less is no motion of a hand
 WAITING_NS = 300_000_000  # of rest that is kept before the first motion: a scripted demonstration has as much
 
 
-# what was measured beside a point: joints rad, rad/s; force ON the pad, N along the world's axes
+# what was measured beside a point, or planned: joints rad, rad/s; force ON the pad, N along the world's axes
 MEASURED = np.dtype([("q", "f8", 7), ("dq", "f8", 7), ("force", "f8", 3)])
 
 
@@ -39,9 +39,9 @@ class Recording:
     points (2, n) of POINT: measured pose, twist and posture, and the wrench and posture acceleration that the
     operator's
     controller wanted; impact: index of the nominal impact T_r; release: index at which the operator let go. load (2, 6)
-    N, Nm: what the object asks of each arm from the nominal impact on, where that is known (a plan). detected: index of
+    N, Nm: by what each arm's feedforward steps at the nominal impact, where that is known (a plan). detected: index of
     the impact that was found, None without one; problem: why no reference can be made of it; measured (2, n) of
-    MEASURED, None for a recording that is no robot's.
+    MEASURED, None where nobody knows the joints; of a plan, what was planned.
     """
 
     points: NDArray
@@ -61,10 +61,16 @@ class Recording:
         return self.impact * self.period_s
 
     def expected_impact(self, excluded: int) -> ExpectedImpact | None:
-        """Return what the monitor is to expect; excluded: ticks after T_r in which velocities are no reference."""
-        if self.measured is None:
+        """Return what the monitor is to expect; excluded: ticks after T_r in which velocities are no reference.
+
+        None for a push: the monitor judges what both arms do to one object.
+        """
+        if self.measured is None or self.motion is not Motion.GRAB:
             return None
         m = self.measured
+        if self.load is not None:
+            height = self.points["position"][:, :, 2].mean(axis=0)
+            return planned_impact(m["q"], m["dq"], m["force"], height, self.impact, self.release, self.period_s)
         return demonstrated_impact(m["q"], m["dq"], m["force"], self.impact, self.release, excluded, self.period_s)
 
 

@@ -19,7 +19,7 @@ from rtstack.references.recording import Recording, ReferenceError
 class ExtendedReference:
     """ante and post: (2, n) of POINT, both arms, one point a tick from the start; nominal impact and release in s.
 
-    impact: what the monitor expects, None where nobody knows the joints.
+    impact: what the monitor expects, None where nobody knows the joints, or of a push. planned: nobody has shown it.
     """
 
     ante: NDArray
@@ -30,6 +30,7 @@ class ExtendedReference:
     object: str
     motion: Motion = Motion.GRAB
     impact: ExpectedImpact | None = None
+    planned: bool = False
 
     @property
     def ticks(self) -> int:
@@ -55,7 +56,10 @@ def spread(recording: Recording, a: int, p: int) -> ExtendedReference:
     """Return the references of which the ante-impact one is extended from tick a on, the post-impact one before p.
 
     A load that is known is in both from the nominal impact on: the interim mode need not blend it in, as in (23) of the
-    impact-map paper, and an object that has just been met is carried at once.
+    impact-map paper, and an object that has just been met is carried at once. Before it only what is pushed is a load,
+    from the moment at which its one pad meets it. What is grabbed rises when the second pad meets it, and where it is
+    out of its place that one is as late as the first is early: carried from the first on, a box of 2.2 kg 1 mm out of
+    its place had left the impact 2 % faster than it did in its place.
     """
     n = recording.points.shape[1]
     ante = recording.points.copy()
@@ -65,6 +69,8 @@ def spread(recording: Recording, a: int, p: int) -> ExtendedReference:
         _hold_velocity(post[arm], p, np.arange(p), recording.period_s)
         if recording.load is not None:
             ante[arm]["wrench_ff"][p:] += recording.load[arm]
+            if recording.motion is Motion.GRAB:
+                post[arm]["wrench_ff"][:p] -= recording.load[arm]
     return ExtendedReference(
         ante=ante,
         post=post,
@@ -74,6 +80,7 @@ def spread(recording: Recording, a: int, p: int) -> ExtendedReference:
         object=recording.object,
         motion=recording.motion,
         impact=recording.expected_impact(p - recording.impact),
+        planned=recording.load is not None,
     )
 
 

@@ -16,6 +16,7 @@ from rtstack.trials.errors import TrialError
 from rtstack.trials.friction import ArmFriction, FrictionFile, friction_toml, load_friction
 from rtstack.trials.record import open_log
 from rtstack.trials.specification import SweepSpecification
+from sim_robot.cell import SimulatedArm
 
 SPEEDS = np.linspace(-1.2, 1.2, 241)  # rad/s: what grabs and pushes use
 
@@ -52,7 +53,8 @@ def test_one_joint_of_the_simulated_robot_is_found_within_two_per_cent(cell):
     simulated = open_cell("direct", thing, 0.0, 0, noise_seed=7)
     try:
         run = Run(SweepSpecification(thing, 4, 0, 0))
-        assert identification.run(run, simulated, log=None) is None
+        assert identification.run(run, simulated) is None
+        assert isinstance(simulated.left, SimulatedArm)
         plant = simulated.left._cell.plant.joints.copy()
     finally:
         simulated.close()

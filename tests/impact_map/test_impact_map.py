@@ -1,8 +1,5 @@
 """Impacts whose outcome is known by hand, and the cases that have no answer or more than one."""
 
-import os
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -225,11 +222,6 @@ BAD = {
 }
 
 
-def rtstack(*arguments):
-    command = [sys.executable, "-m", "rtstack", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=280, env=os.environ)
-
-
 @pytest.mark.parametrize("good", BAD)
 def test_a_bad_scene_is_one_line(good, tmp_path):
     bad, problem = BAD[good]
@@ -245,10 +237,10 @@ def test_a_bad_scene_is_one_line(good, tmp_path):
     assert "\n" not in str(raised.value)
 
 
-def test_the_command_line_prints_maps_and_refuses_bad_input(tmp_path):
+def test_the_command_line_prints_maps_and_refuses_bad_input(tmp_path, command_line):
     import json
 
-    done = rtstack("impact-map", str(IMPACTS / "grab.toml"), "--reflected", "B", "--json")
+    done = command_line("impact-map", str(IMPACTS / "grab.toml"), "--reflected", "B", "--json")
     assert done.returncode == 0, done.stderr
     printed = json.loads(done.stdout)
     expected = impact_map(replace(GRAB, reflected=ReflectedInertia.B))
@@ -258,7 +250,7 @@ def test_the_command_line_prints_maps_and_refuses_bad_input(tmp_path):
     apart.write_text(
         (IMPACTS / "grab.toml").read_text().replace("position = [0.0, 0.0, 0.3]", "position = [0, 1, 0.3]")
     )
-    refused = rtstack("impact-map", str(apart))
+    refused = command_line("impact-map", str(apart))
     assert refused.returncode == 2
     assert refused.stdout == ""
     assert refused.stderr.count("\n") == 1

@@ -24,6 +24,8 @@ from rtstack.planning.feasibility import check_impact
         ({"posture": 1.2}, "left arm: no configuration .* joint 1"),
         ({"lift": 0.5}, r"left arm: the pad leaves the cell's box by 70 mm along z"),
         ({"squeeze": 5.0}, "squeeze 5 N: friction 0.9 does not hold rice_box"),
+        ({"lift_s": 0.4}, "lift_s 0.4 s: .* plan a slower one"),
+        ({"lift_s": 0.45, "steady_s": 0.5, "rise": 0.1}, "lift_s 0.45 s: .* steady_s, 0.6 s"),
         ({"rise": 0.5, "height": -0.04}, "no room to gather 0.5 m/s along z"),
     ],
 )

@@ -10,16 +10,19 @@ from rtstack.cli.app import app
 from rtstack.cli.cells import default_cell_file, open_cell
 from rtstack.configuration import ConfigurationError
 from rtstack.log.reader import read_log
+from rtstack.planning import GrabPlan, PushPlan
 from rtstack.planning.file import write_plan
 from rtstack.references.motion import Motion
 from rtstack.references.recording import ReferenceError
 from rtstack.references.source import load_reference
 from rtstack.trials.assembly import arm_controllers, default_parameters
+from rtstack.trials.company import Company
+from rtstack.trials.errors import TrialError
 from rtstack.trials.record import open_log
 from rtstack.trials.review import log_columns, review_log
-from rtstack.trials.run import prepare_trial, run_trial
 from rtstack.trials.scoring import SuccessCriterion, score
 from rtstack.trials.specification import Controller, TrialSpecification
+from rtstack.trials.trial import prepare_trial, run_trial
 
 
 @pytest.fixture(scope="session")
@@ -80,6 +83,7 @@ def test_a_push_succeeds_where_the_object_goes_with_the_pad(cell, files, tmp_pat
     assert result.success, result.failure_reason
     review = review_log(path)
     assert review.trial["motion"] == Motion.HIT_AND_PUSH
+    assert review.score is not None
     assert review.score.held
     columns = log_columns(read_log(path))
     place = columns.object["position"]
@@ -103,7 +107,7 @@ def _run(cell, path, thing, controller=Controller.PROPOSED, log=None):
         opened = open_log(log, specification, cell, "direct", default_cell_file(), reference=prepared.reference)
     simulated = open_cell("direct", thing, 0.0, 3)
     try:
-        return run_trial(prepared, simulated, log=opened)
+        return run_trial(prepared, simulated, Company(opened))
     finally:
         simulated.close()
 
@@ -114,14 +118,33 @@ def test_the_command_prints_one_object_and_writes_one_file(tmp_path, capsys):
     printed = json.loads(capsys.readouterr().out)
     assert printed["motion"] == "hit-and-push"
     assert printed["velocity_planned"]["left"][1] < -0.4
+    assert printed["monitor"] is None
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_the_help_says_what_an_option_is_by_default(capsys):
+    app(["plan", "--help"], standalone_mode=False)
+    options = " ".join(capsys.readouterr().out.split("Options:")[1].split()).split(" --")
+    said = {option.split()[0]: option.rsplit(": ", 1)[-1].rstrip(".") for option in options}
+    grab, push = GrabPlan(), PushPlan()
+    for key in ("rise", "posture", "squeeze", "lift", "lift_s", "carry", "post_impact_scale"):
+        assert said[key.replace("_", "-")] == f"{getattr(grab, key):g}"
+    assert said["travel"] == f"{push.travel:g}"
+    for key in ("speed", "height"):
+        assert said[key] == f"{getattr(grab, key):g}, of a push {getattr(push, key):g}"
+    assert said["inertia"] == grab.inertia.value
+
+
+def test_the_plan_of_another_object_is_not_followed(cell, files):
+    with pytest.raises(TrialError, match="the plan is for box_130, not for rice_box"):
+        prepare_trial(TrialSpecification(str(files / "push.mcap"), object="rice_box"), cell)
 
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
         (["--speed", "3"], "speed"),
-        (["--lift", "0.1", "--motion", "hit-and-push"], "--lift does not belong to a hit-and-push"),
+        (["--lift-s", "1", "--motion", "hit-and-push"], "--lift-s does not belong to a hit-and-push"),
         (["--travel", "0.1"], "--travel does not belong to a grab"),
         (["--object", "brick"], "unknown object 'brick'"),
         (["--cell", "nowhere.toml"], "nowhere.toml: cannot be read"),

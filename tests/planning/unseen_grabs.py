@@ -3,10 +3,34 @@
     .venv/bin/python tests/planning/unseen_grabs.py [--seeds 20] [--jobs 2] [--folder .unseen-grabs]
 
 Each seed draws speed, rise and height (RANGES) and is the trial's own seed; each is planned and run three times: as the
-impact map says, and with the velocities after the impact scaled by 0.8 and 1.2. Prints a table and says for the force
-norm (33) in the 200 ms around the impact, and for what feedback adds to the feedforward there, whether the plan as the
-map says has less. Goes on where it was ended. Exit status 1 where a grab as planned fails, or where the norm (33) is
-not lower than both wrong plans' (95 % interval of the paired difference); 130 after Ctrl-C.
+impact map says, and with a post-impact velocity that is 20 % too low and 20 % too high.
+
+What "the same plan with a 20 % wrong post-impact velocity" is, from the text of the impact-map paper:
+
+- What is wrong is the velocity v+ after the impact, in all its components (post_impact_scale): "5 different post-impact
+  references are evaluated, ranging from 80% to 120% of nominal post-impact velocity" (Section VI). Not the jump
+  v+ - v-: in a grab its component across the object only says that the pads stop at the object's faces, which the
+  paper counts on ("the post-impact velocities in x- and y-direction are nearly equal to zero", VI-B); a jump that is
+  20 % wrong would send the pads into the object, or away from it, which is another squeeze.
+- The plan is the same where all else is: the approach, the place (14) and the time of the impact, the squeeze, the
+  object's load, and each via point after those that carry v+, in place, time and velocity. A plan that is too slow
+  after the impact has to catch up on its way to the same height at the same time; it is no slower lift. The
+  `momentum_s` after the impact in which only the object's weight changes v+ belong to the prediction: to be back on the
+  right path at their end, a wrong plan would have to feed forward the correction of its own error, and would be wrong
+  for some ms only, while in the paper's Figure 6 "the velocity signals start to diverge from each other due to the
+  different post-impact references".
+- That the feedforward is the same in the 200 ms is not taken on trust: what it differs by is printed.
+
+What it leads to: "an inaccurate impact map will imply that the post-impact state of the system does not match the
+post-impact reference, which will result in a larger feedback effort" (V), as the velocity error steps where the
+reference does not jump as the arm does (I-A2 of the reference-spreading paper). The force norm of that paper, (33), is
+of feedback and feedforward together, while (28) leaves the feedforward out, "as they contain the predicted nominal
+control effort that is also present in case of a perfect impact map prediction". Both are printed. (33) is what is
+judged, both signs by themselves; it need not have its least value at the right velocity: feedback against the
+feedforward makes the sum smaller. Its part along the feedforward is printed too.
+
+Goes on where it was ended. Exit status 1 where a grab as planned fails, or where the norm (33) is not lower than both
+wrong plans' (95 % interval of the paired difference); 130 after Ctrl-C.
 """
 
 import argparse
@@ -14,7 +38,7 @@ import json
 import os
 import sys
 import tempfile
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
 from signal import SIG_IGN, SIGINT, signal
@@ -28,22 +52,25 @@ from rtstack.cli.cells import default_cell_file, open_cell
 from rtstack.model.cell_description import load_cell_description
 from rtstack.planning import GrabPlan, plan_grab
 from rtstack.planning.file import write_plan
+from rtstack.trials.company import Company
 from rtstack.trials.record import frames
-from rtstack.trials.run import prepare_trial, run_trial
 from rtstack.trials.scoring import FORCE_WINDOW_S
 from rtstack.trials.specification import TrialSpecification
+from rtstack.trials.trial import prepare_trial, run_trial
 
 OBJECT = "rice_box"
 SCALES = (1.0, 0.8, 1.2)
-FIRST_SEED = 7000  # nothing was tried out on these seeds
+# seeds from 18300 on were run while plans gave the weight at once, four of them when momentum first lifted; these never
+FIRST_SEED = 18400
 RANGES = {"speed": (0.25, 0.5), "rise": (0.2, 0.35), "height": (0.02, 0.045)}  # m/s, m/s, m
 HERE = Path(__file__).resolve().parent
 
 
 @dataclass(frozen=True, slots=True)
 class Grab:
-    """What came out of one. norm: mean of (33), feedback: of the same without the feedforward, N; vertical: mean
-    feedback of both pads upwards after the impact, N."""
+    """What came out of one. Means over the 200 ms, N: norm of (33), feedback of the same without the feedforward,
+    feedforward of the feedforward alone, along of the feedback's part along it. vertical: mean feedback of both pads
+    upwards after the impact, N."""
 
     seed: int
     scale: float
@@ -54,6 +81,8 @@ class Grab:
     reason: str | None
     norm: float
     feedback: float
+    feedforward: float
+    along: float
     vertical: float
     peak: float
 
@@ -69,7 +98,7 @@ def run(wanted: tuple[int, float]) -> Grab:
     seed, scale = wanted
     description = load_cell_description(default_cell_file())
     asked = drawn(seed)
-    planned = plan_grab(description, OBJECT, GrabPlan(**asked, post_impact_scale=scale))
+    planned = plan_grab(description, OBJECT, replace(GrabPlan(post_impact_scale=scale), **asked))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "plan.mcap"
         write_plan(path, planned, description, default_cell_file())
@@ -77,20 +106,23 @@ def run(wanted: tuple[int, float]) -> Grab:
         log = WholeRunLog(Path(folder) / "trial.mcap", {}, [], frames(description, OBJECT))
         cell = open_cell("direct", OBJECT, 0.0, seed)
         try:
-            result = run_trial(prepared, cell, log=log)
+            result = run_trial(prepared, cell, Company(log))
         finally:
             cell.close()
     assert log.columns is not None
     control = log.columns.control
     t_s = (control[0]["t_ns"] - control[0]["t_ns"][0]) * 1e-9 - result.nominal_impact_time_s
     window = np.abs(t_s) <= FORCE_WINDOW_S + 1e-9
-    feedback = control["wrench_desired"] - control["wrench_ff"]
+    known = control["wrench_ff"]
+    feedback = control["wrench_desired"] - known
+    feedforward = np.linalg.norm(known, axis=(0, 2))[window]
+    along = np.einsum("ank,ank->n", feedback, known)[window] / np.maximum(feedforward, 1e-9)
     norm = np.linalg.norm(feedback, axis=(0, 2))[window].mean()
     vertical = feedback[:, window & (t_s > 0.0), 2].mean()
     return Grab(
         seed, scale, **asked, success=result.success, reason=result.failure_reason,
-        norm=result.average_force_norm or np.nan, feedback=float(norm), vertical=float(vertical),
-        peak=result.peak_force_norm or np.nan,
+        norm=result.average_force_norm or np.nan, feedback=float(norm), feedforward=float(feedforward.mean()),
+        along=float(along.mean()), vertical=float(vertical), peak=result.peak_force_norm or np.nan,
     )  # fmt: skip
 
 
@@ -114,15 +146,20 @@ def report(grabs: list[Grab]) -> int:
     held = sum(of[seed, 1.0].success for seed in seeds)
     print(f"\ngrabs as planned that succeed: {held} of {len(seeds)}")
     bad = held < len(seeds)
-    for name, what, judged in (("norm", "force norm (33)", True), ("feedback", "feedback's share of it", False)):
+    for name, what in (
+        ("norm", "force norm (33)"),
+        ("feedback", "feedback's share of it"),
+        ("feedforward", "feedforward's share of it"),
+        ("along", "feedback along the feedforward"),
+    ):
+        value = {scale: np.array([getattr(of[seed, scale], name) for seed in seeds]) for scale in SCALES}
         for scale in SCALES[1:]:
-            more = np.array([getattr(of[seed, scale], name) - getattr(of[seed, 1.0], name) for seed in seeds])
+            more = value[scale] - value[1.0]
             half = stats.t.ppf(0.975, len(more) - 1) * more.std(ddof=1) / np.sqrt(len(more))
-            lower = more.mean() - half > 0.0
-            print(f"{what}: with x {scale} {more.mean():+.2f} N, 95 % within {more.mean() - half:+.2f} and "
-                  f"{more.mean() + half:+.2f}; more in {np.sum(more > 0)} of {len(more)} seeds: "
-                  f"{'lower as planned' if lower else 'NOT lower as planned'}")  # fmt: skip
-            bad |= judged and not lower
+            print(f"{what}, {value[1.0].mean():.2f} N as planned: with x {scale} {more.mean():+.2f} N, 95 % within "
+                  f"{more.mean() - half:+.2f} and {more.mean() + half:+.2f}; more in {np.sum(more > 0)} of "
+                  f"{len(more)} seeds")  # fmt: skip
+            bad |= name == "norm" and not more.mean() - half > 0.0
     return 1 if bad else 0
 
 

@@ -15,8 +15,8 @@ from rtstack.references.acceptance import (
 from rtstack.references.recording import ReferenceError
 from rtstack.trials.errors import TrialError
 from rtstack.trials.extraction import AROUND_S, extract
-from rtstack.trials.run import prepare_trial
 from rtstack.trials.specification import TrialSpecification
+from rtstack.trials.trial import prepare_trial
 
 
 @pytest.fixture
