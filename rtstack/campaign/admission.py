@@ -54,7 +54,10 @@ class Admission:
 
     def _look(self) -> list[str]:
         """Admit or refuse who is new; return the new refusals."""
-        workers = self._client.scheduler_info()["workers"]
+        # not scheduler_info(): between its question and its answer the client's own, without workers, may be put there
+        scheduler: Any = self._client.scheduler
+        answer: Any = self._client.sync(scheduler.identity, n_workers=-1)
+        workers = answer["workers"]
         self._known &= set(workers)
         lines = []
         for address in sorted(set(workers) - self._known):

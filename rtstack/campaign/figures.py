@@ -19,6 +19,7 @@ from rtstack.control.parameters import ControlParameters
 from rtstack.log.reader import read_log
 from rtstack.loop.history import Columns
 from rtstack.model.cell_description import CellDescription
+from rtstack.palette import MODE_STYLES
 from rtstack.references.recording import Recording
 from rtstack.references.spreading import ExtendedReference
 from rtstack.samples import Mode
@@ -26,9 +27,8 @@ from rtstack.trials.review import log_columns
 from rtstack.trials.scoring import FORCE_WINDOW_S
 from rtstack.trials.specification import Controller
 
-# Okabe and Ito's colours, safe for colour-blind eyes; the modes' are those of the console
-MODE_COLOURS = {Mode.ANTE_IMPACT: "#0072B2", Mode.INTERIM: "#E69F00", Mode.POST_IMPACT: "#009E73"}
-MODE_NAMES = {Mode.ANTE_IMPACT: "ante-impact", Mode.INTERIM: "interim", Mode.POST_IMPACT: "post-impact"}
+BANDS = (Mode.ANTE_IMPACT, Mode.INTERIM, Mode.POST_IMPACT)
+# Okabe and Ito's colours, safe for colour-blind eyes
 COLOURS = {
     Controller.NO_REFERENCE_SPREADING: "#D55E00",
     Controller.NO_VELOCITY_FEEDBACK: "#CC79A7",
@@ -105,10 +105,10 @@ def figure5(path: Path, recording: Recording, reference: ExtendedReference) -> N
         axis.axvline(0.0, color="#555555", linestyle="--", linewidth=0.9)
         axis.plot(t_ms[shown], recorded, color="#999999", label="recorded", linewidth=2.2)
         axis.plot(
-            t_ms[shown], ante, color=MODE_COLOURS[Mode.ANTE_IMPACT], linestyle="--", label="ante-impact reference"
+            t_ms[shown], ante, color=MODE_STYLES[Mode.ANTE_IMPACT].colour, linestyle="--", label="ante-impact reference"
         )
         axis.plot(
-            t_ms[shown], post, color=MODE_COLOURS[Mode.POST_IMPACT], linestyle="--", label="post-impact reference"
+            t_ms[shown], post, color=MODE_STYLES[Mode.POST_IMPACT].colour, linestyle="--", label="post-impact reference"
         )
         axis.set_xlabel("time from the impact $T_r$, ms")
         axis.set_title(label, loc="left", fontsize=9)
@@ -141,7 +141,7 @@ def figure8(
             _bands(axis, t_ms[shown], trial.columns.control[arm]["mode"][shown])
             for points, mode in ((reference.ante, Mode.ANTE_IMPACT), (reference.post, Mode.POST_IMPACT)):
                 values = sign * points[arm][name][near, 1]
-                axis.plot(reference_ms[near], values, color=MODE_COLOURS[mode], linestyle="--", linewidth=1.0)
+                axis.plot(reference_ms[near], values, color=MODE_STYLES[mode].colour, linestyle="--", linewidth=1.0)
             axis.plot(t_ms[shown], measured[shown], color="#222222")
             axis.axvline(0.0, color="#222222", linestyle=":", linewidth=0.9)
             if trial.detected_s is not None:
@@ -154,11 +154,17 @@ def figure8(
     handles = [
         Line2D([], [], color="#222222", label=f"{SIDE[arm]} pad (the one hit first)"),
         *(
-            Line2D([], [], color=MODE_COLOURS[m], linestyle="--", label=f"{MODE_NAMES[m]} reference, feedforward")
+            Line2D(
+                [],
+                [],
+                color=MODE_STYLES[m].colour,
+                linestyle="--",
+                label=f"{MODE_STYLES[m].word} reference, feedforward",
+            )
             for m in (Mode.ANTE_IMPACT, Mode.POST_IMPACT)
         ),
         Line2D([], [], color="#222222", linestyle=":", label="detected impact, nominal impact $T_r$"),
-        *(Patch(color=MODE_COLOURS[m], alpha=0.13, label=f"{MODE_NAMES[m]} mode") for m in MODE_COLOURS),
+        *(Patch(color=MODE_STYLES[m].colour, alpha=0.13, label=f"{MODE_STYLES[m].word} mode") for m in BANDS),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=8)
     save(figure, path)
@@ -168,8 +174,9 @@ def _bands(axis: Axes, t_ms: NDArray[np.float64], mode: NDArray[np.int64]) -> No
     """Shade the modes behind a plot."""
     edges = np.flatnonzero(np.diff(mode)) + 1
     for start, end in zip([0, *edges], [*edges, len(mode) - 1], strict=True):
-        colour = MODE_COLOURS.get(Mode(int(mode[start])))
-        if colour is not None and end > start:
+        shown = Mode(int(mode[start]))
+        if shown in BANDS and end > start:
+            colour = MODE_STYLES[shown].colour
             axis.axvspan(float(t_ms[start]), float(t_ms[end]), color=colour, alpha=0.13, linewidth=0, zorder=0)
 
 

@@ -18,6 +18,7 @@ from rtstack.trials.errors import TrialError
 from rtstack.trials.scoring import SuccessCriterion
 from rtstack.trials.specification import Controller
 
+GRAB_STUDY = "aim-aware-grab"  # a campaign without a plan of controllers: a study of the monitor
 Count = Annotated[int, Field(ge=1, le=1000)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
@@ -180,7 +181,7 @@ class PlanFile:
 
 
 def plan_names() -> list[str]:
-    """Return the campaigns that there are."""
+    """Return the campaigns that have a plan."""
     return sorted(
         Path(entry.name).stem for entry in files("deploy.campaigns").iterdir() if entry.name.endswith(".toml")
     )
@@ -192,7 +193,8 @@ def plan_file(name: str) -> PlanFile:
         path = Path(name).resolve()
         return PlanFile(path, _commit_of(path))
     if name not in plan_names():
-        raise TrialError(f"unknown campaign {name!r}: there are {', '.join(plan_names())}, or give the path of a .toml")
+        known = ", ".join(sorted([*plan_names(), GRAB_STUDY]))
+        raise TrialError(f"unknown campaign {name!r}: there are {known}, or give the path of a .toml")
     with as_file(files("deploy.campaigns") / f"{name}.toml") as path:
         return PlanFile(path, _commit_of(path))
 

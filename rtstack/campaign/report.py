@@ -1,15 +1,10 @@
 """The report of a campaign: PNG figures, CSV, and one HTML page that needs nothing else."""
 
-import base64
-import html
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
-
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
 
 from rtstack.campaign.archive import Archive
 from rtstack.campaign.beyond import COMPARED, Comparison, judge_beyond, summary
@@ -17,6 +12,7 @@ from rtstack.campaign.claims import Claim, judge_claims, millimetres, shown
 from rtstack.campaign.evaluation import ALL_NAMES, FIGURE11, NAMES, PAPER_TABLE2, TABLE2, Evaluation
 from rtstack.campaign.figures import figure5, figure8, figure10, figure11, logged_trial
 from rtstack.campaign.numbers import write_numbers
+from rtstack.campaign.page import FIGURES, PAGE, embedded, page_template
 from rtstack.campaign.plan import Experiment, Plan, PlanFile
 from rtstack.campaign.sensitivity import figure_sensitivity, outcomes
 from rtstack.campaign.store import Row, Store
@@ -26,11 +22,9 @@ from rtstack.control.parameters import CompletionParameters, ControlParameters
 from rtstack.model.cell_description import CellDescription
 from rtstack.references.recording import load_recording
 from rtstack.references.spreading import extend
-from rtstack.trials.assembly import arm_controllers, default_parameters
+from rtstack.trials.assembly import arm_controllers, cell_parameters
 from rtstack.trials.specification import Controller
 
-PAGE = "report.html"
-FIGURES = "figures"
 EXAMPLE_MM = -30.0  # the displacement of the paper's figures of single trials
 
 Chosen = Callable[[Experiment], list[Reference]]
@@ -83,11 +77,8 @@ def write_report(
         figure_sensitivity(folder / "sensitivity.png", evaluations)
     figures = _single_trials(rows, archive, folder, description)
     about = store.about()
-    environment = Environment(
-        loader=PackageLoader("rtstack.campaign", "pages"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    )
-    environment.globals["figure"] = lambda name, caption: embedded(folder / name, caption)
-    page = environment.get_template(PAGE).render(
+    page = page_template(PAGE, "rtstack.campaign").render(
+        figure=lambda name, caption: embedded(folder / name, caption),
         plan=plan, file=file, rows=rows, planned=plan.size(), parts=parts, figures=figures,
         headings=["success", "lift difference", *(heading for heading, *_ in SIDE_BY_SIDE)],
         overview=_overview(evaluations) if several else [], outcomes=outcomes(evaluations) if several else [],
@@ -182,7 +173,7 @@ def _single_trials(
         return []
     wanted = ("experiment", "conditions", "reference", "displacement_mm")
     same = [row for row in some if all(row[name] == example[name] for name in wanted)]
-    parameters = default_parameters()
+    parameters = cell_parameters(description)
     recording = load_recording(
         archive.file(f"{RECORDINGS}/{Reference.named(example['reference']).file}"),
         arm_controllers(description, parameters),
@@ -212,16 +203,6 @@ def _single_trials(
         figure10(folder / "beyond.png", pair, reference.nominal_impact_s)
         drawn.append(("beyond.png", f"Beyond the paper: desired force norm (33) with and without the detector, {of}."))
     return drawn
-
-
-def embedded(path: Path, caption: str) -> Markup:
-    """Return a figure as HTML that holds its picture."""
-    data = base64.b64encode(path.read_bytes()).decode()
-    text = html.escape(caption)
-    return Markup(
-        f'<figure><img alt="{text}" src="data:image/png;base64,{data}"><figcaption>{text} '
-        f"<code>{FIGURES}/{path.name}</code></figcaption></figure>"
-    )
 
 
 def _words(values: dict[str, Any]) -> str:

@@ -44,12 +44,33 @@ class Tally:
     trials: int = 0
     robot_s: float = 0.0
     wall_s: float = 0.0
+    began_s: float = 0.0
     failures: dict[str, str] = field(default_factory=dict)
 
     @property
     def real_time_factor(self) -> float:
         """Robot's seconds over seconds, logs included."""
         return self.robot_s / self.wall_s if self.wall_s > 0.0 else 0.0
+
+    def begin(self) -> None:
+        """Count the wall's time from now on."""
+        self.began_s = time.perf_counter()
+
+    def keep(self, futures: dict[Future, Any], store: Store, progress: Progress) -> None:
+        """Keep the row of each trial as it comes, and count it; one that could not be run, with its reason."""
+        for future in finished(futures):
+            trial = futures.pop(future)
+            if future.status != "finished":
+                self.failures[trial.id] = reason_of(future)
+                progress.advance(0.0)
+                continue
+            row = future.result()
+            store.add(row)
+            robot_s = row["ticks"] * 1e-3
+            self.trials += 1
+            self.robot_s += robot_s
+            self.wall_s = time.perf_counter() - self.began_s
+            progress.advance(robot_s)
 
 
 class Runner:
@@ -64,13 +85,12 @@ class Runner:
         self._client = client
         self._progress = progress
         self._description = description
-        self._began_s = 0.0
         self.tally = Tally()
 
     def run(self) -> None:
         """Record, run, keep. Raises TrialError for a reference that cannot be recorded."""
         self._record()
-        self._began_s = time.perf_counter()
+        self.tally.begin()
         done = {row["id"] for row in self._store.rows()}
         self._progress.begin("trials", len(done), self._plan.size())
         logs = self._bench.archive.names(LOGS)
@@ -122,21 +142,7 @@ class Runner:
             key = f"{trial.id}-{self._plan.digest}-{time.time_ns()}"
             submitted = self._client.submit(run, self._bench, trial, conditions, key=key, retries=RETRIES, pure=False)
             futures[submitted] = trial
-        for future in finished(futures):
-            trial = futures.pop(future)
-            if future.status != "finished":
-                self.tally.failures[trial.id] = reason_of(future)
-                self._progress.advance(0.0)
-                continue
-            self._keep(future.result())
-
-    def _keep(self, row: Row) -> None:
-        self._store.add(row)
-        robot_s = row["ticks"] * 1e-3
-        self.tally.trials += 1
-        self.tally.robot_s += robot_s
-        self.tally.wall_s = time.perf_counter() - self._began_s
-        self._progress.advance(robot_s)
+        self.tally.keep(futures, self._store, self._progress)
 
     def _adopt(self, trial: Trial, logs: set[str]) -> bool:
         """Take the result of a trial that was run, and logged, before the program was killed. logs: those there are."""

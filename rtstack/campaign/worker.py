@@ -21,12 +21,14 @@ from rtstack.campaign.trial import Reference, Trial
 from rtstack.campaign.trial_log import WholeRunLog
 from rtstack.log.job import Attachment
 from rtstack.model.cell_description import CellDescription, load_cell_description
+from rtstack.trials.company import Company
+from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.provenance import git_commit
 from rtstack.trials.record import frames, trial_metadata
 from rtstack.trials.result import TrialResult
-from rtstack.trials.run import PreparedTrial, prepare_trial, run_demonstration, run_trial
 from rtstack.trials.scoring import SuccessCriterion
 from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
+from rtstack.trials.trial import PreparedTrial, prepare_trial, run_trial
 
 CELL = "direct"
 RECORDINGS = "references"
@@ -110,7 +112,7 @@ def record(bench: Bench, reference: Reference, conditions: Conditions, seed: int
         )  # fmt: skip
         cell = bench.open_cell(reference.object, 0.0, seed, conditions)
         try:
-            return run_demonstration(specification, description, cell, log=log).failure_reason
+            return run_demonstration(specification, description, cell, Company(log)).failure_reason
         finally:
             cell.close()
 
@@ -135,7 +137,7 @@ def run(bench: Bench, trial: Trial, conditions: Conditions) -> Row:
         )  # fmt: skip
         cell = bench.open_cell(trial.object, trial.displacement_mm * 1e-3, trial.seed, conditions)
         try:
-            result = run_trial(prepared, cell, log=log, criterion=bench.criterion)
+            result = run_trial(prepared, cell, Company(log), criterion=bench.criterion)
         finally:
             cell.close()
         if log.columns is None or not path.exists():

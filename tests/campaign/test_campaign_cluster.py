@@ -1,13 +1,17 @@
 """Workers of other machines: which of them get trials, where logs go, and what a campaign makes of losing some."""
 
 import contextlib
+import logging
 import subprocess
 import sys
+import threading
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from distributed import Client, LocalCluster
 
+from rtstack.campaign.admission import Admission
 from rtstack.campaign.archive import Archive
 from rtstack.campaign.version import present
 from rtstack.trials.errors import TrialError
@@ -27,6 +31,34 @@ def test_one_worker_killed_one_cut_off_and_one_of_another_version(command, finis
     *_, refusal, same = done.stdout.splitlines()
     assert refusal.endswith("has rtstack 0.0.9 instead of 0.1.0: it gets no trials")
     assert same == "the same 5 rows and report, 5 logs at s3://campaigns"
+
+
+def test_who_was_looked_at_is_known_whatever_the_client_asks_for_itself():
+    """The client's own looks at the scheduler, every two seconds, leave the workers out; here they never end."""
+    quiet = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
+    with (
+        LocalCluster(
+            n_workers=1, threads_per_worker=1, processes=False, silence_logs=logging.CRITICAL, scheduler_kwargs=quiet
+        ) as cluster,
+        Client(cluster) as client,
+    ):
+        ending = threading.Event()
+
+        def ask():
+            while not ending.is_set():
+                client.sync(client._update_scheduler_info)
+
+        asking = threading.Thread(target=ask)
+        admission = Admission(client)
+        asking.start()
+        try:
+            for _ in range(100):
+                assert admission._look() == []
+                assert admission._known
+        finally:
+            ending.set()
+            asking.join()
+        assert admission.slots == 1
 
 
 def test_a_version_says_what_is_other():

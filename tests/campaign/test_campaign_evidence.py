@@ -17,9 +17,10 @@ from rtstack.cli.cells import default_cell_file
 from rtstack.log.reader import read_log
 from rtstack.loop.end import End
 from rtstack.samples import TOPICS, Mode
+from rtstack.trials.company import Company
 from rtstack.trials.record import frames, open_log
-from rtstack.trials.run import prepare_trial, run_trial
 from rtstack.trials.specification import Controller, TrialSpecification
+from rtstack.trials.trial import prepare_trial, run_trial
 
 
 @pytest.fixture
@@ -75,7 +76,7 @@ def test_the_log_is_the_one_that_the_log_process_writes(finished, command, cell,
     opened = open_conditioned_cell(
         row["object"], 1e-3 * specification.displacement_mm, specification.seed, plan.conditions["nominal"]
     )
-    assert run_trial(prepared, opened, log=log, criterion=plan.criterion).success
+    assert run_trial(prepared, opened, Company(log), criterion=plan.criterion).success
     opened.close()
     theirs, ours = read_log(path), read_log(finished.out / row["log"])
     assert ours.topics == theirs.topics
@@ -97,7 +98,7 @@ def test_a_trial_that_the_judge_ends_leaves_its_evidence_in_the_log(finished, ce
         specification.object, 0.0, 1, load_plan(plan_file("reference-spreading").path).conditions["nominal"]
     )
     try:
-        assert not run_trial(prepared, opened, log=log).success
+        assert not run_trial(prepared, opened, Company(log)).success
     finally:
         opened.close()
     left = read_log(log.path)

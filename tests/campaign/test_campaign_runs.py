@@ -137,8 +137,8 @@ def test_bad_input_is_one_line_and_writes_nothing(command, tmp_path, monkeypatch
     assert not out.exists()
 
 
-def test_a_folder_with_results_is_not_begun_again(command, finished):
-    again = command.run(finished.out)
+def test_a_folder_with_results_is_not_begun_again(command, finished, command_line):
+    again = command_line("campaign", command.plan, "--out", finished.out)
     assert again.returncode == 2
     (line,) = again.stderr.splitlines()
     assert "go on with --resume" in line

@@ -189,5 +189,3 @@ def test_the_sample_is_run_and_reported_beside_the_papers_numbers(tmp_path, run)
     assert "http" not in page
     for said in ("Table 2", "0.12 rad", "Figure 8(b)", "Asymmetry"):
         assert said in page
-    again = subprocess.run([*command, "--out", str(out), "--resume"], capture_output=True, text=True, timeout=120)
-    assert again.returncode == 0, again.stderr

@@ -52,7 +52,9 @@ def ended():
         process.communicate()
 
 
-def test_interrupted_resumed_and_robbed_of_a_worker_it_gives_what_one_process_gives(tmp_path, study_run, ended):
+def test_interrupted_resumed_and_robbed_of_a_worker_it_gives_what_one_process_gives(
+    tmp_path, study_run, ended, command_line
+):
     out = tmp_path / "out"
     process = _start(out)
     ended.append(process)
@@ -88,6 +90,6 @@ def test_interrupted_resumed_and_robbed_of_a_worker_it_gives_what_one_process_gi
     assert "http" not in page
     assert (out / "signals.npz").exists()
 
-    again = subprocess.run([*RTSTACK, "--out", str(out)], capture_output=True, text=True, timeout=PATIENCE_S)
+    again = command_line(*RTSTACK[3:], "--out", out)
     assert again.returncode == 2
     assert "go on with --resume" in again.stderr

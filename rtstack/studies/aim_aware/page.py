@@ -5,12 +5,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
-from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from rtstack.campaign.claims import Claim
+from rtstack.campaign.page import PAGE, page_template
 from rtstack.campaign.plan import PlanFile
-from rtstack.campaign.report import PAGE
 from rtstack.campaign.store import Row, Store
 from rtstack.studies.aim_aware.bands import bands
 from rtstack.studies.aim_aware.claims import band_words, edge_words, side_words
@@ -48,11 +47,7 @@ def write_page(
     every: Sequence[Row], unseen: Sequence[Row], **more: Any,
 ) -> Path:  # fmt: skip
     """Write report.html from the template. unseen: rows that the tuning has not seen. Returns its path."""
-    environment = Environment(
-        loader=ChoiceLoader([PackageLoader(f"rtstack.{name}", "pages") for name in ("studies.aim_aware", "campaign")]),
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True,
-    )  # fmt: skip
-    page = environment.get_template(template).render(
+    page = page_template(template, "rtstack.studies.aim_aware").render(
         run=run, study=run.study, file=file, planned=run.grid.size(), rows=every, unseen=len(unseen), claims=claims,
         verdicts=Counter(str(claim.verdict) for claim in claims), figures=figures,
         bands=_band_lines(run.study.tunings, every, unseen) if unseen else [],

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from rtstack.campaign.page import FIGURES, embedded
 from rtstack.campaign.plan import PlanFile
-from rtstack.campaign.report import FIGURES, embedded
 from rtstack.campaign.store import Store
 from rtstack.studies.aim_aware.bands import Bands, bands
 from rtstack.studies.aim_aware.claims import judge

@@ -1,17 +1,16 @@
 """What the planar study consists of, from its file in deploy/campaigns, and the tuning that was found for it."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
-from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from rtstack.configuration import STRICT, ConfigurationError, load_toml
+from rtstack.configuration import STRICT
 from rtstack.monitor.parameters import MonitorParameters
-from rtstack.studies.aim_aware.grid import Case, Column, Found, Grid, monitors_of
+from rtstack.studies.aim_aware.grid import Case, Column, Found, monitors_of
+from rtstack.studies.aim_aware.outline import Outline, Portion, load_outline
 from rtstack.studies.aim_aware.tuned import tuned_for
-from rtstack.studies.planar.parameters import Contact, Gains, NotNegative, PlanarArm, Positive, Task
+from rtstack.studies.planar.parameters import Contact, Gains, NotNegative, PlanarArm, Positive
 
 STUDY = "aim_aware_planar"
 COMMAND = "python -m rtstack.studies.aim_aware.tuning"
@@ -48,50 +47,23 @@ class Tuned:
 
 
 @checked(frozen=True, slots=True, config=STRICT)
-class Study:
-    """The study as its file has it. digest: of study and tuning, on which every result depends."""
+class Study(Outline):
+    """The study as its file has it."""
 
-    study: str
-    name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]*$")]
-    title: str
     arm: PlanarArm
     contact: Contact
-    task: Task
     gains: Gains
-    grid: Grid
-    quick: Grid
-    coarse: Grid
     tuning: Search
     tunings: dict[str, PlanarColumn]
 
     def check(self, path: Path) -> None:
         """Raise ConfigurationError where the parts do not fit together."""
-        points = set(self.grid.cases())
-        for name in ("quick", "coarse"):
-            strange = next((case.id for case in getattr(self, name).cases() if case not in points), None)
-            if strange:
-                raise ConfigurationError(f"{path}: key {name}: {strange} is no point of the grid")
+        self.check_points(path, "quick", "coarse")
 
 
 @dataclass(frozen=True, slots=True)
-class StudyRun:
-    """A study with its tuning, and how much of it is to be run. name, quick, digest: whose results a folder has."""
-
-    study: Study
-    tuned: Tuned
-    quick: bool
-    digest: str
-    sources: tuple[Path, ...] = field(default=())
-
-    @property
-    def name(self) -> str:
-        """Name of the campaign."""
-        return self.study.name
-
-    @property
-    def grid(self) -> Grid:
-        """What is run."""
-        return self.study.quick if self.quick else self.study.grid
+class StudyRun(Portion[Study, Tuned]):
+    """The study, or a sample of it."""
 
     def monitors(self) -> dict[str, MonitorParameters]:
         """Return the three tunings by name, and with the prefix paper_ those of Table 1 to the letter."""
@@ -105,15 +77,11 @@ class StudyRun:
 
 def load_study(path: Path) -> Study:
     """Read and check a study. Raises ConfigurationError with one line."""
-    study = load_toml(path, Study)
-    if study.study != STUDY:
-        raise ConfigurationError(f"{path}: key study: there is {STUDY!r}, not {study.study!r}")
-    study.check(path)
-    return study
+    return load_outline(path, Study, STUDY)
 
 
 def load_run(path: Path, quick: bool) -> StudyRun:
     """Read a study with the tuning that was found for it. Raises ConfigurationError with one line."""
     study = load_study(path)
     tuned, digest = tuned_for(path, study.name, Tuned, f"{COMMAND} {path}")
-    return StudyRun(study, tuned, quick, digest, (path,))
+    return StudyRun(study, tuned, quick, digest)

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
-from rtstack.campaign.report import FIGURES, PAGE, embedded
+from rtstack.campaign.page import FIGURES, PAGE, embedded, page_template
 from rtstack.campaign.statistics import Interval, proportion
 from rtstack.studies.grab.cases import FURTHER, TRUE_KIND, FaultKind
 from rtstack.studies.grab.figures import figure_delays
@@ -121,7 +120,7 @@ def table(summary: Summary) -> str:
     """Return the summary as lines for a terminal."""
     lines = [f"{'':20}{'trials':>7}{'right':>7}{'kind':>6}  ms to the verdict: median, 95 %, largest"]
     for line in summary.lines:
-        delay = "-" if line.delay_ms is None else ", ".join(f"{x:.0f}" for x in line.delay_ms)
+        delay = "-" if line.delay_ms is None else ", ".join(f"{x:z.0f}" for x in line.delay_ms)
         lines.append(f"{line.name:20}{line.trials:7}{line.right:7}{line.classified:6}  {delay}")
     lines.append(f"faults found: {_share(summary.found)} (wanted: at least 99 %)")
     lines.append(f"false alarms: {_share(summary.false_alarms)} (wanted: at most 1 %)")
@@ -144,11 +143,7 @@ def write_report(out: Path, findings: Sequence[Finding], about: About) -> dict[s
     (out / FIGURES).mkdir(exist_ok=True)
     figure = out / FIGURES / "delays.png"
     figure_delays(figure, findings, list(about.tunings))
-    environment = Environment(
-        loader=ChoiceLoader([PackageLoader(f"rtstack.{name}", "pages") for name in ("studies.grab", "campaign")]),
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True,
-    )  # fmt: skip
-    page = environment.get_template(PAGE).render(
+    page = page_template(PAGE, "rtstack.studies.grab").render(
         about=about, summaries=summaries, trials=len(findings), share=_share, figure=embedded(figure, CAPTION),
         commits=sorted({finding.commit for finding in findings}), wanted=(WANTED_FOUND, WANTED_FALSE),
         columns=[NOTHING, "none", *map(str, Unexpected)],

@@ -14,8 +14,8 @@ from rtstack.model.cell_description import load_cell_description
 from rtstack.monitor.pair import PairParameters
 from rtstack.studies.grab.cases import Case, FaultKind, Faults
 from rtstack.trials.provenance import git_commit
-from rtstack.trials.run import PreparedTrial, prepare_trial, run_trial
 from rtstack.trials.specification import TrialSpecification
+from rtstack.trials.trial import PreparedTrial, prepare_trial, run_trial
 
 # object, displacement m, seed, conditions, what goes wrong, by how many mm the object is too wide -> cell
 OpenFaultyCell = Callable[[str, float, int, Conditions, Sequence[dict[str, Any]], float], Cell]
@@ -99,7 +99,7 @@ def run_case(bed: Bed, case: Case) -> Finding:
         case.wider_mm(bed.faults),
     )  # fmt: skip
     try:
-        result = run_trial(prepared, cell, log=None, criterion=bed.bench.criterion)
+        result = run_trial(prepared, cell, criterion=bed.bench.criterion)
     finally:
         cell.close()
     nominal_s = result.nominal_impact_time_s

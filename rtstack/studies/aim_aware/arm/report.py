@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from rtstack.campaign.page import FIGURES, embedded
 from rtstack.campaign.plan import PlanFile
-from rtstack.campaign.report import FIGURES, embedded
 from rtstack.campaign.statistics import proportion
 from rtstack.campaign.store import Row, Store
 from rtstack.studies.aim_aware.arm.claims import difference_deg, judge

@@ -8,12 +8,13 @@ from typing import Annotated
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from rtstack.configuration import STRICT, ConfigurationError, load_toml
+from rtstack.configuration import STRICT, ConfigurationError
 from rtstack.model.cell_description import ArmMounting, Pad
 from rtstack.monitor.parameters import MonitorParameters
-from rtstack.studies.aim_aware.grid import Case, Column, Found, Grid, monitors_of
+from rtstack.studies.aim_aware.grid import Case, Column, Found, monitors_of
+from rtstack.studies.aim_aware.outline import Outline, Portion, load_outline
 from rtstack.studies.aim_aware.tuned import tuned_for
-from rtstack.studies.planar.parameters import NotNegative, Positive, Real, Task
+from rtstack.studies.planar.parameters import NotNegative, Positive, Real
 from rtstack.studies.platform.hit import HitGains, Hitter
 from rtstack.studies.platform.setup import OpenCell, Setup
 
@@ -85,21 +86,14 @@ class ArmTuned:
 
 
 @checked(frozen=True, slots=True, config=STRICT)
-class ArmStudy:
+class ArmStudy(Outline):
     """The study as its file has it: the arm as its user knows it, not what the plant is."""
 
-    study: str
-    name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]*$")]
-    title: str
     seed: Annotated[int, Field(ge=0)]
     mounting: ArmMounting
     pad: Pad
-    task: Task
     gains: HitGains
     setup: Setup
-    grid: Grid
-    quick: Grid
-    coarse: Grid
     tuning: ArmSearch
     claims: Thresholds
     tunings: dict[str, ArmColumn]
@@ -111,34 +105,17 @@ class ArmStudy:
 
     def check(self, path: Path) -> None:
         """Raise ConfigurationError where the parts do not fit together."""
-        points = set(self.grid.cases())
-        strange = next((case.id for case in self.quick.cases() if case not in points), None)
-        if strange:
-            raise ConfigurationError(f"{path}: key quick: {strange} is no point of the grid")
+        self.check_points(path, "quick")
         both = set(self.grid.approach_deg.values()) & set(self.coarse.approach_deg.values())
         if both:
             raise ConfigurationError(f"{path}: key coarse: {min(both):g} deg is an approach that the report judges")
 
 
 @dataclass(frozen=True, slots=True)
-class ArmRun:
-    """A study with its tuning and the cell that it is run on. name, quick, digest: whose results a folder has."""
+class ArmRun(Portion[ArmStudy, ArmTuned]):
+    """The study, or a sample of it, and the cell that it is run on."""
 
-    study: ArmStudy
-    tuned: ArmTuned
     open_cell: OpenCell
-    quick: bool
-    digest: str
-
-    @property
-    def name(self) -> str:
-        """Name of the campaign."""
-        return self.study.name
-
-    @property
-    def grid(self) -> Grid:
-        """What is run."""
-        return self.study.quick if self.quick else self.study.grid
 
     @property
     def columns(self) -> dict[str, ArmColumn]:
@@ -157,11 +134,7 @@ class ArmRun:
 
 def load_arm_study(path: Path) -> ArmStudy:
     """Read and check a study. Raises ConfigurationError with one line."""
-    study = load_toml(path, ArmStudy)
-    if study.study != STUDY:
-        raise ConfigurationError(f"{path}: key study: there is {STUDY!r}, not {study.study!r}")
-    study.check(path)
-    return study
+    return load_outline(path, ArmStudy, STUDY)
 
 
 def load_arm_run(path: Path, quick: bool, open_cell: OpenCell, plant_files: Sequence[Path]) -> ArmRun:
@@ -171,4 +144,4 @@ def load_arm_run(path: Path, quick: bool, open_cell: OpenCell, plant_files: Sequ
     missing = [f"{deg:g}" for deg in study.grid.approach_deg.values() if f"{deg:g}" not in tuned.learned]
     if missing:
         raise ConfigurationError(f"{path}: no velocity was learned for {missing[0]} deg: run `{COMMAND} {path}` again")
-    return ArmRun(study, tuned, open_cell, quick, digest)
+    return ArmRun(study, tuned, quick, digest, open_cell)
