@@ -8,13 +8,16 @@ input. Prints one line on standard output once it answers: the address with the 
 
 import argparse
 import asyncio
+import gc
 import os
 import socket
 import sys
-from contextlib import ExitStack
+import warnings
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import uvicorn
+from pydantic.warnings import UnsupportedFieldAttributeWarning
 
 from console.app import create_app
 from console.campaigns.campaigns import Campaigns
@@ -70,6 +73,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--listener", type=int, required=True, help="file descriptor of the listening socket")
     parser.add_argument("--alone", action="store_true", help="without a supervisor: a service of its own")
     asked = parser.parse_args(arguments)
+    # FastAPI hides it while it builds a model, but in whatever thread; two at once let it out
+    warnings.filterwarnings("ignore", category=UnsupportedFieldAttributeWarning)
 
     ready = os.dup(sys.stdout.fileno())
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what libraries print is for the terminal, not the supervisor
@@ -83,6 +88,8 @@ def main(arguments: list[str] | None = None) -> int:
             print(f"console: {error}", file=sys.stderr)
             return 2
         config = server_settings(create_app(parts, port))
+        gc.collect()
+        gc.freeze()  # what is there by now stays: to go through all of it again would hold up a hand's signs of life
         server = _Server(config, f"http://127.0.0.1:{port}/?token={parts.sign_in.token}", ready)
         if not asked.alone:
             hold_lifeline(lambda: setattr(server, "should_exit", True))
@@ -91,35 +98,25 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _parts(asked: argparse.Namespace, port: int, stack: ExitStack) -> Parts:
-    audit = AuditTrail(asked.logs / FILE_NAME)
-    stack.callback(audit.close)
+    audit = stack.enter_context(closing(AuditTrail(asked.logs / FILE_NAME)))
     cell = described_as(load_cell_description(asked.cell), asked.kind)
-    mailbox = Mailbox.attach(f"{asked.name}-mailbox")
-    stack.callback(mailbox.close)
+    mailbox = stack.enter_context(closing(Mailbox.attach(f"{asked.name}-mailbox")))
     rings = Rings.attach(asked.rings)
     socket_path = asked.run / SOCKET_NAME
-    client = RobotClient(socket_path)
-    stack.callback(client.close)
+    client = stack.enter_context(closing(RobotClient(socket_path)))
     presence = Presence()
-    watch = Watch(rings, RobotClient(socket_path, STATUS_TIMEOUT_S), presence, cell)
-    stack.callback(watch.close)
+    watch = stack.enter_context(closing(Watch(rings, RobotClient(socket_path, STATUS_TIMEOUT_S), presence, cell)))
     watch.start()
     hand = Hand(mailbox, watch)
-    scenes = Scenes(cell, watch, hand)
-    stack.callback(scenes.close)
-    review_cache = ReviewCache(asked.logs)
-    stack.callback(review_cache.close)
-    review_scenes = ReviewScenes(cell)
-    stack.callback(review_scenes.close)
+    scenes = stack.enter_context(closing(Scenes(cell, watch, hand)))
+    review_cache = stack.enter_context(closing(ReviewCache(asked.logs)))
+    review_scenes = stack.enter_context(closing(ReviewScenes(cell)))
     catalogue = Catalogue(asked.logs)
     queue = Queue(asked.logs / QUEUE_FILE)
-    queue_client = RobotClient(socket_path, STATUS_TIMEOUT_S)
-    stack.callback(queue_client.close)
-    runner = QueueRunner(queue, queue_client, catalogue, watch.learn)
-    stack.callback(runner.close)
+    queue_client = stack.enter_context(closing(RobotClient(socket_path, STATUS_TIMEOUT_S)))
+    runner = stack.enter_context(closing(QueueRunner(queue, queue_client, catalogue, watch.learn)))
     runner.start()
-    campaigns = Campaigns(asked.logs)
-    stack.callback(campaigns.close)
+    campaigns = stack.enter_context(closing(Campaigns(asked.logs)))
     return Parts(
         sign_in=SignIn(port, Tokens(asked.logs), audit),
         audit=audit,

@@ -8,6 +8,7 @@ from pathlib import Path
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
+from fastapi.routing import APIRoute
 from fastapi.staticfiles import StaticFiles
 from starlette.exceptions import HTTPException
 
@@ -17,7 +18,7 @@ from console.guard import Guard
 from console.parts import Parts
 from console.presence import heartbeat
 from console.queue.file import QueueFileError
-from console.queue.queue import QueueRefused
+from console.queue.queue import NoSuchEntry, QueueRefused
 from console.review.columns import ColumnsGone
 from console.review.logs import NotReviewable
 from console.routes import (
@@ -79,7 +80,8 @@ def create_app(parts: Parts, port: int) -> FastAPI:
     app.add_exception_handler(NameTaken, _refused)
     app.add_exception_handler(QueueRefused, _refused)
     app.add_exception_handler(CampaignRefused, _refused)
-    app.add_exception_handler(NoCampaign, _no_campaign)
+    app.add_exception_handler(NoCampaign, _not_there)
+    app.add_exception_handler(NoSuchEntry, _not_there)
     app.add_exception_handler(QueueFileError, _log_error)
     app.add_exception_handler(RobotUnreachable, _unreachable)
     app.add_exception_handler(LogError, _log_error)
@@ -90,12 +92,21 @@ def create_app(parts: Parts, port: int) -> FastAPI:
     return app
 
 
+def _methods(path: str) -> set[str]:
+    """Return all methods that a path takes: several routes may share it, and the first one knows its own only."""
+    routes = [route for module in _ROUTES for route in module.router.routes if isinstance(route, APIRoute)]
+    return {method for route in routes if route.path_regex.match(path) for method in route.methods or ()}
+
+
 def _line(status: int, text: str, headers: Mapping[str, str] | None = None) -> JSONResponse:
     return JSONResponse({"error": text}, status_code=status, headers=headers)
 
 
-def _http_error(_: Request, error: Exception) -> JSONResponse:
+def _http_error(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, HTTPException)
+    methods = ", ".join(sorted(_methods(request.url.path))) if error.status_code == 405 else ""
+    if methods:
+        return _line(405, f"{request.method} is not for this address; it takes {methods}", {"allow": methods})
     return _line(error.status_code, str(error.detail), error.headers)
 
 
@@ -103,7 +114,7 @@ def _bad_request(_: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, RequestValidationError)
     first = error.errors()[0]
     key = ".".join(str(part) for part in first["loc"] if part != "body") or "the request"
-    return _line(422, f"{key}: {first['msg']}")
+    return _line(422, " ".join(f"{key}: {first['msg']}".split()))
 
 
 def _refused(_: Request, error: Exception) -> JSONResponse:
@@ -118,7 +129,7 @@ def _log_error(_: Request, error: Exception) -> JSONResponse:
     return _line(500, str(error))
 
 
-def _no_campaign(_: Request, error: Exception) -> JSONResponse:
+def _not_there(_: Request, error: Exception) -> JSONResponse:
     return _line(404, str(error))
 
 

@@ -18,10 +18,10 @@ OPENAPI_PATH = "/api/openapi.json"
 _TEXT = f"""\
 The operator's console as programs see it. The page uses nothing else.
 
-Bring a token as `Authorization: Bearer TOKEN`; `rtstack token create` makes one. A browser has a session cookie
-instead, and repeats the session's word in `{CSRF_HEADER}` with every change. Whoever wants to move the arms takes
-control (`/api/take`), arms (`/api/arm`), and gives a sign of life at least every second (`/api/beat`, or the message
-`beat` on `/live`). Everything that is refused is answered with one line, `error`. A body has at most
+Bring a token as `Authorization: Bearer TOKEN`; `rtstack token create` or the page Access makes one. A browser has a
+session cookie instead, and repeats the session's word in `{CSRF_HEADER}` with every change. Whoever wants to move the
+arms takes control (`/api/take`), arms (`/api/arm`), and gives a sign of life at least every second (`/api/beat`, or the
+message `beat` on `/live`). Everything that is refused is answered with one line, `error`. A body has at most
 {MAX_BODY_BYTES >> 10} KiB.
 
 Streams, which OpenAPI has no words for (WebSockets, with the same token or cookie):

@@ -19,6 +19,7 @@ from console.tokens import Scope as Right
 
 CSRF_HEADER = "x-csrf-token"
 MAX_BODY_BYTES = 256 << 10  # orders are a few hundred bytes, and nothing is uploaded
+_HTTP_PORT = 80  # which browsers leave out
 _SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 _FOR_VIEWERS = ("/api/stop", "/api/sign-out")  # changes that somebody who may only look may ask for
 _STREAMS_FOR_VIEWERS = ("/live", "/viser/", "/api/logs/")
@@ -46,7 +47,8 @@ class Guard:
     def __init__(self, app: ASGIApp, sign_in: SignIn, port: int) -> None:
         self._app = app
         self._sign_in = sign_in
-        self._hosts = frozenset({f"127.0.0.1:{port}", f"localhost:{port}"})
+        names = ("127.0.0.1", "localhost")
+        self._hosts = frozenset({f"{name}:{port}" for name in names} | set(names if port == _HTTP_PORT else ()))
         self._origins = frozenset(f"http://{host}" for host in self._hosts)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -61,13 +63,17 @@ class Guard:
         else:
             kind, _, word = bearer.partition(" ")
             session = self._sign_in.program(word.strip()) if kind.lower() == "bearer" else None
+        if scope["type"] == "websocket" and scope["path"].startswith(FEED_PREFIX):
+            # Foxglove has no cookie and an origin of its own: the word in the address lets it in, to watch only
+            session = self._sign_in.watching(scope["path"].removeprefix(FEED_PREFIX))
         scope.setdefault("state", {})["session"] = session
         refusal = self._refusal(scope, headers, session)
         if scope["type"] == "websocket":
             if refusal is not None:
                 await send({"type": "websocket.close", "code": 1008, "reason": "refused"})
                 return
-            await self._app(scope, receive, send)
+            scene = scope["path"].startswith(SCENE_PREFIX)
+            await self._app(scope, receive if scene else _text_only(receive, send), send)
             return
         answer = refusal if refusal is not None else await self._signing_in(scope, session)
         await (answer or self._app)(scope, _capped(receive), _with_security_headers(scope, send))
@@ -75,12 +81,12 @@ class Guard:
     def _refusal(self, scope: Scope, headers: Headers, session: Session | None) -> Response | None:
         if headers.get("host") not in self._hosts:
             return _refuse(400, "this console does not answer to that host name")
+        if "transfer-encoding" in headers and "content-length" in headers:
+            return _refuse(400, "two lengths: a request has either content-length or transfer-encoding")  # smuggling
         origin, path = headers.get("origin"), scope["path"]
         websocket, bearer = scope["type"] == "websocket", "authorization" in headers
         if websocket and path.startswith(FEED_PREFIX):
-            # Foxglove has no cookie and an origin of its own: the word in the address lets it in, to watch only
-            known = self._sign_in.may_watch(path.removeprefix(FEED_PREFIX))
-            return None if known else _refuse(403, "this is not the address of the live feed")
+            return None if session is not None else _refuse(403, "this is not the address of the live feed")
         if origin not in self._origins and (origin is not None or (websocket and not bearer)):
             return _refuse(403, "this request comes from another site")
         changes = not websocket and scope["method"] not in _SAFE_METHODS
@@ -148,6 +154,19 @@ def _capped(receive: Receive) -> Receive:
         return message
 
     return receive_capped
+
+
+def _text_only(receive: Receive, send: Send) -> Receive:
+    """Receive no bytes on a WebSocket whose messages are JSON: whoever sends some is cut off."""
+
+    async def receive_text() -> Message:
+        message = await receive()
+        if message.get("bytes") is None:
+            return message
+        await send({"type": "websocket.close", "code": 1003, "reason": "messages are text"})
+        return {"type": "websocket.disconnect", "code": 1003}
+
+    return receive_text
 
 
 def _with_security_headers(scope: Scope, send: Send) -> Send:

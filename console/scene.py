@@ -20,7 +20,9 @@ LEFT_COLOUR = (86, 180, 233)  # #56B4E9, Okabe-Ito: the left arm everywhere
 RIGHT_COLOUR = (230, 159, 0)  # #E69F00: the right arm everywhere
 _TABLE_COLOUR = (92, 98, 106)
 _OBJECT_COLOUR = (188, 164, 128)
-_SMALLEST_MOVE = 1e-5  # rad and m: less is not worth a message
+_FLOOR_COLOUR = (84, 92, 102)
+_FLOOR_M = 4.0
+_SMALLEST_MOVE = 1e-4  # rad and m: less is not seen, and a resting arm's sensors would draw the scene for ever
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,16 +122,18 @@ def add_stage(server: viser.ViserServer, cell: CellDescription, full: bool) -> N
     server.initial_camera.position = (-1.75, 0.0, 1.35)
     server.initial_camera.look_at = (-0.02, 0.0, 0.3)
     server.initial_camera.fov = 0.72  # rad
-    scene.configure_default_lights(cast_shadow=full)
-    scene.add_grid(
-        "/floor",
-        4.0,
-        4.0,
-        cell_size=0.1,
-        section_size=0.5,
-        cell_color=(62, 68, 76),
-        section_color=(84, 92, 102),
-    )
+    if full:
+        scene.add_grid(
+            "/floor",
+            _FLOOR_M,
+            _FLOOR_M,
+            cell_size=0.1,
+            section_size=0.5,
+            cell_color=(62, 68, 76),
+            section_color=_FLOOR_COLOUR,
+        )
+    else:
+        _add_light_stage(scene)
     x, y = cell.table.centre_xy
     length, width = cell.table.size_xy
     scene.add_box(
@@ -139,6 +143,19 @@ def add_stage(server: viser.ViserServer, cell: CellDescription, full: bool) -> N
         position=(x, y, cell.table.top_z / 2.0),
         cast_shadow=False,
     )
+
+
+def _add_light_stage(scene: viser.SceneApi) -> None:
+    """Two plain lights and a floor of lines: viser's picture of a surrounding lit room, and its floor's shader over
+    half of the screen, hold software rendering up for long."""
+    scene.configure_environment_map(None)
+    scene.configure_default_lights(enabled=False)
+    scene.add_light_ambient("/light/all", intensity=1.3)
+    scene.add_light_directional("/light/above", intensity=2.2, position=(-1.0, 0.6, 1.6))
+    half, places = _FLOOR_M / 2.0, np.arange(-_FLOOR_M / 2.0, _FLOOR_M / 2.0 + 0.25, 0.5)
+    lines = [((at, -half, 0.0), (at, half, 0.0)) for at in places]
+    lines += [((-half, at, 0.0), (half, at, 0.0)) for at in places]
+    scene.add_line_segments("/floor", np.array(lines), _FLOOR_COLOUR, thickness=1.0, thickness_units="screen")
 
 
 class CellFigures:

@@ -9,7 +9,7 @@ import viser
 from numpy.typing import NDArray
 
 from console.teleoperation.hand import Hand
-from console.teleoperation.pair import conjugate, product
+from console.teleoperation.quaternion import conjugate, product
 from rtstack.model.cell_description import CellDescription
 
 Array = NDArray[np.float64]

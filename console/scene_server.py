@@ -20,6 +20,8 @@ from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
+from console.scene_stream import share_packing
+
 SECRET_HEADER = "x-rtstack-scene"
 VIEW_HEADER = "x-rtstack-view"
 # the page whose connection is being served, as our proxy names it: viser's callbacks do not see headers
@@ -33,6 +35,7 @@ class SceneServer:
 
     def __init__(self) -> None:
         self.secret = secrets.token_urlsafe(32)
+        share_packing()
         with _guarded(self.secret), contextlib.redirect_stdout(io.StringIO()):
             self.viser = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
         self.port = self.viser.get_port()

@@ -10,14 +10,17 @@ from console.teleoperation.hand import Hand
 from console.watch import Watch
 from rtstack.model.cell_description import CellDescription
 
-_FRAME_S = 1.0 / 30.0
-
 
 class Detail(StrEnum):
     """How much is drawn: everything, or what software rendering can bear."""
 
     FULL = "full"
     LIGHT = "light"
+
+    @property
+    def frame_s(self) -> float:
+        """How often what is shown is brought up to date, s."""
+        return 1.0 / 30.0 if self is Detail.FULL else 1.0 / 20.0
 
 
 class _LiveScene:
@@ -29,6 +32,7 @@ class _LiveScene:
         self._scene = CellFigures(self.server.viser.scene, cell, full=detail is Detail.FULL)
         self._hands = HandFigures(self.server.viser, cell, hand)
         self._watch = watch
+        self._frame_s = detail.frame_s
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._follow, daemon=True, name=f"scene {detail}")
         self._thread.start()
@@ -39,7 +43,7 @@ class _LiveScene:
         self.server.close()
 
     def _follow(self) -> None:
-        while not self._ending.wait(_FRAME_S):
+        while not self._ending.wait(self._frame_s):
             if not self.server.watched:
                 continue
             q = self._watch.q()

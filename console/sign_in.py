@@ -6,7 +6,7 @@ import hmac
 import secrets
 import threading
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from console.tokens import Scope, Token, Tokens
 from rtstack.live.audit import AuditTrail
@@ -26,7 +26,8 @@ class Session:
     """A signed-in browser or program. No two sessions have the same name at the same time.
 
     `key`: a browser's cookie, of a program a word that never leaves this process; `csrf`: what every change that a
-    browser asks for has to repeat; `operator`: what it calls itself; `token`: id of a program's token.
+    browser asks for has to repeat; `operator`: what it calls itself; `token`: id of a program's token; `feed`: part of
+    the live feed's address for Foxglove, which has no cookie: who has it may watch while the session lasts, no more.
     """
 
     key: str
@@ -35,6 +36,7 @@ class Session:
     operator: str
     scope: Scope
     token: str | None = None
+    feed: str = field(default_factory=lambda: secrets.token_urlsafe(24))
 
 
 class SignIn:
@@ -47,9 +49,9 @@ class SignIn:
         self._lock = threading.Lock()
         self._token = secrets.token_urlsafe(24)
         self._open: dict[str, tuple[Scope, float]] = {self._token: (Scope.OPERATE, float("inf"))}
-        self.feed = secrets.token_urlsafe(24)  # part of the live feed's address: who has it may watch, no more
         self._sessions: dict[str, Session] = {}
         self._programs: dict[str, str] = {}  # token's id -> session's key
+        self._used_s: dict[str, float] = {}  # token's id -> Unix time, s
         self._redeemed = 0
 
     @property
@@ -57,9 +59,11 @@ class SignIn:
         """The first one-time token, None once it was used."""
         return self._token if self._token in self._open else None
 
-    def may_watch(self, feed: str) -> bool:
-        """Whether this is the word of the live feed's address."""
-        return _same(feed, self.feed)
+    def watching(self, feed: str) -> Session | None:
+        """Return the session that was told this word of the live feed's address, None where it has ended."""
+        with self._lock:
+            key = next((session.key for session in self._sessions.values() if _same(feed, session.feed)), None)
+        return self.session(key)
 
     def invite(self, scope: Scope) -> str:
         """Return a further one-time token, which lasts for INVITATION_S; the oldest ones make room."""
@@ -101,10 +105,15 @@ class SignIn:
         if token is None:
             return None
         with self._lock:
+            self._used_s[token.id] = time.time()
             session = self._sessions.get(self._programs.get(token.id, ""))
             if session is None:
                 session = self._admit(token)
             return session
+
+    def used_s(self, token_id: str) -> float | None:
+        """Return when a program last brought this token, Unix time in s; None where not since this process began."""
+        return self._used_s.get(token_id)
 
     def session(self, key: str | None) -> Session | None:
         """Return a session as it is now, by its key; None where it has ended, or its token was revoked."""

@@ -6,9 +6,10 @@ A page never guesses: every number here comes from a record, and its age is coun
 import threading
 import time
 from collections import deque
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -84,10 +85,6 @@ class LiveView:
     status_age_s: float
     unreachable: str | None
     event: EventView | None
-
-    def as_document(self) -> dict[str, Any]:
-        """Return JSON-ready values."""
-        return asdict(self)
 
 
 class _ArmWatch:
@@ -183,6 +180,8 @@ class _LoopWatch:
 class Watch:
     """The threads. `view`, `q` and `object_pose` may be read from any thread; they are replaced, never changed.
 
+    document: the view as JSON, made once for all who look.
+
     Who asks the robot process for its status also passes on the holder's signs of life.
     """
 
@@ -201,6 +200,7 @@ class Watch:
         self._status: tuple[Status | None, float | None, str | None] = (None, None, "not asked yet")
         unknown = ArmView("UNKNOWN", (), "UNKNOWN", NEVER_S, 0.0)
         self.view = LiveView(unknown, unknown, LoopView(None, None, 0), None, NEVER_S, None, None)
+        self.document = msgspec.json.encode(self.view)
         self._threads = [
             threading.Thread(target=self._watch_rings, daemon=True, name="watch rings"),
             threading.Thread(target=self._watch_status, daemon=True, name="watch status"),
@@ -271,6 +271,7 @@ class Watch:
                 unreachable=unreachable,
                 event=self._events[-1] if self._events else None,
             )
+            self.document = msgspec.json.encode(self.view)
 
     def _watch_status(self) -> None:
         while not self._ending.wait(_STATUS_PERIOD_S):

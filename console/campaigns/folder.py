@@ -13,8 +13,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic import TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
+
+from rtstack.messages import MESSAGE, StrictBool, StrictFloat
 
 # as rtstack.campaign.store and .report name them, which would bring half of the controller along
 DATABASE = "campaign.sqlite"
@@ -27,13 +29,13 @@ _STAGE = re.compile(r"^([a-z ]+): (\d+) of (\d+)\b", re.MULTILINE)
 _TAIL_BYTES = 65536
 
 
-@checked(frozen=True, slots=True, config=ConfigDict(extra="forbid"))
+@checked(frozen=True, slots=True, config=MESSAGE)
 class Asked:
     """What was asked for: a plan by name, all of it or its sample, begun at this Unix time."""
 
     name: str
-    quick: bool
-    began_s: float
+    quick: StrictBool
+    began_s: StrictFloat
 
 
 @dataclass(frozen=True, slots=True)

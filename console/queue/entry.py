@@ -2,21 +2,21 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
+from pathlib import Path
 from typing import Annotated
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from rtstack.live.protocol import DisplacementMm, ObjectName, Seed
+from rtstack.live.protocol import DisplacementMm, ObjectName, Seed, TrialRequest
+from rtstack.messages import MESSAGE, NUMBER, StrictFloat
 from rtstack.samples import Reaction
 from rtstack.trials.specification import Controller
-
-_STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 MAX_REPETITIONS = 200
 
 
-@checked(frozen=True, slots=True, config=_STRICT)
+@checked(frozen=True, slots=True, config=MESSAGE)
 class TrialOrder:
     """One trial. `reference` is the id of an accepted recording or of a plan; displacement along the world's y, mm;
     `reaction`: to an impact that was not meant.
@@ -29,13 +29,25 @@ class TrialOrder:
     seed: Seed = 0
     reaction: Reaction = Reaction.CONTINUE
 
+    def request(self, path: Path, operator: str) -> TrialRequest:
+        """Return what the robot process is asked for; path: of the reference."""
+        return TrialRequest(
+            reference=str(path),
+            controller=self.controller,
+            object=self.object,
+            displacement_mm=self.displacement_mm,
+            seed=self.seed,
+            reaction=self.reaction,
+            operator=operator,
+        )
 
-@checked(frozen=True, slots=True, config=_STRICT)
+
+@checked(frozen=True, slots=True, config=MESSAGE)
 class QueueOrder:
     """The same trial so many times, each with the next seed: `seed`, `seed` + 1, ..."""
 
     trial: TrialOrder
-    repetitions: Annotated[int, Field(ge=1, le=MAX_REPETITIONS)] = 1
+    repetitions: Annotated[int, Field(ge=1, le=MAX_REPETITIONS), NUMBER] = 1
 
 
 class EntryState(StrEnum):
@@ -49,7 +61,7 @@ class EntryState(StrEnum):
     CANCELLED = "cancelled"
 
 
-@checked(frozen=True, slots=True, config=_STRICT)
+@checked(frozen=True, slots=True, config=MESSAGE)
 class Entry:
     """One trial of the queue. `followed`: what a person calls its reference; `repetition` of `repetitions`, from 1.
 
@@ -60,12 +72,12 @@ class Entry:
     id: str
     trial: TrialOrder
     followed: str
-    repetition: int = 1
-    repetitions: int = 1
+    repetition: Annotated[int, NUMBER] = 1
+    repetitions: Annotated[int, NUMBER] = 1
     state: EntryState = EntryState.WAITING
-    job: int | None = None
-    began_s: float | None = None
-    duration_s: float | None = None
+    job: Annotated[int, NUMBER] | None = None
+    began_s: StrictFloat | None = None
+    duration_s: StrictFloat | None = None
     reason: str | None = None
     log: str | None = None
 

@@ -21,6 +21,10 @@ class QueueRefused(Exception):
     """What was asked for is not possible. The message is one line that says why."""
 
 
+class NoSuchEntry(QueueRefused):
+    """There is no entry with this id, or none any more."""
+
+
 class Queue:
     """The list and its file. May be used from any thread; what is changed is kept before a method returns.
 
@@ -80,7 +84,10 @@ class Queue:
             )
 
     def move(self, entry_id: str, to: int) -> None:
-        """Move a waiting entry to a place among those that wait, 0 is next; beyond the last is last."""
+        """Move a waiting entry to a place among those that wait, 0 is next; beyond the last is last.
+
+        Raises NoSuchEntry, as all do that are asked for an entry, and QueueRefused for one that does not wait.
+        """
         with self._lock:
             entry = self._waiting(entry_id)
             others = [other for other in self._entries if other.id != entry_id]
@@ -108,12 +115,12 @@ class Queue:
             )
 
     def entry(self, entry_id: str) -> Entry:
-        """Return an entry. Raises QueueRefused where there is none."""
+        """Return an entry. Raises NoSuchEntry."""
         with self._lock:
             for entry in self._entries:
                 if entry.id == entry_id:
                     return entry
-            raise QueueRefused("there is no such entry in the queue; look at the list again")
+            raise NoSuchEntry("there is no such entry in the queue; look at the list again")
 
     # whether it runs
 

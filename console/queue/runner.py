@@ -15,7 +15,7 @@ from console.queue.entry import Entry, EntryState
 from console.queue.file import QueueFileError
 from console.queue.queue import Queue
 from rtstack.live.client import RobotClient, RobotRefused, RobotUnreachable
-from rtstack.live.protocol import Job, JobState, Phase, Status, TrialRequest
+from rtstack.live.protocol import Job, JobState, Phase, Status
 from rtstack.log.catalogue import Catalogue
 from rtstack.log.errors import LogError
 
@@ -88,21 +88,13 @@ class QueueRunner:
             self._order(entry, operator)
 
     def _order(self, entry: Entry, operator: str) -> None:
-        queue, trial = self._queue, entry.trial
+        queue = self._queue
         try:
-            reference = reference_of(self._catalogue, trial.reference)
+            reference = reference_of(self._catalogue, entry.trial.reference)
         except (NoReference, LogError) as error:
             queue.pause(f"{entry.followed}: {error}")
             return
-        request = TrialRequest(
-            reference=str(reference.path),
-            controller=trial.controller,
-            object=trial.object,
-            displacement_mm=trial.displacement_mm,
-            seed=trial.seed,
-            reaction=trial.reaction,
-            operator=operator,
-        )
+        request = entry.trial.request(reference.path, operator)
         if not queue.claim(entry.id, operator):
             return
         try:

@@ -4,6 +4,7 @@ A folder is named after the log's id, size and time of change, so that a log tha
 process that has gone has left unfinished is begun again; another console's reader is waited for.
 """
 
+import contextlib
 import os
 import shutil
 import subprocess
@@ -22,6 +23,7 @@ FOLDER = ".review"
 _READER = "reader"  # a file in each folder: who fills it
 _LIMIT_BYTES = 4 << 30  # six ten-minute logs, or some three hundred trials
 _AT_ONCE = 2  # two logs that are compared; another one waits
+_REMEMBERED = 8  # logs whose indices are held, with their events
 _END_S = 5.0
 
 
@@ -40,6 +42,7 @@ class ReviewCache:
         self._limit_bytes = limit_bytes
         self._lock = threading.Lock()
         self._readers: dict[Path, subprocess.Popen[bytes]] = {}
+        self._done: dict[str, tuple[LogEntry, Opened]] = {}  # by id, the most recently looked up last
         self._borrowed: tempfile.TemporaryDirectory[str] | None = None
         self._directory = Path(logs) / FOLDER
         try:
@@ -48,6 +51,19 @@ class ReviewCache:
         except OSError:  # logs on a disk that we may not write to
             self._borrowed = tempfile.TemporaryDirectory(prefix="rtstack-review-")
             self._directory = Path(self._borrowed.name)
+
+    def reopened(self, log_id: str) -> tuple[LogEntry, Opened] | None:
+        """Return a log that was read to its end and has not changed since, without looking through all logs."""
+        with self._lock, contextlib.suppress(OSError):
+            entry, opened = self._done.pop(log_id, (None, None))
+            if entry is None or opened is None:
+                return None
+            status = entry.path.stat()
+            if (status.st_size, status.st_mtime_ns * 1e-9) == (entry.size_bytes, entry.modified_s):
+                os.utime(opened.folder)
+                self._done[log_id] = entry, opened
+                return entry, opened
+        return None
 
     def open(self, entry: LogEntry) -> Opened:
         """Return a log's columns as far as they are, and have them made where nobody does. Never waits."""
@@ -58,6 +74,9 @@ class ReviewCache:
             index = read_index(folder)
             if index is not None and index.done:
                 os.utime(folder)
+                self._done[entry.id] = entry, Opened(folder, index)
+                while len(self._done) > _REMEMBERED:
+                    del self._done[next(iter(self._done))]
             elif not _being_read(folder) and self._busy() < _AT_ONCE:
                 self._begin(entry.path, folder)
                 index = None

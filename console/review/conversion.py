@@ -8,6 +8,7 @@ The index in the folder grows with every batch, so that a page shows the beginni
 import argparse
 import os
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -64,8 +65,19 @@ def _marks(records: NDArray, start_ns: int) -> list[Mark]:
     ]
 
 
-def convert(log: Log, folder: Path) -> Index:
-    """Write the columns of a log into an existing folder, and its index after each batch. Raises LogError, OSError."""
+def _nothing() -> None:
+    pass
+
+
+def _give_way() -> None:
+    os.nice(_NICE)
+
+
+def convert(log: Log, folder: Path, begun: Callable[[], None] = _nothing) -> Index:
+    """Write the columns of a log into an existing folder, and its index after each batch. Raises LogError, OSError.
+
+    begun: called once, when the first part can be seen.
+    """
     index = Index(log.start_ns, log.duration_s, dict.fromkeys(PLOTTED_TOPICS, 0))
     index.write(folder)
     writers = {topic: ColumnWriter(folder, topic, log.count(topic)) for topic in PLOTTED_TOPICS if log.count(topic)}
@@ -91,6 +103,8 @@ def convert(log: Log, folder: Path) -> Index:
                 modes={side: modes[side].spans for side in SIDES},
             )
             index.write(folder)
+            begun()
+            begun = _nothing
     finally:
         for writer in writers.values():
             writer.close()
@@ -105,9 +119,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("log", type=Path)
     parser.add_argument("folder", type=Path)
     asked = parser.parse_args(arguments)
-    os.nice(_NICE)
     try:
-        convert(read_log(asked.log, truncated=True), asked.folder)
+        convert(read_log(asked.log, truncated=True), asked.folder, _give_way)  # somebody waits for the first part
     except (LogError, OSError) as error:
         Index(0, 0.0, {}, done=True, error=str(error)).write(asked.folder)
         print(error, file=sys.stderr)

@@ -4,7 +4,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from console.review.cache import ReviewCache
+from console.review.cache import Opened, ReviewCache
 from console.review.columns import Index
 from console.review.signals import Signal, signals
 from rtstack.log.catalogue import Catalogue, LogCondition, LogEntry
@@ -43,11 +43,19 @@ def entry_of(catalogue: Catalogue, log_id: str) -> LogEntry:
 
 
 def opened(catalogue: Catalogue, cache: ReviewCache, log_id: str) -> ReadLog | None:
-    """Return a log with its columns, None while it waits to be read. Raises NotReviewable."""
-    entry = entry_of(catalogue, log_id)
+    """Return the log of an id with its columns, None while it waits to be read. Raises NotReviewable."""
+    known = cache.reopened(log_id)
+    return opened_entry(entry_of(catalogue, log_id), cache) if known is None else _readable(*known)
+
+
+def opened_entry(entry: LogEntry, cache: ReviewCache) -> ReadLog | None:
+    """Return a log that has been looked up already, like `opened`."""
     if entry.condition is LogCondition.TRUNCATED and time.time() - entry.modified_s < _QUIET_S:
         raise NotReviewable(409, "this log is being written: it can be reviewed once its run has ended")
-    columns = cache.open(entry)
+    return _readable(entry, cache.open(entry))
+
+
+def _readable(entry: LogEntry, columns: Opened) -> ReadLog | None:
     if columns.index is None:
         return None
     if columns.index.error is not None:

@@ -73,9 +73,15 @@ def _topic_curves(folder: Path, index: Index, topic: str, signals: list[Signal],
 
 def _rows(t_ns: NDArray[np.int64], start_ns: int, window: Window) -> tuple[int, int]:
     """First row and the row behind the last one of a window, one more on either side."""
-    edges = start_ns + np.array([window.start_s, window.end_s]) * 1e9
-    first, last = np.searchsorted(t_ns, edges, side="left")
-    return max(0, int(first) - 1), max(1, min(len(t_ns), int(last) + 1))
+    first, last = _places(t_ns, start_ns, window.start_s, window.end_s)
+    return max(0, first - 1), max(1, min(len(t_ns), last + 1))
+
+
+def _places(t_ns: NDArray[np.int64], zero_ns: int, start_s: float, end_s: float) -> tuple[int, int]:
+    """First row at or after start_s and the one at or after end_s. Whole numbers: else numpy copies all times."""
+    edges_ns = zero_ns + np.ceil(np.array([start_s, end_s]) * 1e9).astype(np.int64)
+    first, last = np.searchsorted(t_ns, edges_ns, side="left")
+    return int(first), int(last)
 
 
 def _reduced(
@@ -152,31 +158,47 @@ def _finite(value: np.float32) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def csv_lines(folder: Path, index: Index, signals: Sequence[Signal], start_s: float, end_s: float) -> Iterator[str]:
-    """Yield a table of every sample in a window: t_s and the signals; empty where a topic has none at that time."""
-    yield ",".join(["t_s", *(signal.name for signal in signals)]) + "\n"
-    topics = {}
-    for topic in dict.fromkeys(signal.topic for signal in signals):
-        if index.rows.get(topic, 0):
-            columns = Columns(folder, topic, index.rows[topic])
-            edges = index.start_ns + np.array([start_s, end_s]) * 1e9
-            first, last = np.searchsorted(columns.t_ns, edges, side="left")
-            topics[topic] = columns, int(first), int(last)
-    if not topics:
-        return
-    times = np.unique(np.concatenate([columns.t_ns[first:last] for columns, first, last in topics.values()]))
+@dataclass(frozen=True, slots=True)
+class Tabled:
+    """A log in a table: its columns, what goes in front of its signals' names, and what is added to its time, s."""
+
+    folder: Path
+    index: Index
+    prefix: str = ""
+    offset_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Rows:
+    """The samples of a topic in a window: t_ns (n,) after the table's zero, from row `first` on."""
+
+    columns: Columns
+    t_ns: NDArray[np.int64]
+    first: int
+
+
+def csv_lines(logs: Sequence[Tabled], signals: Sequence[Signal], start_s: float, end_s: float) -> Iterator[str]:
+    """Yield a table of every sample in a window: t_s and each log's signals; empty where one has none at that time."""
+    yield ",".join(["t_s", *(f"{log.prefix}{signal.name}" for log in logs for signal in signals)]) + "\n"
+    cells = [(_rows_in_window(log, signal.topic, start_s, end_s), signal) for log in logs for signal in signals]
+    times = np.unique(np.concatenate([rows.t_ns for rows, _ in cells if rows is not None] or [np.zeros(0, np.int64)]))
     for part in range(0, len(times), 10_000):  # pieces: a whole log is a hundred megabytes of text
         t_ns = times[part : part + 10_000]
-        table = np.full((len(t_ns), len(signals)), "", object)
-        for number, signal in enumerate(signals):
-            if signal.topic not in topics:
+        table = np.full((len(t_ns), len(cells)), "", object)
+        for number, (rows, signal) in enumerate(cells):
+            if rows is None or not len(rows.t_ns):
                 continue
-            columns, first, last = topics[signal.topic]
-            own = columns.t_ns[first:last]
-            rows = np.searchsorted(own, t_ns)
-            here = (rows < len(own)) & (own[np.minimum(rows, len(own) - 1)] == t_ns) if len(own) else rows < 0
-            values = columns.value(signal.column)[first:last][rows[here]]
+            places = np.searchsorted(rows.t_ns, t_ns)
+            here = rows.t_ns[np.minimum(places, len(rows.t_ns) - 1)] == t_ns
+            values = rows.columns.value(signal.column)[rows.first + places[here]]
             table[here, number] = [f"{value:.8g}" for value in values.tolist()]
-        yield "".join(
-            f"{(t - index.start_ns) * _NS:.6f},{','.join(row)}\n" for t, row in zip(t_ns.tolist(), table, strict=True)
-        )
+        yield "".join(f"{t * _NS:.6f},{','.join(row)}\n" for t, row in zip(t_ns.tolist(), table, strict=True))
+
+
+def _rows_in_window(log: Tabled, topic: str, start_s: float, end_s: float) -> _Rows | None:
+    if not log.index.rows.get(topic, 0):
+        return None
+    columns = Columns(log.folder, topic, log.index.rows[topic])
+    zero_ns = log.index.start_ns - round(log.offset_s * 1e9)
+    first, last = _places(columns.t_ns, zero_ns, start_s, end_s)
+    return _Rows(columns, columns.t_ns[first:last] - zero_ns, first)

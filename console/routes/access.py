@@ -7,19 +7,18 @@ from typing import Annotated
 
 from fastapi import APIRouter, Path, Query, Request
 from fastapi.exceptions import HTTPException
-from pydantic import ConfigDict
 from pydantic.dataclasses import dataclass as checked
 
-from console.parts import NeedsParts, NeedsSession
+from console.parts import NeedsParts, NeedsSession, Parts
 from console.routes.problems import problems
 from console.sign_in import INVITATION_S, Session
 from console.tokens import NoSuchToken, Scope, Token, TokenName, TokensError
 from rtstack.live.audit import AuditLine
 from rtstack.live.client import RobotRefused, RobotUnreachable
+from rtstack.messages import MESSAGE
 
 router = APIRouter(prefix="/api", tags=["access"])
 
-_STRICT = ConfigDict(extra="forbid")
 _Id = Annotated[str, Path(pattern="^[0-9a-f]{8}$")]
 
 
@@ -39,7 +38,7 @@ class SignedOut:
     signed_out: bool
 
 
-@checked(frozen=True, slots=True, config=_STRICT)
+@checked(frozen=True, slots=True, config=MESSAGE)
 class InvitationOrder:
     """What another browser shall be able to do."""
 
@@ -55,7 +54,7 @@ class Invitation:
     seconds: float
 
 
-@checked(frozen=True, slots=True, config=_STRICT)
+@checked(frozen=True, slots=True, config=MESSAGE)
 class TokenOrder:
     """What a program is called, and what it shall be able to do."""
 
@@ -65,12 +64,13 @@ class TokenOrder:
 
 @dataclass(frozen=True, slots=True)
 class TokenRow:
-    """A token without what makes it one. `created_s`: Unix time, s."""
+    """A token without what makes it one. Unix times, s; `used_s`: None where not since this console started."""
 
     id: str
     name: str
     scope: Scope
     created_s: float
+    used_s: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +112,7 @@ def tokens(session: NeedsSession, parts: NeedsParts) -> list[TokenRow]:
     """List the tokens of programs, oldest first. Only for who may operate."""
     _check(session)
     with _refusing():
-        return [_row(token) for token in parts.sign_in.tokens.all()]
+        return [_row(token, parts) for token in parts.sign_in.tokens.all()]
 
 
 @router.post("/tokens", status_code=201, responses=problems(409))
@@ -122,7 +122,7 @@ def create_token(order: TokenOrder, session: NeedsSession, parts: NeedsParts) ->
         token, word = parts.sign_in.tokens.create(order.name, order.scope)
     text = f"{session.operator} made token {token.id} for {token.name}: {token.scope}"
     parts.audit.note("token", session.operator, text)
-    return NewToken(_row(token), word)
+    return NewToken(_row(token, parts), word)
 
 
 @router.delete("/tokens/{token_id}", responses=problems(404, 409))
@@ -131,7 +131,7 @@ def revoke_token(token_id: _Id, session: NeedsSession, parts: NeedsParts) -> Tok
     with _refusing():
         token = parts.sign_in.tokens.revoke(token_id)
     parts.audit.note("token", session.operator, f"{session.operator} revoked token {token.id} of {token.name}")
-    return _row(token)
+    return _row(token, parts)
 
 
 @router.get("/audit")
@@ -155,5 +155,5 @@ def _refusing() -> Iterator[None]:
         raise HTTPException(409, str(error)) from None
 
 
-def _row(token: Token) -> TokenRow:
-    return TokenRow(token.id, token.name, token.scope, token.created_s)
+def _row(token: Token, parts: Parts) -> TokenRow:
+    return TokenRow(token.id, token.name, token.scope, token.created_s, parts.sign_in.used_s(token.id))

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Path, Query
 from fastapi.exceptions import HTTPException
 from fastapi.responses import FileResponse, Response
-from pydantic import ConfigDict, Field
+from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
 from console.campaigns.campaigns import NICENESS, NICEST, CampaignView
@@ -21,39 +21,38 @@ from console.campaigns.folder import hidden
 from console.parts import NeedsParts, NeedsSession, Parts
 from console.routes.problems import file_of, problems
 from console.sign_in import Session
-from rtstack.campaign.plan import load_plan, plan_names
+from rtstack.campaign.plan import GRAB_STUDY, load_plan, plan_names
 from rtstack.configuration import ConfigurationError
 from rtstack.live.client import RobotRefused
 from rtstack.live.protocol import Phase
+from rtstack.messages import MESSAGE, NUMBER, StrictBool
 
 router = APIRouter(prefix="/api/campaigns", tags=["campaigns"], responses=problems(404, 409))
 
-_STRICT = ConfigDict(extra="forbid")
-_GRAB_STUDY = "aim-aware-grab"  # beside the plans in deploy/campaigns: a study of the monitor
 _MOST_ROWS = 10_000
 # a report is a page of its own: its style and pictures are inside, and it may do nothing at all
 REPORT_POLICY = "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'"
 
 Id = Annotated[str, Path(pattern="^[0-9a-f]{16}$")]
-Workers = Annotated[int, Field(ge=1, le=256)]
+Workers = Annotated[int, Field(ge=1, le=256), NUMBER]
 
 
-@checked(frozen=True, slots=True, config=_STRICT)
+@checked(frozen=True, slots=True, config=MESSAGE)
 class RunOrder:
     """How a campaign is to run. `nice`: beside arms that are armed or move, at the lowest priority."""
 
     workers: Workers | None = None
-    nice: bool = False
+    nice: StrictBool = False
 
 
-@checked(frozen=True, slots=True, config=_STRICT)
+@checked(frozen=True, slots=True, config=MESSAGE)
 class CampaignOrder:
     """A plan by its name, all of it or its sample."""
 
     name: Annotated[str, Field(min_length=1, max_length=64)]
-    quick: bool = False
+    quick: StrictBool = False
     workers: Workers | None = None
-    nice: bool = False
+    nice: StrictBool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,7 +203,7 @@ def _check(nice: bool, session: Session, parts: Parts) -> None:
 @lru_cache(maxsize=1)
 def _plans() -> tuple[PlanView, ...]:
     """Return what can be started. The files are of the installed version: they are read once."""
-    return (*map(_plan, plan_names()), PlanView(_GRAB_STUDY, "Does the monitor know which grab was meant?", None, None))
+    return (*map(_plan, plan_names()), PlanView(GRAB_STUDY, "Does the monitor know which grab was meant?", None, None))
 
 
 def _plan(name: str) -> PlanView:

@@ -5,7 +5,6 @@ import contextlib
 from dataclasses import dataclass
 
 from fastapi import APIRouter, BackgroundTasks
-from pydantic import ConfigDict
 from pydantic.dataclasses import dataclass as checked
 
 from console.parts import NeedsParts, NeedsSession, Parts
@@ -13,11 +12,12 @@ from console.routes.problems import problems
 from console.sign_in import Session
 from rtstack.live.client import RobotRefused, RobotUnreachable
 from rtstack.live.protocol import Operator, Status
+from rtstack.messages import MESSAGE
 
 router = APIRouter(prefix="/api", tags=["control"], responses=problems(409, 503))
 
 
-@checked(frozen=True, slots=True, config=ConfigDict(extra="forbid"))
+@checked(frozen=True, slots=True, config=MESSAGE)
 class TakeOrder:
     """What a session asks for when it takes control: what it calls itself from now on, and from whom it takes over."""
 
@@ -37,6 +37,9 @@ def take(order: TakeOrder, session: NeedsSession, parts: NeedsParts) -> Status:
     """Take control, under the name that the session has or gives itself. It lasts while there are signs of life."""
     named = parts.sign_in.rename(session, order.operator or session.operator)
     try:
+        if named.operator != session.operator and parts.client.status().holder == named.operator:
+            # a program without a session, or what is left of one: its name is free, its lease is not
+            raise RobotRefused(f"{named.operator} has the robot; choose another name, or take over")
         return _learn(parts, parts.client.take(named.operator, order.over_from))
     except (RobotRefused, RobotUnreachable):
         parts.sign_in.rename(session, session.operator)

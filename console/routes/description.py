@@ -4,13 +4,13 @@ from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Request
 from fastapi.exceptions import HTTPException
 from fastapi.responses import FileResponse, HTMLResponse
 
 from console.description import OPENAPI_PATH
-from console.parts import NeedsParts, NeedsSession
-from console.routes.pages import TEMPLATES
+from console.parts import NeedsParts
+from console.routes.pages import show
 
 router = APIRouter(include_in_schema=False)
 
@@ -30,12 +30,9 @@ _FOLDER = _installed()
 
 
 @router.get("/api", response_class=HTMLResponse)
-def interface(session: NeedsSession, parts: NeedsParts) -> HTMLResponse:
+def interface(request: Request, parts: NeedsParts) -> HTMLResponse:
     """Return the page on which every request can be read about and tried out."""
-    page = TEMPLATES.get_template("api.html")
-    return HTMLResponse(
-        page.render(csrf=session.csrf, page="api", cell=parts.cell, assets=_ASSETS, description=OPENAPI_PATH)
-    )
+    return show("api.html", "api", request, parts, assets=_ASSETS, description=OPENAPI_PATH)
 
 
 @router.get(_ASSETS + "/{name}")

@@ -9,7 +9,7 @@ from starlette.concurrency import run_in_threadpool
 
 from console.feed import PERIOD_S, SUBPROTOCOLS, Feed, server_info
 from console.guard import FEED_PREFIX
-from console.parts import NeedsParts, parts_of
+from console.parts import NeedsSession, parts_of, session_now
 from rtstack.trials.record import frames
 
 router = APIRouter(tags=["robot"])
@@ -26,9 +26,9 @@ class FeedAddress:
 
 
 @router.get("/api/foxglove")
-def address(request: Request, parts: NeedsParts) -> FeedAddress:
-    """Return the address that Foxglove connects to. Whoever has it may watch, until the console ends."""
-    return FeedAddress(f"ws://{request.headers['host']}{FEED_PREFIX}{parts.sign_in.feed}")
+def address(request: Request, session: NeedsSession) -> FeedAddress:
+    """Return the address that Foxglove connects to. Whoever has it may watch while the session that asks lasts."""
+    return FeedAddress(f"ws://{request.headers['host']}{FEED_PREFIX}{session.feed}")
 
 
 @router.websocket(FEED_PREFIX + "{feed}")
@@ -47,6 +47,9 @@ async def foxglove(websocket: WebSocket, feed: str) -> None:
         await websocket.send_text(server_info(parts.cell.name))
         await websocket.send_text(live.advertisement())
         while not listening.done():
+            if session_now(websocket) is None:
+                await websocket.close(1008, "whoever gave this address has signed out")
+                break
             for message in await run_in_threadpool(live.poll):
                 await websocket.send_bytes(message)
             await asyncio.sleep(PERIOD_S)

@@ -4,7 +4,7 @@ from typing import Annotated
 
 from fastapi import APIRouter
 from fastapi.exceptions import HTTPException
-from pydantic import ConfigDict, Field
+from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
 from console.log_rows import NoReference, reference_of
@@ -18,33 +18,31 @@ from rtstack.live.protocol import (
     Seed,
     Status,
     TeleoperationRequest,
-    TrialRequest,
 )
 from rtstack.log.catalogue import LogEntry
 from rtstack.log.errors import LogError
+from rtstack.messages import MESSAGE, NUMBER, StrictBool
 
 router = APIRouter(prefix="/api/jobs", tags=["jobs"], responses=problems(409, 503))
 
-_STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 
-
-@checked(frozen=True, slots=True, config=_STRICT)
+@checked(frozen=True, slots=True, config=MESSAGE)
 class DemonstrationOrder:
     """What the page asks for when it records a scripted demonstration."""
 
     object: ObjectName
-    variation: Annotated[int, Field(ge=0, le=10_000)] = 0
+    variation: Annotated[int, Field(ge=0, le=10_000), NUMBER] = 0
     seed: Seed = 0
 
 
-@checked(frozen=True, slots=True, config=_STRICT)
+@checked(frozen=True, slots=True, config=MESSAGE)
 class TeleoperationOrder:
     """What the page asks for before it moves the arms by hand. See TeleoperationRequest."""
 
     object: ObjectName
     seed: Seed = 0
-    recorded: bool = False
-    stop_on_release: bool = True
+    recorded: StrictBool = False
+    stop_on_release: StrictBool = True
 
 
 @router.post("/teleoperation", status_code=202)
@@ -66,18 +64,7 @@ def demonstration(order: DemonstrationOrder, session: NeedsSession, parts: Needs
 def trial(order: TrialOrder, session: NeedsSession, parts: NeedsParts) -> Status:
     """Start a trial that follows a recording or a plan."""
     followed = followed_by(parts, order.reference)
-    return start_job(
-        parts,
-        TrialRequest(
-            reference=str(followed.path),
-            controller=order.controller,
-            object=order.object,
-            displacement_mm=order.displacement_mm,
-            seed=order.seed,
-            reaction=order.reaction,
-            operator=session.operator,
-        ),
-    )
+    return start_job(parts, order.request(followed.path, session.operator))
 
 
 def followed_by(parts: Parts, log_id: str) -> LogEntry:

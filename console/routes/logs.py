@@ -11,9 +11,9 @@ from console.log_rows import LogRow, log_path, log_row
 from console.parts import NeedsParts, Parts
 from console.review.columns import Mark
 from console.review.difference import differences
-from console.review.logs import NotReviewable, ReadLog, entry_of, opened, read_share, wanted_signals
+from console.review.logs import NotReviewable, ReadLog, entry_of, opened, opened_entry, read_share, wanted_signals
 from console.review.search import Outcome, SortKey, found, ordered
-from console.review.series import Window, csv_lines, curves, moment, packed
+from console.review.series import Tabled, Window, csv_lines, curves, moment, packed
 from console.review.signals import Signal, signals
 from console.routes.problems import file_of, problems
 from rtstack.log.catalogue import LogCondition
@@ -112,7 +112,7 @@ def log(log_id: str, parts: NeedsParts) -> LogReview:
     The first request has the log read, in a process of its own.
     """
     entry = entry_of(parts.catalogue, log_id)
-    read = opened(parts.catalogue, parts.review_cache, log_id)
+    read = opened_entry(entry, parts.review_cache)
     index = None if read is None else read.index
     return LogReview(
         row=log_row(entry, _being_written(parts)),
@@ -168,13 +168,25 @@ def values(log_id: str, parts: NeedsParts, t: Seconds, signals: Names = "") -> V
 
 
 @router.get("/{log_id}/csv", response_class=StreamingResponse, responses=_OF_A_LOG | file_of("text/csv"))
-def csv(log_id: str, parts: NeedsParts, signals: Names, start: Seconds, end: Seconds) -> StreamingResponse:
-    """Send every sample of the signals in a window as a table."""
+def csv(
+    log_id: str,
+    parts: NeedsParts,
+    signals: Names,
+    start: Seconds,
+    end: Seconds,
+    other: Annotated[str, Query(max_length=128)] = "",
+    offset: Seconds = 0.0,
+) -> StreamingResponse:
+    """Send every sample of the signals in a window as a table. other: a compared log, whose time is moved by offset."""
     wanted = wanted_signals(signals)
     read = _log(parts, log_id)
+    tabled = [Tabled(read.folder, read.index)]
+    if other:
+        compared = _log(parts, other)
+        tabled.append(Tabled(compared.folder, compared.index, "other.", offset))
     name = f"{read.entry.path.stem}.csv".encode("ascii", "replace").decode().replace('"', "'")
     return StreamingResponse(
-        csv_lines(read.folder, read.index, wanted, start, end),
+        csv_lines(tabled, wanted, start, end),
         media_type="text/csv",
         headers={"content-disposition": f'attachment; filename="{name}"'},
     )

@@ -1,17 +1,22 @@
 """The pages."""
 
+from contextlib import suppress
 from pathlib import Path
 
 from fastapi import APIRouter, Request
-from fastapi.responses import HTMLResponse
+from fastapi.responses import HTMLResponse, Response
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from console.parts import NeedsParts
+from console.mode_sheet import MODE_WORDS, SHEET_PATH, mode_sheet
+from console.page_script import page_script
+from console.parts import NeedsParts, Parts
 from console.queue.entry import MAX_REPETITIONS
-from console.review.logs import entry_of
+from console.review.logs import NotReviewable, entry_of, opened_entry
 from console.review.plotting import MAPLIBRE_STYLE, PLOTLY_PATH
 from console.routes.recordings import recording_entry
-from rtstack.samples import Mode, Reaction
+from console.sign_in import Session
+from rtstack.palette import MODE_STYLES
+from rtstack.samples import Reaction
 from rtstack.teleoperation.reach import (
     FASTEST_M_S,
     HARDEST_N_M,
@@ -34,85 +39,75 @@ _REACH = {
 }
 
 _CHOICES = {"controllers": [str(name) for name in Controller], "reactions": [str(name) for name in Reaction]}
+_PLOTTING = {"plotly": PLOTLY_PATH, "maplibre": MAPLIBRE_STYLE}
 
 TEMPLATES = Environment(
     loader=FileSystemLoader(Path(__file__).parents[1] / "pages"), autoescape=True, undefined=StrictUndefined
 )
+TEMPLATES.globals["mode_words"] = MODE_WORDS
+TEMPLATES.globals["page_script"] = page_script
+
+
+@router.get(SHEET_PATH, response_class=Response)
+def modes() -> Response:
+    """Send the style sheet of the modes."""
+    return Response(mode_sheet(), media_type="text/css")
+
+
+def show(template: str, page: str, request: Request, parts: Parts, **more: object) -> HTMLResponse:
+    """Render a page for who is signed in. page: its name in the rail; more: what this template alone needs."""
+    session: Session = request.state.session
+    return HTMLResponse(
+        TEMPLATES.get_template(template).render(
+            csrf=session.csrf, scope=session.scope, page=page, cell=parts.cell, **more
+        )
+    )
 
 
 @router.get("/", response_class=HTMLResponse)
 def operate(request: Request, parts: NeedsParts) -> HTMLResponse:
     """Return the page Operate, or how to sign in."""
-    session = request.state.session
-    if session is None:
+    if request.state.session is None:
         refused = getattr(request.state, "refused_token", False)
         page = TEMPLATES.get_template("sign_in.html").render(csrf=None, refused=refused)
         return HTMLResponse(page, status_code=403 if refused else 401)
-    page = TEMPLATES.get_template("operate.html").render(
-        csrf=session.csrf, page="operate", cell=parts.cell, reach=_REACH, **_CHOICES
-    )
-    return HTMLResponse(page)
+    return show("operate.html", "operate", request, parts, reach=_REACH, **_CHOICES)
 
 
 @router.get("/trials", response_class=HTMLResponse)
 def trials(request: Request, parts: NeedsParts) -> HTMLResponse:
     """Return the page of the queue and of the trials that there are."""
-    page = TEMPLATES.get_template("trials.html")
-    return HTMLResponse(
-        page.render(
-            csrf=request.state.session.csrf,
-            page="trials",
-            cell=parts.cell,
-            most_repetitions=MAX_REPETITIONS,
-            **_CHOICES,
-        )
-    )
+    return show("trials.html", "trials", request, parts, most_repetitions=MAX_REPETITIONS, **_CHOICES)
 
 
 @router.get("/campaigns", response_class=HTMLResponse)
 def campaigns(request: Request, parts: NeedsParts) -> HTMLResponse:
     """Return the page of all campaigns."""
-    page = TEMPLATES.get_template("campaigns.html")
-    return HTMLResponse(page.render(csrf=request.state.session.csrf, page="campaigns", cell=parts.cell))
+    return show("campaigns.html", "campaigns", request, parts)
+
+
+@router.get("/access", response_class=HTMLResponse)
+def access(request: Request, parts: NeedsParts) -> HTMLResponse:
+    """Return the page of invitations, tokens and the audit trail."""
+    return show("access.html", "access", request, parts)
 
 
 @router.get("/recordings/{log_id}", response_class=HTMLResponse)
 def recording(log_id: str, request: Request, parts: NeedsParts) -> HTMLResponse:
     """Return the page on which a recording is looked at and decided about."""
-    entry = recording_entry(parts, log_id)
-    page = TEMPLATES.get_template("recording.html")
-    return HTMLResponse(
-        page.render(
-            csrf=request.state.session.csrf,
-            page="operate",
-            cell=parts.cell,
-            log=entry,
-            plotly=PLOTLY_PATH,
-            maplibre=MAPLIBRE_STYLE,
-        )
-    )
+    return show("recording.html", "operate", request, parts, log=recording_entry(parts, log_id), **_PLOTTING)
 
 
 @router.get("/logs", response_class=HTMLResponse)
 def log_list(request: Request, parts: NeedsParts) -> HTMLResponse:
     """Return the page of all logs."""
-    page = TEMPLATES.get_template("logs.html")
-    return HTMLResponse(page.render(csrf=request.state.session.csrf, page="logs", cell=parts.cell))
+    return show("logs.html", "logs", request, parts)
 
 
 @router.get("/logs/{log_id}", response_class=HTMLResponse)
 def log_review(log_id: str, request: Request, parts: NeedsParts) -> HTMLResponse:
     """Return the review of one log."""
     entry = entry_of(parts.catalogue, log_id)
-    page = TEMPLATES.get_template("log.html")
-    return HTMLResponse(
-        page.render(
-            csrf=request.state.session.csrf,
-            page="logs",
-            cell=parts.cell,
-            log=entry,
-            plotly=PLOTLY_PATH,
-            maplibre=MAPLIBRE_STYLE,
-            modes=Mode,
-        )
-    )
+    with suppress(NotReviewable):  # the page itself asks again, and says why
+        opened_entry(entry, parts.review_cache)  # it is read while the browser loads the page
+    return show("log.html", "logs", request, parts, log=entry, modes=MODE_STYLES)

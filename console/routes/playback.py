@@ -5,7 +5,7 @@ from typing import Annotated
 
 from fastapi import APIRouter
 from fastapi.exceptions import HTTPException
-from pydantic import ConfigDict, Field
+from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
 from console.log_rows import log_path
@@ -13,17 +13,18 @@ from console.parts import NeedsParts, NeedsSession
 from console.routes.jobs import start_job
 from console.routes.problems import problems
 from rtstack.live.protocol import PlaybackRequest, Seed, Status
+from rtstack.messages import MESSAGE, StrictFloat
 from rtstack.playback.pace import FASTEST, SLOWEST
 
 router = APIRouter(prefix="/api", tags=["jobs"], responses=problems(409, 503))
 
 
-@checked(frozen=True, slots=True, config=ConfigDict(extra="forbid", allow_inf_nan=False))
+@checked(frozen=True, slots=True, config=MESSAGE)
 class PlaybackOrder:
     """What the page asks for when it plays a log on the arms. `log` is its id, speed times the log's own."""
 
     log: Annotated[str, Field(min_length=1, max_length=128)]
-    speed: Annotated[float, Field(ge=SLOWEST, le=FASTEST)] = 1.0
+    speed: Annotated[StrictFloat, Field(ge=SLOWEST, le=FASTEST)] = 1.0
     seed: Seed = 0
 
 

@@ -1,10 +1,14 @@
-"""The queue of trials. What leads to motion needs the lease; pausing and stopping need none."""
+"""The queue of trials. What leads to motion needs the lease; pausing needs none.
+
+Who may only look watches: pausing decides about somebody's experiment, so it needs the scope `operate`. A viewer's
+STOP works, and pauses the queue too: it stops the trial, and disarms the arms.
+"""
 
 from typing import Annotated
 
 from fastapi import APIRouter, BackgroundTasks, Path
 from fastapi.exceptions import HTTPException
-from pydantic import ConfigDict, Field
+from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
 from console.log_rows import log_row
@@ -15,32 +19,32 @@ from console.routes.control import stop
 from console.routes.jobs import followed_by
 from console.routes.problems import problems
 from rtstack.live.client import RobotRefused
+from rtstack.messages import MESSAGE, NUMBER, StrictBool
 
 router = APIRouter(prefix="/api/queue", tags=["queue"], responses=problems(409, 500, 503))
 
-_STRICT = ConfigDict(extra="forbid")
 EntryId = Annotated[str, Path(pattern="^[0-9a-f]{16}$")]
 
 
-@checked(frozen=True, slots=True, config=_STRICT)
+@checked(frozen=True, slots=True, config=MESSAGE)
 class StartOrder:
     """How the queue is to run. past_failures: on past grabs that do not succeed, never past a fault or a stop."""
 
-    past_failures: bool = False
+    past_failures: StrictBool = False
 
 
-@checked(frozen=True, slots=True, config=_STRICT)
+@checked(frozen=True, slots=True, config=MESSAGE)
 class MoveOrder:
     """Where an entry is to be among those that wait: 0 is next."""
 
-    to: Annotated[int, Field(ge=0, le=MAX_ENTRIES)]
+    to: Annotated[int, Field(ge=0, le=MAX_ENTRIES), NUMBER]
 
 
-@checked(frozen=True, slots=True, config=_STRICT)
+@checked(frozen=True, slots=True, config=MESSAGE)
 class ClearOrder:
     """What is to be taken off the list: what is finished, or what waits too."""
 
-    finished_only: bool = True
+    finished_only: StrictBool = True
 
 
 @router.get("")
@@ -73,14 +77,14 @@ def start(order: StartOrder, holder: NeedsHolder, parts: NeedsParts) -> QueueVie
 
 @router.post("/pause")
 def pause(session: NeedsSession, parts: NeedsParts) -> QueueView:
-    """Start nothing more; the trial that runs goes on to its end. Everybody who is signed in."""
+    """Start nothing more; the trial that runs goes on to its end. Everybody who may operate: it needs no lease."""
     parts.queue.pause(f"{session.operator} paused it")
     return parts.queue.view()
 
 
 @router.post("/cancel")
 async def cancel_running(session: NeedsSession, parts: NeedsParts, afterwards: BackgroundTasks) -> QueueView:
-    """Pause the queue and stop its trial that runs, which is the same as STOP: everybody may."""
+    """Pause the queue and stop its trial that runs, as STOP does. Everybody who may operate: it needs no lease."""
     parts.queue.pause(f"{session.operator} cancelled the trial that ran")
     if parts.queue.running() is None:
         raise QueueRefused("no trial of the queue is running")
@@ -95,21 +99,21 @@ def clear(order: ClearOrder, holder: NeedsHolder, parts: NeedsParts) -> QueueVie
     return parts.queue.view()
 
 
-@router.post("/{entry_id}/move")
+@router.post("/{entry_id}/move", responses=problems(404))
 def move(entry_id: EntryId, order: MoveOrder, holder: NeedsHolder, parts: NeedsParts) -> QueueView:
     """Move an entry that waits. Only who has the robot."""
     parts.queue.move(entry_id, order.to)
     return parts.queue.view()
 
 
-@router.post("/{entry_id}/remove")
+@router.post("/{entry_id}/remove", responses=problems(404))
 def remove(entry_id: EntryId, holder: NeedsHolder, parts: NeedsParts) -> QueueView:
     """Take an entry that does not run off the list. Only who has the robot."""
     parts.queue.remove(entry_id)
     return parts.queue.view()
 
 
-@router.post("/{entry_id}/cancel")
+@router.post("/{entry_id}/cancel", responses=problems(404))
 def cancel(entry_id: EntryId, holder: NeedsHolder, parts: NeedsParts) -> QueueView:
     """Cancel an entry that waits; it stays in the list. Only who has the robot."""
     parts.queue.cancel(entry_id)

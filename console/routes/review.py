@@ -8,7 +8,7 @@ from typing import Any
 from fastapi import APIRouter, Request, WebSocket, WebSocketDisconnect
 from fastapi.exceptions import HTTPException
 from fastapi.responses import FileResponse, Response
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, Field, ValidationError
 from starlette.concurrency import run_in_threadpool
 
 from console.parts import NeedsParts, Parts, parts_of, session_now
@@ -19,6 +19,7 @@ from console.review.scene import Pose, Poses
 from console.review.series import moment
 from console.routes.scene import pass_on_page, pass_on_stream
 from console.scenes import Detail
+from rtstack.messages import MESSAGE, StrictFloat
 
 router = APIRouter(include_in_schema=False)  # files and streams
 
@@ -31,12 +32,12 @@ class Cursor(BaseModel):
     other: id of a second log, shown as a ghost; offset: of its time, s: what it had at t - offset is shown at t.
     """
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+    model_config = MESSAGE
 
-    t: float = Field(ge=-1e9, le=1e9)
+    t: StrictFloat = Field(ge=-1e9, le=1e9)
     signals: str = Field(default="", max_length=8192)
     other: str = Field(default="", max_length=128)
-    offset: float = Field(default=0.0, ge=-1e9, le=1e9)
+    offset: StrictFloat = Field(default=0.0, ge=-1e9, le=1e9)
 
 
 @router.get(PLOTLY_PATH)
@@ -72,7 +73,6 @@ async def scrub(websocket: WebSocket, log_id: str, view: str) -> None:
     parts = parts_of(websocket)
     await websocket.accept()
     newest: asyncio.Queue[str] = asyncio.Queue()
-    kept: dict[str, ReadLog] = {}
     listening = asyncio.create_task(_listen(websocket, newest))
     try:
         while True:
@@ -87,7 +87,7 @@ async def scrub(websocket: WebSocket, log_id: str, view: str) -> None:
             if session_now(websocket) is None:
                 await websocket.close(1008, "not signed in any more")
                 return
-            await websocket.send_json(await run_in_threadpool(_answer, parts, log_id, view, text, kept))
+            await websocket.send_json(await run_in_threadpool(_answer, parts, log_id, view, text))
     except (WebSocketDisconnect, RuntimeError):
         pass  # the page has gone
     finally:
@@ -100,36 +100,32 @@ async def _listen(websocket: WebSocket, newest: asyncio.Queue[str]) -> None:
             newest.put_nowait(await websocket.receive_text())
 
 
-def _answer(parts: Parts, log_id: str, view: str, text: str, kept: dict[str, ReadLog]) -> dict[str, Any]:
-    """Return the answer. kept: logs for the next question; those that are read to the end need no looking up."""
+def _answer(parts: Parts, log_id: str, view: str, text: str) -> dict[str, Any]:
+    """Return the answer."""
     try:
         cursor = Cursor.model_validate_json(text)
-        read = _read(parts, log_id, kept)
+        read = _read(parts, log_id)
         found = moment(read.folder, read.index, wanted_signals(cursor.signals), cursor.t)
         pose = Pose(found.q, _object_name(read.entry.trial), found.object)
         ghost = None
         if cursor.other:
-            other = _read(parts, cursor.other, kept)
-            there = moment(other.folder, other.index, [], cursor.t - cursor.offset)
+            other = _read(parts, cursor.other)
+            there = moment(other.folder, other.index, wanted_signals(cursor.signals), cursor.t - cursor.offset)
             ghost = Pose(there.q, _object_name(other.entry.trial), there.object)
     except ValidationError as error:
         return {"error": str(error.errors()[0]["msg"])}
     except (NotReviewable, ColumnsGone) as error:
-        kept.clear()
         return {"error": str(error)}
     shown = parts.review_scenes.show(view, Poses(pose, ghost)) if _VIEW.fullmatch(view) else 0
     answer = {"t": cursor.t, "sample_t": found.t_s, "values": found.values, "scenes": shown}
-    return answer if ghost is None else answer | {"ghost_t": there.t_s}
+    return answer if ghost is None else answer | {"ghost_t": there.t_s, "ghost_values": there.values}
 
 
-def _read(parts: Parts, log_id: str, kept: dict[str, ReadLog]) -> ReadLog:
+def _read(parts: Parts, log_id: str) -> ReadLog:
     """Return a log of which something has been read. Raises NotReviewable, ColumnsGone."""
-    read = kept.get(log_id)
-    if read is None or not read.index.done:
-        read = opened(parts.catalogue, parts.review_cache, log_id)
+    read = opened(parts.catalogue, parts.review_cache, log_id)
     if read is None:
         raise NotReviewable(409, "nothing of this log has been read yet")
-    kept[log_id] = read
     return read
 
 

@@ -25,6 +25,7 @@ from console.tokens import Scope
 router = APIRouter(prefix="/viser", include_in_schema=False)
 
 _PASSED_ON = ("content-type", "content-encoding", "content-length")
+_PACED_HEAD = b'<head><script src="/static/js/scene_pace.js"></script>'  # before viser's own script
 _LONGEST_NAME = 255  # of a file
 _MAX_MESSAGE_BYTES = 1 << 20  # from a page: camera poses and clicks are far smaller
 
@@ -49,10 +50,9 @@ async def stream(websocket: WebSocket, detail: Detail) -> None:
 
 async def pass_on_page(server: SceneServer, path: str, request: Request) -> Response:
     """Answer with a file of a scene server's page."""
-    headers = {
-        SECRET_HEADER: server.secret,
-        "accept-encoding": request.headers.get("accept-encoding", "identity"),
-    }
+    whole = path == ""  # viser's page, which our script goes into
+    encoding = "identity" if whole else request.headers.get("accept-encoding", "identity")
+    headers = {SECRET_HEADER: server.secret, "accept-encoding": encoding}
     name = quote(path)
     if not path.isprintable() or len(name) > _LONGEST_NAME:
         raise HTTPException(404, "the scene has no such file")
@@ -62,6 +62,9 @@ async def pass_on_page(server: SceneServer, path: str, request: Request) -> Resp
     ):
         body = b"".join([part async for part in answer.aiter_raw()])  # as it was packed
         passed_on = {name: answer.headers[name] for name in _PASSED_ON if name in answer.headers}
+        if whole:
+            body = body.replace(b"<head>", _PACED_HEAD, 1)
+            passed_on["content-length"] = str(len(body))
         return Response(body, status_code=answer.status_code, headers=passed_on)
 
 

@@ -2,7 +2,8 @@
 
 A message may hold any of: clutch (true holds it, and is its sign of life; false lets go; lost: because the operator is
 out of sight), coupling, speed_m_s, stiffness_n_m, and for each hand a pose (position m, wxyz) or a deflection (-1..1
-along and about the world's axes). A clutch that is held has to be said again at least every BEAT_S.
+along and about the world's axes). A clutch that is held has to be said again, as the page does every 50 ms: the robot
+process stops the arms when CLUTCH_S (rtstack.loop.watchdogs) have passed without.
 """
 
 import contextlib
@@ -11,7 +12,7 @@ from typing import Annotated, Any
 
 import numpy as np
 from fastapi import APIRouter, WebSocket, WebSocketDisconnect
-from pydantic import ConfigDict, Field, StrictBool, TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
 
 from console.parts import NeedsParts, NeedsSession, Parts, parts_of, session_now
@@ -21,44 +22,43 @@ from console.teleoperation.hand import HandView
 from console.teleoperation.pair import Coupling
 from rtstack.live.client import RobotRefused
 from rtstack.loop.target import Letting
+from rtstack.messages import MESSAGE, StrictBool, StrictFloat
 from rtstack.teleoperation.reach import FASTEST_M_S, HARDEST_N_M, SLOWEST_M_S, SOFTEST_N_M
 
 router = APIRouter(prefix="/api/teleoperation", tags=["teleoperation"], responses=problems(409))
 
-BEAT_S = 0.05
-_STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
-_Pose = Annotated[list[Annotated[float, Field(ge=-10.0, le=10.0)]], Field(min_length=7, max_length=7)]
-_Deflection = Annotated[list[Annotated[float, Field(ge=-1.0, le=1.0)]], Field(min_length=6, max_length=6)]
+_Pose = Annotated[list[Annotated[StrictFloat, Field(ge=-10.0, le=10.0)]], Field(min_length=7, max_length=7)]
+_Deflection = Annotated[list[Annotated[StrictFloat, Field(ge=-1.0, le=1.0)]], Field(min_length=6, max_length=6)]
 
 
-@checked(frozen=True, slots=True, config=_STRICT)
+@checked(frozen=True, slots=True, config=MESSAGE)
 class Hands:
-    """A value for each hand, or for one of them."""
+    """A pose for each hand, or for one of them: position, m, and quaternion wxyz, both in the world (7 numbers)."""
 
     left: _Pose | None = None
     right: _Pose | None = None
 
 
-@checked(frozen=True, slots=True, config=_STRICT)
+@checked(frozen=True, slots=True, config=MESSAGE)
 class Sticks:
-    """A deflection for each hand, or for one of them."""
+    """A deflection for each hand, or for one: along and about the world's axes, -1 to 1 of the speed (6 numbers)."""
 
     left: _Deflection | None = None
     right: _Deflection | None = None
 
 
-@checked(frozen=True, slots=True, config=_STRICT)
+@checked(frozen=True, slots=True, config=MESSAGE)
 class HandMessage:
     """What an operator's hand does."""
 
     clutch: StrictBool | None = None
     lost: StrictBool = False
     coupling: Coupling | None = None
-    speed_m_s: Annotated[float, Field(ge=SLOWEST_M_S, le=FASTEST_M_S)] | None = None
-    stiffness_n_m: Annotated[float, Field(ge=SOFTEST_N_M, le=HARDEST_N_M)] | None = None
+    speed_m_s: Annotated[StrictFloat, Field(ge=SLOWEST_M_S, le=FASTEST_M_S)] | None = None
+    stiffness_n_m: Annotated[StrictFloat, Field(ge=SOFTEST_N_M, le=HARDEST_N_M)] | None = None
     pose: Hands | None = None
     deflection: Sticks | None = None
-    sent: float | None = None  # comes back, so that a page can tell how long a beat takes
+    sent: StrictFloat | None = None  # comes back, so that a page can tell how long a beat takes
 
 
 _MESSAGES = TypeAdapter(HandMessage)

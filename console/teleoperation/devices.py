@@ -10,7 +10,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from console.teleoperation.pair import Coupling, conjugate, led, product, quaternion
+from console.teleoperation.pair import Coupling, led
+from console.teleoperation.quaternion import conjugate, product, quaternion
 
 Array = NDArray[np.float64]
 LONGEST_STEP_S = 0.1  # a deflection is worth this long at most: then whoever gives it has to say so again

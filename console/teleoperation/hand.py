@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from console.teleoperation.devices import Deflected, Device, Dragged
-from console.teleoperation.pair import Coupling, angle_between
+from console.teleoperation.pair import Coupling
+from console.teleoperation.quaternion import angle_between
 from console.watch import Watch
 from rtstack.live.client import RobotRefused
 from rtstack.live.protocol import Job, JobKind, JobState

@@ -11,9 +11,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from rtstack.cli.cells import load_description, open_cell
+from rtstack.trials.company import Company
+from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.record import open_log
-from rtstack.trials.run import prepare_trial, run_demonstration, run_trial
 from rtstack.trials.specification import Controller, DemonstrationSpecification, TrialSpecification
+from rtstack.trials.trial import prepare_trial, run_trial
 
 DISPLACEMENTS_MM = (0.0, -30.0, 30.0, -15.0, 15.0)
 
@@ -32,7 +34,7 @@ def main() -> int:
         specification = DemonstrationSpecification()
         cell = open_cell("direct", specification.object, 0.0, specification.seed, description)
         log = open_log(recording, specification, description, "direct", source)
-        run_demonstration(specification, description, cell, log=log)
+        run_demonstration(specification, description, cell, Company(log))
         cell.close()
         for seed, displacement_mm, controller in kinds:
             if seconds >= 60.0 * options.minutes:
@@ -41,7 +43,7 @@ def main() -> int:
             prepared = prepare_trial(trial, description)
             cell = open_cell(options.cell, trial.object, 1e-3 * displacement_mm, seed, description)
             try:
-                result = run_trial(prepared, cell, log=None)
+                result = run_trial(prepared, cell)
             finally:
                 cell.close()
             runs, seconds = runs + 1, seconds + 1e-3 * result.ticks

@@ -1,53 +1,77 @@
-"""A long log for the review: real trials' logs, one behind the other, until the minutes are full.
+"""A long log for the review: real trials' samples, one trial behind the other, through the real log process.
 
-`python tests/bench/long_log.py OUT.mcap LOG.mcap... --minutes 10`: samples, events and frames are those of the given
-logs, moved in time; what was asked and what came out is the first one's.
+`python tests/bench/long_log.py OUT.mcap LOG.mcap... --minutes 10`: samples and events of the given logs are moved in
+time and pushed into rings tick by tick, as the loop does; the log process makes the file of them, /tf included. What
+was asked and what came out is the first log's. `--spike MINUTE`: one sample of the left arm's fourth torque is 400 Nm.
 """
 
 import argparse
 import itertools
 import sys
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 
 import numpy as np
+from rich.progress import Progress
 
-from rtstack.log.reader import read_log
-from rtstack.log.sink import TRANSFORMS, McapSink
+from rtstack.log.errors import LogError
+from rtstack.log.reader import Log, read_log
+from rtstack.log.ring import Rings
+from rtstack.log.writer import CellFrames, LogProcess, LogSummary
+from rtstack.model.cell_description import load_cell_description
 from rtstack.samples import TOPICS
+from rtstack.trials.record import frames
 
 _TICK_NS = 1_000_000
-_BATCH_NS = 250_000_000  # what the sink makes a chunk of
+_PIECE = 1024  # ticks between two looks at how far the log process is
+SPIKE_NM = 400.0
 
 
-def write_long_log(path: Path, sources: list[Path], minutes: float) -> int:
-    """Write the log and return its length in ticks of the left arm."""
+def write_long_log(path: Path, sources: list[Path], minutes: float, spike_min: float | None = None) -> LogSummary:
+    """Write the log. Raises LogError where a source is none, or the log process fails."""
     logs = [read_log(source) for source in sources]
     contents = [{topic: log.topic(topic) for topic in TOPICS} for log in logs]
-    transforms = [log.messages(TRANSFORMS) for log in logs]
-    ticks, offset_ns, end_ns = 0, 0, int(minutes * 60e9)
-    with open(path, "wb") as file:
-        sink = McapSink(file)
-        sink.write_metadata("trial", logs[0].metadata["trial"])
-        for attachment in logs[0].attachments:
-            sink.attach(attachment.name, attachment.media_type, attachment.data)
-        for log, columns, frames in itertools.cycle(zip(logs, contents, transforms, strict=True)):
-            if offset_ns >= end_ns:
-                break
-            length_ns = int(columns["/left/arm"]["t_ns"][-1]) - log.start_ns + _TICK_NS
-            shift = offset_ns - log.start_ns
-            for start in range(log.start_ns, log.start_ns + length_ns, _BATCH_NS):
-                batches = {}
-                for topic, records in columns.items():
-                    part = records[(records["t_ns"] >= start) & (records["t_ns"] < start + _BATCH_NS)].copy()
-                    part["t_ns"] += shift
-                    batches[topic] = part
-                due = [(t_ns + shift, message) for t_ns, message in frames if start <= t_ns < start + _BATCH_NS]
-                sink.write(batches, due)
-                ticks += len(batches["/left/arm"])
-            offset_ns += length_ns
-        sink.write_metadata("result", logs[0].metadata.get("result", {}))
-        sink.close()
-    return ticks
+    first = logs[0]
+    end_ns, offset_ns = int(minutes * 60e9), 0
+    spike_ns = None if spike_min is None else round(spike_min * 60e3) * _TICK_NS
+    with Rings.create() as rings, Progress(transient=True) as progress:
+        process = LogProcess.start(
+            path, rings, {"trial": first.metadata["trial"]}, first.attachments, _frames(first), overwrite=True
+        )
+        try:
+            process.wait_ready()
+            pushers = {topic: rings.pusher(topic) for topic in TOPICS}
+            shown = progress.add_task("pushing", total=end_ns)
+            for log, columns in itertools.cycle(zip(logs, contents, strict=True)):
+                if offset_ns >= end_ns:
+                    break
+                length_ns = int(columns["/left/arm"]["t_ns"][-1]) - log.start_ns + _TICK_NS
+                for start in range(log.start_ns, log.start_ns + length_ns, _PIECE * _TICK_NS):
+                    process.wait_room(2 * _PIECE)
+                    for topic, records in columns.items():
+                        edges = np.searchsorted(records["t_ns"], [start, start + _PIECE * _TICK_NS])
+                        part = records[edges[0] : edges[1]].copy()
+                        part["t_ns"] += offset_ns - log.start_ns
+                        if topic == "/left/arm" and spike_ns is not None:
+                            part["tau_J"][part["t_ns"] == spike_ns, 3] = SPIKE_NM
+                        record = np.zeros(1, part.dtype)
+                        for row in range(len(part)):
+                            record[0] = part[row]
+                            pushers[topic].push(record)
+                offset_ns += length_ns
+                progress.update(shown, completed=offset_ns)
+        except BaseException:
+            process.abandon()
+            raise
+        return process.close(first.metadata.get("result", {}))
+
+
+def _frames(log: Log) -> CellFrames:
+    """What /tf is made of, from the cell's description inside a log."""
+    with NamedTemporaryFile(suffix=".toml") as file:
+        file.write(next(attachment.data for attachment in log.attachments if attachment.name == "cell.toml"))
+        file.flush()
+        return frames(load_cell_description(Path(file.name)), log.metadata["trial"]["object"])
 
 
 def main() -> int:
@@ -56,10 +80,16 @@ def main() -> int:
     parser.add_argument("output", type=Path)
     parser.add_argument("logs", type=Path, nargs="+")
     parser.add_argument("--minutes", type=float, default=10.0)
+    parser.add_argument("--spike", type=float, help="when the left arm's fourth torque has a spike, min")
     options = parser.parse_args()
-    ticks = write_long_log(options.output, options.logs, options.minutes)
-    print(f"{options.output}: {ticks} ticks, {np.round(options.output.stat().st_size / 1e6)} MB")
-    return 0
+    try:
+        summary = write_long_log(options.output, options.logs, options.minutes, options.spike)
+    except LogError as error:
+        print(error, file=sys.stderr)
+        return 2
+    size_mb = round(options.output.stat().st_size / 1e6)
+    print(f"{options.output}: {summary.messages} messages, {summary.lost} lost, {size_mb} MB")
+    return 1 if summary.lost else 0
 
 
 if __name__ == "__main__":

@@ -20,6 +20,7 @@ import sys
 import threading
 import time
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -64,10 +65,11 @@ class Samples:
 class Stack:
     """`rtstack up`, and a session of an operator at its console."""
 
-    def __init__(self, logs: Path) -> None:
+    def __init__(self, logs: Path, arms: Sequence[str] = ()) -> None:
+        """arms: options of `rtstack up`, none for the simulated cell."""
         self.logs = logs
         self.process = subprocess.Popen(
-            [str(COMMAND), "up", "--port", "0", "--logs", str(logs)], stdout=subprocess.PIPE, text=True
+            [str(COMMAND), "up", "--port", "0", "--logs", str(logs), *arms], stdout=subprocess.PIPE, text=True
         )
         assert self.process.stdout is not None
         found = re.search(r"(http://\S+?)/\?token=(\S+)", self.process.stdout.readline())

@@ -1,10 +1,12 @@
 """A real stack, and a real Chromium that signs in by the address that it printed. Without Chromium: an error."""
 
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,6 +14,7 @@ import pytest
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from rtstack.live.client import RUN_PREFIX, SOCKET_NAME, RobotClient
+from tests.browser.operator_hands import Operator
 
 CHROMIUM = "/usr/bin/chromium"  # Debian's
 ARGUMENTS = [
@@ -22,6 +25,7 @@ ARGUMENTS = [
     "--use-angle=swiftshader",
     "--disable-background-networking",
 ]
+ARM_PATIENCE_S = 120.0
 JOB_TIMEOUT_MS = 120_000  # software rendering beside it makes a paced run several times slower
 
 COMMAND = Path(sys.executable).with_name("rtstack")
@@ -35,11 +39,20 @@ def temporary() -> Iterator[Path]:
 
 
 @pytest.fixture(scope="module")
-def printed_address(tmp_path_factory: pytest.TempPathFactory, temporary: Path) -> Iterator[str]:
-    """Run a stack; give the address that it printed."""
+def logs_of_stack(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the stack of this module keeps its logs; one with FINDS_DEMONSTRATION begins with a demonstration there."""
     logs = tmp_path_factory.mktemp("stack") / "logs"
+    if getattr(request.module, "FINDS_DEMONSTRATION", False):
+        logs.mkdir()
+        shutil.copy(request.getfixturevalue("demonstration").path, logs / "demonstration.mcap")
+    return logs
+
+
+@pytest.fixture(scope="module")
+def printed_address(logs_of_stack: Path, temporary: Path) -> Iterator[str]:
+    """Run a stack; give the address that it printed."""
     process = subprocess.Popen(
-        [str(COMMAND), "up", "--port", "0", "--logs", str(logs)],
+        [str(COMMAND), "up", "--port", "0", "--logs", str(logs_of_stack)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -80,7 +93,11 @@ class Console:
         """Take control and arm, where that has not been done."""
         phase = self.page.locator("#control-light")
         expect(phase).not_to_have_attribute("data-phase", "unknown")
+        end_s = time.monotonic() + ARM_PATIENCE_S
         while phase.get_attribute("data-phase") != "armed":  # a page that was held up may lose control again
+            if time.monotonic() > end_s:
+                line, refused = (self.page.locator(id).inner_text() for id in ("#control-line", "#errors"))
+                pytest.fail(f"not armed within {ARM_PATIENCE_S:g} s; the page says: {line} {refused}")
             for button in ("#take", "#arm"):
                 if self.page.locator(button).is_enabled():
                     self.page.locator(button).click(force=True)
@@ -102,7 +119,7 @@ class Console:
         self.page.select_option("#trial select[name=controller]", controller)
         self.page.fill("#trial input[name=displacement_mm]", displacement_mm)
         self.page.click("#trial button[type=submit]")
-        expect(self.page.locator("#job-line")).to_contain_text("runs", timeout=JOB_TIMEOUT_MS)
+        expect(self.page.locator("#job-line")).to_contain_text(") runs.", timeout=JOB_TIMEOUT_MS)
 
 
 @pytest.fixture(scope="module")
@@ -116,6 +133,13 @@ def console(browser: Browser, printed_address: str) -> Iterator[Console]:
     )
     yield Console(context.new_page(), printed_address)
     context.close()
+
+
+@pytest.fixture
+def operator(console: Console) -> Iterator[Operator]:
+    """Give an operator in front of the page; nothing is held afterwards."""
+    with Operator(console) as hands:
+        yield hands
 
 
 class Program:

@@ -13,7 +13,7 @@ from rtstack.live.protocol import DemonstrationRequest
 from rtstack.log.reader import read_log
 from rtstack.safety.permit import LEASE_S
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.alone]
 FINISHED_MS = 120_000
 expect.set_options(timeout=30_000)  # software rendering beside it makes every answer late
 

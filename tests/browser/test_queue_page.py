@@ -2,21 +2,26 @@
 
 import csv
 import re
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.alone]
+FINDS_DEMONSTRATION = True
 PATIENCE_MS = 120_000
+COMMAND = Path(sys.executable).with_name("rtstack")
 
 
 @pytest.fixture
-def trials(recorded):
+def trials(console):
     """The page Trials, with control and armed arms."""
-    page = recorded.page
-    page.goto(recorded.address.split("?")[0] + "trials")
-    recorded.arm()
-    return recorded
+    page = console.page
+    page.goto(console.address.split("?")[0] + "trials")
+    console.arm()
+    return console
 
 
 def test_a_queue_is_filled_ordered_and_run_and_its_results_lead_to_their_logs(trials, tmp_path):
@@ -87,3 +92,16 @@ def test_every_control_of_the_page_fits_into_the_smallest_window_and_no_script_f
     expect(page.locator("#start select[name=name] option")).not_to_have_count(0, timeout=PATIENCE_MS)
     expect(page.locator("#plan")).to_have_text(re.compile(r"90 trials"))
     assert trials.errors == []
+
+
+def test_the_form_proposes_the_object_of_its_reference(console, logs_of_stack):
+    made = [str(COMMAND), "teach", str(logs_of_stack / "with-a-parcel.mcap"), "--object", "parcel"]
+    subprocess.run(made, check=True, capture_output=True, timeout=PATIENCE_MS * 1e-3)
+    page = console.page
+    page.goto(console.address.split("?")[0] + "trials")
+    reference, thing = (page.locator(f"#trial select[name={name}]") for name in ("reference", "object"))
+    parcel = reference.locator("option", has_text="parcel").first
+    expect(parcel).to_have_js_property("selected", True, timeout=PATIENCE_MS)  # the newest one, which nobody has chosen
+    expect(thing).to_have_value("parcel")
+    reference.select_option(value=reference.locator("option", has_text="rice box").first.get_attribute("value"))
+    expect(thing).to_have_value("rice_box")

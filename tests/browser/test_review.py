@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pytest
+from curve_pixels import drawn, highest_seen
 from PIL import Image
 from playwright.sync_api import Page, expect
 from served_console import serve_console
@@ -71,6 +72,13 @@ def page(browser, logs):
         assert [url for url in requests if not url.startswith((served.base, "blob:", "data:"))] == []
 
 
+_LEGENDS = """async () => {
+    const { panes } = (await import('/static/js/review/page.js')).plots;
+    return [...document.querySelectorAll('.legend')].map((legend, row) =>
+        ({top: legend.offsetTop, height: legend.offsetHeight, pane: panes[row].top}));
+}"""
+
+
 def names(page: Page) -> list[str]:
     return page.locator("#logs tbody tr td:nth-child(3)").all_inner_texts()
 
@@ -85,16 +93,14 @@ def open_log(page: Page, name: str, query: str = "") -> None:
     page.goto("/logs")
     address = page.locator("#logs tbody a", has_text=name).get_attribute("href")
     page.goto(f"{address}{query}")
-    expect(page.locator("#figure .main-svg").first).to_be_visible()
+    expect(page.locator("#figure-area")).to_have_attribute("data-points", re.compile("[1-9]"))
     expect(page.locator("#reading")).to_be_hidden()
     expect(page.locator("#log-events li").first).to_be_visible()
 
 
 def peak(page: Page, name: str) -> float:
     """Largest value that the curve of a signal shows."""
-    return page.evaluate(
-        "name => Math.max(...document.getElementById('figure').data.find(trace => trace.name === name).y)", name
-    )
+    return max(drawn(page, name)[0]["y"])
 
 
 def test_the_list_is_searched_and_sorted(page):
@@ -124,6 +130,7 @@ def test_a_spike_of_one_sample_is_seen_from_the_whole_log_down_to_samples(page):
     expect(page.locator(".legend")).to_have_count(2)
     expect(page.locator("#figure-area")).to_have_attribute("data-window", re.compile(r"^0,5\."))
     assert peak(page, "left.tau_J.4") == SPIKE_NM
+    assert highest_seen(page, "left.tau_J.4", SPIKE_S) > 0.95 * SPIKE_NM
     figure = page.locator("#figure").bounding_box()
     assert figure is not None
     y = figure["y"] + figure["height"] / 3
@@ -139,8 +146,62 @@ def test_a_spike_of_one_sample_is_seen_from_the_whole_log_down_to_samples(page):
         page.mouse.up()
         expect(page.locator("#figure-area")).not_to_have_attribute("data-window", shown)
         assert peak(page, "left.tau_J.4") == SPIKE_NM
+        assert highest_seen(page, "left.tau_J.4", SPIKE_S) > 0.95 * SPIKE_NM
     assert window(page)[1] - window(page)[0] < 0.5
     expect(page).to_have_url(re.compile(f"from={window(page)[0]:.3f}"))  # a link opens exactly this view
+
+
+CHART = """async spiky => {
+    const { Chart } = await import('/static/js/review/chart.js');
+    const [n, spike] = [20000, 6000];
+    const noise = (k) => ((k * 7919) % 1000) / 500 - 1;
+    const y = Float32Array.from({length: n}, (_, k) => k > 12000 && k < 13000 ? NaN
+        : k === spike ? 10 : spiky ? noise(k) : Math.sin(k / 3000));
+    const x = Float64Array.from(y, (_, k) => k / 1000);
+    const curve = {name: 'a', pane: 0, x, y, colour: '#ff0000', dash: 'solid', width: 1.5, opacity: 1};
+    const chart = new Chart({width: 700, height: 300, from: 0, to: 20, panes: [{top: 20, bottom: 260}], curves: [curve]});
+    const canvas = Object.assign(document.createElement('canvas'), {width: 700, height: 300});
+    const context = canvas.getContext('2d');
+    chart.draw(context);
+    const { data } = context.getImageData(0, 0, 700, 300);
+    const red = (px) => [...Array(240).keys()].map((row) => row + 20)
+        .filter((row) => data[4 * (row * 700 + px)] > 100 && data[4 * (row * 700 + px) + 1] < 90 && data[4 * (row * 700 + px) + 3] > 90);
+    const [low, high] = chart.panes[0].range, top = 20 + (high - 10) / (high - low) * 240;
+    const at = Math.round(chart.x(spike / 1000));
+    return {top, spike: Math.min(...[-1, 0, 1].flatMap((by) => red(at + by))),
+        gap: red(Math.round(chart.x(12.5))).length, columns: [...Array(600).keys()].filter((px) => red(px + 66).length).length};
+}"""  # noqa: E501
+
+
+@pytest.mark.parametrize("spiky", [False, True])
+def test_a_spike_and_a_gap_are_seen_in_a_smooth_curve_and_in_one_that_fills_its_pane(page, spiky):
+    seen = page.evaluate(CHART, spiky)
+    assert abs(seen["spike"] - seen["top"]) <= 2
+    assert seen["gap"] == 0
+    assert 0.94 * 600 < seen["columns"] < 0.96 * 600  # all but the gap
+
+
+def test_the_wheel_zooms_about_the_pointer_and_moves_the_window_and_a_double_click_shows_all(page):
+    open_log(page, "first.mcap", "?signals=left.force_norm,left.tau_J.4")
+    area, figure = page.locator("#figure-area"), page.locator("#figure").bounding_box()
+    assert figure is not None
+    (_, end), width = window(page), figure["width"] - 76
+
+    def after(act):
+        shown = area.get_attribute("data-window") or ""
+        act()
+        expect(area).not_to_have_attribute("data-window", shown)
+        return window(page)
+
+    page.mouse.move(figure["x"] + 64 + 0.25 * width, figure["y"] + 100)
+    closer = after(lambda: page.mouse.wheel(0, -200))
+    assert closer == pytest.approx((end / 8, end * 5 / 8), abs=0.01)
+    assert after(lambda: page.mouse.wheel(200, 0)) == pytest.approx((end / 4, end * 3 / 4), abs=0.01)
+    assert after(lambda: page.mouse.dblclick(figure["x"] + 300, figure["y"] + 100)) == pytest.approx((0, end))
+    told = "[...document.querySelectorAll('link[rel=modulepreload]')].map(link => link.href)"
+    fetched = "performance.getEntriesByType('resource').map(one => one.name).filter(name => name.includes('/js/'))"
+    script = page.locator("script[type=module]").evaluate("script => script.src")
+    assert {*page.evaluate(told), script} == {*page.evaluate(fetched), script}  # no script is found one by one
 
 
 def test_the_event_list_goes_to_the_spike_and_markup_stays_text(page):
@@ -210,10 +271,8 @@ def test_a_second_log_is_aligned_at_the_impact_and_the_differences_are_listed(pa
     page.locator("#other").select_option(label=page.locator("#other option", has_text="second.mcap").inner_text())
     expect(page.locator("#difference")).to_contain_text("trial.specification.controller")
     expect(page.locator("#difference")).to_contain_text("no_interim")
-    starts = """() => document.getElementById('figure').data
-        .filter(trace => trace.name === 'left.force_norm').map(trace => trace.x[0])"""
     for _ in range(100):
-        found = page.evaluate(starts)
+        found = [curve["x"][0] for curve in drawn(page, "left.force_norm")]
         if len(found) == 2:
             break
         page.wait_for_timeout(200)
@@ -222,6 +281,26 @@ def test_a_second_log_is_aligned_at_the_impact_and_the_differences_are_listed(pa
     expect(page).to_have_url(re.compile("other="))
     page.select_option("#other", "")
     expect(page.locator("#difference")).to_be_hidden()
+
+
+def test_a_compared_log_that_ends_earlier_says_so_and_long_legends_hide_no_curve(page, logs):
+    before = page.url
+    page.set_viewport_size({"width": 1280, "height": 720})
+    open_log(page, "second.mcap")
+    page.locator("#other").select_option(label=page.locator("#other option", has_text="first.mcap").inner_text())
+    ghost, values = page.locator("#ghost"), page.locator(".legend .value.faint")
+    expect(ghost).to_have_text(re.compile(r"^first\.mcap at \d"))
+    expect(values.first).to_have_text(re.compile(r"\d"))
+    places = page.evaluate(_LEGENDS)
+    assert max(legend["height"] for legend in places) >= 40  # two lines
+    assert all(legend["top"] + legend["height"] <= legend["pane"] for legend in places)
+    page.locator("#slider").evaluate("s => { s.value = s.max; s.dispatchEvent(new Event('input')); }")
+    log = read_log(logs / "first.mcap")
+    end_s = (log.topic("/left/arm")["t_ns"][-1] - log.start_ns) * 1e-9
+    expect(ghost).to_have_text(f"first.mcap ended at {end_s:.3f} s")
+    expect(values.first).to_have_text("")
+    page.set_viewport_size({"width": 1440, "height": 900})
+    page.goto(before)
 
 
 def first_impact_s(log):

@@ -18,11 +18,14 @@ from console.tokens import Scope
 from rtstack.live.protocol import JobState
 from tests.console.test_review_api import read, write_log
 
-SECONDS = int(os.environ.get("RTSTACK_FUZZ_SECONDS", "20"))
+SECONDS = int(os.environ.get("RTSTACK_FUZZ_SECONDS", "0"))  # for each way of asking; 0: a number of examples instead,
+FEW = ("--generation-deterministic", "--max-examples", "5")  # so that every machine asks the same
+COVERAGE_SECONDS = 24  # what of it a machine has time for; a quiet one does all in 85
 REVOKE = "/api/tokens/{token_id}"
 COMPUTES = ("campaigns_start", "campaigns_resume")  # for hours
 
-# what a schema cannot say: a window that ends before it begins, a signal that there is not, both lines of 422
+# what a schema cannot say: a window that ends before it begins, a signal that there is not, both lines of 422; and
+# where schemathesis reads a pattern too loosely: its \p{C} is control characters, not what is unassigned or private
 SETTINGS = """
 [dictionaries.logs]
 values = {logs}
@@ -40,6 +43,10 @@ object = {{ dictionary = "objects", probability = 0.7 }}
 include-path-regex = "/api/logs/.*"
 [operations.checks]
 positive_data_acceptance.expected-statuses = ["2xx", 401, 403, 404, 409, 422]
+[[operations]]
+include-path-regex = "/api/(take|tokens|recordings/.*)$"
+[operations.checks]
+positive_data_acceptance.expected-statuses = ["2xx", 401, 403, 404, 409, 422, 503]
 """
 
 
@@ -64,7 +71,7 @@ def obliging_arms(desk):
         thread.join()
 
 
-@pytest.mark.timeout(SECONDS + 280)
+@pytest.mark.timeout(4 * SECONDS + 400)
 def test_no_request_breaks_the_console_and_every_answer_is_as_described(served, demonstration, tmp_path):
     for number in range(2):
         write_log(served.logs / f"log{number}.mcap", {"object": "rice_box", "seed": str(number)}, {"success": "true"})
@@ -84,19 +91,20 @@ def test_no_request_breaks_the_console_and_every_answer_is_as_described(served, 
             command = [sys.executable, "-m", "schemathesis.cli", "--config-file", str(settings), "--no-color", "run"]
             command += [served.base + OPENAPI_PATH, "--header", f"Authorization: Bearer {word}", "--checks", "all"]
             command += ["--continue-on-failure", "--warnings", "off", *options]
-            if "RTSTACK_FUZZ_SECONDS" not in os.environ:
-                command.append("--generation-deterministic")
+            command += [] if SECONDS else FEW
             return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
 
         # without the request by which it might take its own token away; that one comes last, by itself
         left_out = [word for name in COMPUTES for word in ("--exclude-operation-id", name)]
         left_out += ["--exclude-path", REVOKE]
-        each = ask(*left_out, "--phases", "coverage,fuzzing", "--max-time", str(2 * SECONDS // 3))
+        limit = ("--max-time", str(SECONDS)) if SECONDS else ()
+        each = ask(*left_out, "--phases", "coverage", "--max-time", str(SECONDS or COVERAGE_SECONDS))
+        made_up = ask(*left_out, "--phases", "fuzzing", *limit)
         # its links are guesses by name, a token's id for a row's: what is refused then says nothing
         guessed = ("--exclude-checks", "positive_data_acceptance")
-        in_turn = ask(*left_out, *guessed, "--phases", "stateful", "--max-time", str(SECONDS // 3))
+        in_turn = ask(*left_out, *guessed, "--phases", "stateful", *limit)
         assert client.get("/api/me").status_code == 200  # or all that it asked was refused
         revoked = ask("--include-path", REVOKE, "--phases", "coverage")
-        for asked in (each, in_turn, revoked):
+        for asked in (each, made_up, in_turn, revoked):
             assert (asked.returncode, "No issues found" in asked.stdout) == (0, True), asked.stdout[-6000:]
             print(asked.stdout)

@@ -40,7 +40,9 @@ def test_a_program_with_a_token_does_what_the_page_does_without_cookie_or_word(s
         assert bot.post("/api/arm").json()["phase"] == "armed"
         assert bot.post("/api/sign-out").status_code == 409
         assert not bot.cookies
-        assert bot.get("/api/tokens").json() == [made["row"]]
+        (row,) = bot.get("/api/tokens").json()
+        assert row == made["row"] | {"used_s": row["used_s"]}
+        assert row["used_s"] >= row["created_s"]
         trail = bot.get("/api/audit", params={"limit": 3}).json()
     assert [(line["action"], line["operator"]) for line in trail] == [
         ("token", "operator 1"), ("take", "bot"), ("arm", "bot"),

@@ -102,6 +102,7 @@ def test_a_bad_name_is_one_line_that_names_the_key(served, body):
         assert client.get("/api/status").json()["holder"] is None
 
 
+@pytest.mark.alone
 def test_a_program_keeps_its_lease_by_beats_and_loses_it_without(hasty):
     served = hasty
     with served.signed_in() as (client, headers):
@@ -117,6 +118,7 @@ def test_a_program_keeps_its_lease_by_beats_and_loses_it_without(hasty):
     assert served.trail()[-1] == ("lost", "operator 1")
 
 
+@pytest.mark.alone
 def test_a_page_keeps_its_lease_by_answering_what_it_is_sent(hasty):
     served = hasty
     with served.signed_in() as (client, headers):

@@ -6,10 +6,12 @@ import numpy as np
 import pinocchio
 import pytest
 import trimesh
+import zstandard
 from websockets.sync.client import connect
 
 from console.meshes import LINKS, capsule_parts, full_parts, light_parts
 from console.scene import fr3_joints, turned
+from console.scene_server import SECRET_HEADER
 from console.scenes import Detail
 from hal.description import fr3_urdf
 from hal.limits import FR3
@@ -72,3 +74,31 @@ def test_the_proxy_forwards_the_page_and_the_subprotocol(served):
         ) as stream:
             assert stream.subprotocol == "viser-v1.1.1"
             assert len(stream.recv(timeout=10)) > 16
+
+
+def test_what_moves_is_packed_once_for_all_who_look(served):
+    """The bytes that two pages get are the same, the time of packing inside them too."""
+    server = served.parts.review_scenes.server(Detail.LIGHT)  # of which nobody moves anything but this test
+    options = {
+        "subprotocols": ["viser-v1.1.1"],
+        "additional_headers": {SECRET_HEADER: server.secret},
+        "proxy": None,
+        "max_size": None,
+        "compression": None,
+    }
+    address = f"ws://127.0.0.1:{server.port}"
+
+    def until(stream, word):
+        """The first window that has this word in it."""
+        while True:
+            window = stream.recv(timeout=60)
+            size = int.from_bytes(window[8:16], "little")
+            if word in zstandard.ZstdDecompressor().decompress(window[16 : 16 + size]):
+                return window
+
+    with connect(address, **options) as one, connect(address, **options) as other:
+        for stream in (one, other):
+            until(stream, b"ReplayDoneMessage")  # each was sent what there was before it came
+        with server.viser.atomic():
+            server.viser.scene.add_frame("/mark")
+        assert until(one, b"/mark") == until(other, b"/mark")

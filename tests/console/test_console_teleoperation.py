@@ -11,7 +11,8 @@ import pytest
 from websockets.sync.client import connect
 
 from console.scenes import Detail
-from console.teleoperation.pair import Coupling, led, quaternion
+from console.teleoperation.pair import Coupling, led
+from console.teleoperation.quaternion import quaternion
 from rtstack.live.protocol import JobState
 from rtstack.loop.target import TARGET, Letting
 from rtstack.loop.watchdogs import CLUTCH_S
@@ -198,6 +199,7 @@ def test_linked_hands_turn_about_their_middle_and_mirrored_ones_close(running):
     np.testing.assert_allclose(closed[0, 3:], closed[1, 3:] * [1, -1, 1, -1])
 
 
+@pytest.mark.alone
 def test_a_clutch_that_goes_quiet_is_shown_as_let_go(running):
     served, client, headers = running
     say(client, headers, clutch=True)

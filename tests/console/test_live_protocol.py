@@ -55,7 +55,7 @@ def test_a_request_comes_back_as_it_was(request_):
 def test_an_answer_comes_back_as_it_was():
     job = Job(3, JobKind.TRIAL, JobState.FAILED, "t", 0.25, 12.5, 'two\n"lines"', False, "a.mcap")
     status = Status(
-        "grab", True, ("parcel",), "parcel", job, None, Phase.FAULT, "left arm in reflex", "anna", 12.5, True
+        "grab", True, ("parcel",), "parcel", job, None, Phase.FAULT, "left arm in reflex", "anna", 12.5, True, "fifo"
     )
     for answer in (Answer(status=status), Answer(error="no")):
         assert decode_answer(encode(answer)) == answer
@@ -72,6 +72,10 @@ def test_an_answer_comes_back_as_it_was():
         (b'{"verb": "trial", "operator": "a", "reference": "a", "controller": "best"}', "controller"),
         (b'{"verb": "stop", "operator": "a", "now": true}', "now"),
         (b'{"verb": "demonstration", "operator": "a", "seed": -1}', "seed"),
+        (b'{"verb": "demonstration", "operator": "a", "seed": true}', "seed"),
+        (b'{"verb": "demonstration", "operator": "a", "seed": "5"}', "seed"),
+        (b'{"verb": "trial", "operator": "a", "reference": "a", "displacement_mm": false}', "displacement_mm"),
+        (b'{"verb": "teleoperation", "operator": "a", "object": "a", "recorded": 1}', "recorded"),
         (b'{"verb": "demonstration", "operator": "a", "object": "a b"}', "object"),
         (b'{"verb": "demonstration"}', "operator"),
         (b'{"verb": "stop"}', "operator"),

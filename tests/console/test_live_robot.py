@@ -31,6 +31,7 @@ from rtstack.trials.errors import TrialError
 from sim_robot.cell import SimulatedCell, simulated_cell
 from sim_robot.clock import PacedLockstep
 
+pytestmark = pytest.mark.alone
 CELL = Path(cells.__file__).parent / "grab.toml"
 PATIENCE_S = 120.0
 DEMONSTRATION = DemonstrationRequest(operator="anna")
@@ -167,6 +168,22 @@ def test_a_recovery_that_the_robot_refuses_says_why_and_the_fault_stays(robot, m
     robot.desk.recover("anna").result(PATIENCE_S)
     assert robot.helm.view().phase is Phase.DISARMED
     assert len(robot.opened) == 2
+
+
+def test_a_refusal_that_is_seen_after_the_recovery_was_asked_for_does_not_undo_it(tmp_path):
+    mailbox = Mailbox.create("rtstack-test-refusal")
+    audit = AuditTrail(tmp_path / "audit.jsonl")
+    try:
+        desk = Desk(live_source(CELL), mailbox, audit)
+        desk.refused("in reflex")
+        assert desk.helm.view().phase is Phase.FAULT
+        desk.recover("anna")
+        desk.refused("in reflex")  # as it was when it was looked at
+        desk.helm.recovered()
+        assert desk.helm.view().phase is Phase.DISARMED
+    finally:
+        audit.close()
+        mailbox.close()
 
 
 def test_a_lost_arm_is_said_and_a_recovery_opens_the_cell_again(robot):

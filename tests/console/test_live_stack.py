@@ -15,10 +15,12 @@ import httpx
 import psutil
 import pytest
 
+from hal.realtime import obtainable, scheduling
 from rtstack.live.client import RobotClient
 from rtstack.log.reader import read_log
 from rtstack.loop.end import End
 
+pytestmark = pytest.mark.alone
 TIMEOUT_S = 120.0
 
 COMMAND = Path(sys.executable).with_name("rtstack")
@@ -137,11 +139,16 @@ def test_when_one_dies_in_a_motion_it_says_which_and_ends_everything(stack, modu
     everything, pids = all_of(stack), [stack.process.pid, *(child.pid for child in all_of(stack))]
     assert len(everything) >= 3
     stack.children[module].kill()
-    status, errors = stack.end()
+    errors = ""  # Python's own resource tracker may say first that it unlinks the dead process's memory
+    while "died" not in errors:
+        errors += stack.process.stderr.readline()  # pyright: ignore[reportOptionalMemberAccess]
+    while stack.process.poll() is None:  # whoever saw that presses Ctrl-C now: nothing of it may reach Python's own end
+        stack.process.send_signal(signal.SIGINT)
+    status, further = stack.end()
     assert status == 1
-    # before it, Python's own resource tracker may say that it unlinks the dead process's memory
     assert errors.splitlines()[-1] == f"rtstack: the {what} died: killed by SIGKILL"
     assert "Traceback" not in errors
+    assert further == ""
     _, alive = psutil.wait_procs(everything, timeout=30)  # the log process finishes its file
     assert alive == []
     assert left_behind(*pids) == []
@@ -152,10 +159,17 @@ def test_when_one_dies_in_a_motion_it_says_which_and_ends_everything(stack, modu
 
 
 def test_a_supervisor_that_is_killed_in_a_motion_leaves_nothing_and_the_next_one_starts(stack):
-    port = int(re.search(r":(\d+)/", stack.line)[1])
+    port = int(stack.line.split(":")[-1].split("/")[0])
     run = stack.run
     assert run.is_dir()
     stack.start_a_job()
+    robot = stack.children["rtstack.live.robot"].pid
+    obtained = obtainable()
+    assert scheduling(robot) == (obtained.scheduler, obtained.priority)  # the loop's thread
+    client = RobotClient(run / "robot.sock")
+    assert client.status().scheduler == obtained.scheduler
+    client.close()
+    assert {scheduling(process.pid)[0] for process in all_of(stack) if process.pid != robot} == {"other"}
     everything, pids = all_of(stack), [stack.process.pid, *(child.pid for child in all_of(stack))]
     stack.process.kill()
     stack.process.wait()
@@ -163,7 +177,9 @@ def test_a_supervisor_that_is_killed_in_a_motion_leaves_nothing_and_the_next_one
     assert alive == []
     assert left_behind(*pids) == []
     assert not run.exists()
-    assert log_of(stack).metadata["result"]["failure_reason"].startswith(End.PARENT_GONE)
+    metadata = log_of(stack).metadata
+    assert metadata["result"]["failure_reason"].startswith(End.PARENT_GONE)
+    assert json.loads(metadata["trial"]["host"])["loop_scheduler"] == obtained.scheduler
     again = Stack(stack.logs, port)
     assert again.line.startswith(f"rtstack is up: http://127.0.0.1:{port}/")
     again.process.terminate()

@@ -7,6 +7,7 @@ import time
 import httpx
 import numpy as np
 import pytest
+from served_console import serve_console
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
@@ -44,6 +45,21 @@ def write_log(path, trial, result=None, spike=80.0, complete=True):
 @pytest.fixture
 def logs(served):
     """Three logs and a file that is none."""
+    return write_logs(served)
+
+
+@pytest.fixture(scope="module")
+def asked(tmp_path_factory):
+    """A client of a console with these logs, and their ids, for tests that only ask; the first log has been read."""
+    with serve_console(tmp_path_factory.mktemp("asked")) as served:
+        logs = write_logs(served)
+        with served.signed_in() as (client, _):
+            read(client, logs["log0.mcap"])
+            yield client, logs
+
+
+def write_logs(served):
+    """Write the logs; return their ids by name."""
     for number, (controller, success) in enumerate(
         [("proposed", "true"), ("no_interim", "false"), ("proposed", "false")]
     ):
@@ -102,18 +118,18 @@ def unpacked(data):
         ({"q": "seed:nothing"}, set()),
     ],
 )
-def test_the_search_is_over_everything_in_the_metadata(served, logs, query, expected):
-    with served.signed_in() as (client, _):
-        rows = client.get("/api/logs", params=query).raise_for_status().json()
-        assert {row["name"].removesuffix(".mcap") for row in rows} == expected
+def test_the_search_is_over_everything_in_the_metadata(asked, query, expected):
+    client, _ = asked
+    rows = client.get("/api/logs", params=query).raise_for_status().json()
+    assert {row["name"].removesuffix(".mcap") for row in rows} == expected
 
 
-def test_the_list_is_sorted_and_what_has_no_value_comes_last(served, logs):
-    with served.signed_in() as (client, _):
-        for descending, seeds in ((False, [3, 4, 5, None]), (True, [5, 4, 3, None])):
-            rows = client.get("/api/logs", params={"sort": "seed", "descending": descending}).json()
-            assert [row["seed"] for row in rows] == seeds
-        assert client.get("/api/logs", params={"sort": "path"}).status_code == 422
+def test_the_list_is_sorted_and_what_has_no_value_comes_last(asked):
+    client, _ = asked
+    for descending, seeds in ((False, [3, 4, 5, None]), (True, [5, 4, 3, None])):
+        rows = client.get("/api/logs", params={"sort": "seed", "descending": descending}).json()
+        assert [row["seed"] for row in rows] == seeds
+    assert client.get("/api/logs", params={"sort": "path"}).status_code == 422
 
 
 def test_a_log_is_read_and_its_spike_comes_down(served, logs):
@@ -132,6 +148,12 @@ def test_a_log_is_read_and_its_spike_comes_down(served, logs):
         table = client.get(f"/api/logs/{log_id}/csv", params={"signals": "left.tau_J.4", "start": 1.2, "end": 1.3})
         assert "1.234000,80" in table.text.splitlines()
         assert table.headers["content-disposition"] == 'attachment; filename="log0.csv"'
+        other_id = logs["log1.mcap"]
+        read(client, other_id)
+        both = {"signals": "left.tau_J.4", "start": 1.2, "end": 1.3, "other": other_id, "offset": 0.01}
+        lines = client.get(f"/api/logs/{log_id}/csv", params=both).text.splitlines()
+        assert lines[0] == "t_s,left.tau_J.4,other.left.tau_J.4"
+        assert {"1.234000,80,0", "1.244000,0,80"} <= set(lines)  # the other one's spike is as late as it was moved
         assert len(client.get(f"/api/logs/{log_id}/events", params={"level": "INFO"}).json()) == 1
         assert client.get(f"/api/logs/{log_id}/events", params={"level": "ERROR"}).json() == []
 
@@ -149,12 +171,11 @@ def test_a_log_is_read_and_its_spike_comes_down(served, logs):
         ("difference?other=..%2f..%2fetc", 404, "no such log"),
     ],
 )
-def test_bad_questions_get_one_line(served, logs, path, status, words):
-    with served.signed_in() as (client, _):
-        read(client, logs["log0.mcap"])
-        answer = client.get(f"/api/logs/{logs['log0.mcap']}/{path}")
-        assert answer.status_code == status
-        assert words in answer.json()["error"]
+def test_bad_questions_get_one_line(asked, path, status, words):
+    client, logs = asked
+    answer = client.get(f"/api/logs/{logs['log0.mcap']}/{path}")
+    assert answer.status_code == status
+    assert words in answer.json()["error"]
 
 
 def test_what_is_no_log_says_so_and_a_log_without_an_end_is_shown(served, logs):
@@ -225,22 +246,15 @@ def test_the_cache_makes_room_for_the_newest_and_reads_a_changed_log_anew(served
         assert cache.open(entries["log0.mcap"]) == first
         opened("log1.mcap")
         assert not first.folder.exists()  # made room
+        assert cache.reopened(entries["log0.mcap"].id) is None
+        assert cache.reopened(entries["log1.mcap"].id) is not None
         write_log(served.logs / "log1.mcap", {"object": "rice_box"}, spike=-5.0)
+        assert cache.reopened(entries["log1.mcap"].id) is None  # it has changed
         entries = {entry.path.name: entry for entry in Catalogue(served.logs).entries()}
         assert opened("log1.mcap").folder.name != first.folder.name
     finally:
         cache.close()
     assert sum(folder.is_dir() for folder in (served.logs / FOLDER).iterdir()) == 1
-
-
-def test_plotly_comes_from_the_installed_package_and_may_be_kept(served, logs):
-    with served.signed_in() as (client, _):
-        page = client.get(f"/logs/{logs['log0.mcap']}").raise_for_status().text
-        address = next(part for part in page.split('"') if part.startswith("/assets/plotly-"))
-        answer = client.get(address)
-        assert answer.text.lstrip().startswith("/**\n* plotly.js")
-        assert "immutable" in answer.headers["cache-control"]
-        assert "unsafe" not in answer.headers["content-security-policy"]
 
 
 def test_the_scene_of_a_review_is_not_the_live_one(served, logs):

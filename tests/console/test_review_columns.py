@@ -9,7 +9,7 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from console.review.columns import BUCKET, Columns, ColumnWriter, read_index
 from console.review.conversion import convert
 from console.review.conversion import main as conversion
-from console.review.series import Window, csv_lines, curves, moment
+from console.review.series import Tabled, Window, csv_lines, curves, moment
 from console.review.signals import PLOTTED_TOPICS, column_block, signals, topic_signals
 from rtstack.log.reader import read_log
 from rtstack.log.sink import McapSink
@@ -162,7 +162,7 @@ def test_modes_and_events_are_those_of_the_log(made):
 def test_a_table_has_every_sample_and_gaps_where_a_topic_has_none(made):
     _, columns, folder, index = made
     names = ["left.tau_J.4", "object.position.z"]
-    lines = "".join(csv_lines(folder, index, [signal(name) for name in names], 1.0, 1.01)).splitlines()
+    lines = "".join(csv_lines([Tabled(folder, index)], [signal(name) for name in names], 1.0, 1.01)).splitlines()
     assert lines[0] == "t_s,left.tau_J.4,object.position.z"
     rows = [line.split(",") for line in lines[1:]]
     assert [row[0] for row in rows] == [f"{t / 1000:.6f}" for t in range(1000, 1010)]

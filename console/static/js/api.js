@@ -18,10 +18,14 @@ async function ask(path, options) {
 
 export const get = (path) => ask(path, {});
 
-export const post = (path, body = {}) =>
+const change = (method, path, body) =>
   ask(path, {
-    method: "POST",
+    method,
     headers: { "content-type": "application/json", "x-csrf-token": csrf },
     body: JSON.stringify(body),
     keepalive: true,
   });
+
+export const post = (path, body = {}) => change("POST", path, body);
+
+export const remove = (path) => change("DELETE", path, {});

@@ -1,21 +1,17 @@
 // The top bar: lights, mode, loop health, age. Colour never says anything that a word does not say too.
 
+import { wordOf } from "./modes.js";
+
 const AMBER_S = 0.1;
 const RED_S = 0.5;
 const NEVER_S = 1e5;
 const REFRESH_MS = 50;
 const TEXT_EVERY = 5; // refreshes: a number that changes 20 times a second cannot be read
 const SIDES = ["left", "right"];
-const WORDS = {
-  UNKNOWN: "no state", IDLE: "idle", TELEOPERATION: "teleoperation", ANTE_IMPACT: "ante-impact",
-  INTERIM: "interim", POST_IMPACT: "post-impact", STOPPING: "stopping", STOPPED: "stopped",
-};
 const ROBOT_WORDS = {
   OTHER: "other", IDLE: "idle", MOVE: "moving", GUIDING: "guiding", REFLEX: "reflex",
   USER_STOPPED: "user stop", AUTOMATIC_ERROR_RECOVERY: "recovering", UNKNOWN: "no state",
 };
-
-export const wordOf = (mode) => WORDS[mode] ?? mode.toLowerCase();
 
 export function ageText(age) {
   if (age > NEVER_S) return "none yet";
@@ -37,8 +33,10 @@ function showArm(side, arm) {
   figure.title = `The robot says ${arm.robot_mode}${errors}; commands received ${Math.round(arm.success_rate * 100)} %`;
 }
 
-function showLoop(loop) {
+function showLoop({ loop, status }) {
   const element = document.getElementById("loop");
+  const caption = element.parentElement.querySelector(".caption");
+  write(caption, status?.scheduler === "fifo" ? "loop fifo, mean/p99/missed" : "loop, mean / p99 / missed"); // hardly wider
   if (loop.period_us === null) return write(element, "-");
   const ms = (us) => (us / 1000).toFixed(2);
   write(element, `${ms(loop.period_us)} / ${ms(loop.period_p99_us)} ms / ${loop.missed}`);
@@ -59,7 +57,7 @@ export function startBar(live) {
     for (const side of SIDES) showArm(side, view[side]);
     mode.dataset.mode = view.left.mode;
     write(mode.querySelector(".word"), wordOf(view.left.mode));
-    showLoop(view.loop);
+    showLoop(view);
     showHolder(view);
   });
 

@@ -2,6 +2,7 @@
 
 import { post } from "./api.js";
 import { showError } from "./errors.js";
+import { LOOKS } from "./scope.js";
 
 const KEY = "rtstack.operator";
 const WHILE = { moving: "moving", recovering: "recovering" };
@@ -20,6 +21,7 @@ function allow(id, why, what) {
 // Why this page cannot start anything, in a line; null where it can.
 export function whyNot(view) {
   const { status, you, unreachable } = view;
+  if (LOOKS) return LOOKS;
   if (unreachable) return unreachable;
   if (status === null) return "the robot process has not answered yet";
   const other = status.holder !== null && status.holder !== you;
@@ -78,7 +80,7 @@ export class Control {
     this.name.placeholder = you;
     button("take").dataset.from = from;
     write(button("take"), from ? `Take over from ${from}` : "Take control");
-    allow("take", mine ? "You have the robot" : from && phase === "moving" ? `Take over once nothing moves: ${busy}` : null,
+    allow("take", LOOKS ? LOOKS : mine ? "You have the robot" : from && phase === "moving" ? `Take over once nothing moves: ${busy}` : null,
       from ? `${from} loses control, and the arms are disarmed` : "While you have it nobody else can start anything");
     allow("release", mine ? null : "You do not have the robot", "Give control back; the arms are disarmed, and what moves stops");
     allow("arm", !mine ? "Take control first" : phase === "fault" ? "Recover first" : phase === "armed" ? "Armed" : busy,
@@ -87,7 +89,7 @@ export class Control {
 
     button("recover").hidden = phase !== "fault" && phase !== "recovering";
     const active = status.job && ["starting", "running", "stopping"].includes(status.job.state);
-    allow("recover", active ? "Wait until the job has ended" : phase === "recovering" ? "The arms are recovering" : null,
+    allow("recover", LOOKS ? LOOKS : active ? "Wait until the job has ended" : phase === "recovering" ? "The arms are recovering" : null,
       "Clear what the arms have latched, once its cause is gone");
 
     const fault = document.getElementById("fault");

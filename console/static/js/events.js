@@ -40,9 +40,13 @@ export function startEvents(live) {
     fill(strip, view.event);
     if (!list.hidden) refresh();
   });
-  strip.addEventListener("click", () => {
-    list.hidden = !list.hidden;
-    strip.setAttribute("aria-expanded", String(!list.hidden));
-    if (!list.hidden) refresh();
+  const open = (wanted) => {
+    list.hidden = !wanted;
+    strip.setAttribute("aria-expanded", String(wanted));
+    if (wanted) refresh();
+  };
+  strip.addEventListener("click", () => open(list.hidden));
+  window.addEventListener("keydown", (event) => {
+    if (event.key === "Escape" && !list.hidden) open(false);
   });
 }

@@ -1,13 +1,15 @@
-// What every page has: theme, live state, STOP, the top bar and the strip of events. Returns the live state.
+// What every page has: theme, keys, live state, STOP, the top bar and the strip of events. Returns the live state.
 
 import { startBar } from "./bar.js";
 import { startEvents } from "./events.js";
 import { Live } from "./live.js";
+import { startKeyboard } from "./keyboard.js";
 import { startStop } from "./stop.js";
 import { startTheme } from "./theme.js";
 
 export function startFrame() {
   startTheme();
+  startKeyboard();
   const live = new Live();
   startStop(live);
   startBar(live);

@@ -43,7 +43,11 @@ function file(row, log, heading) {
 
 const COLUMNS = {
   when: (row, log) => cell(row, when(log.when)),
-  name: (row, log) => (log.kind === "not ours" ? cell(row, log.name) : row.insertCell().append(link(`/logs/${log.id}`, log.name))),
+  name: (row, log) => {
+    const place = cell(row, "", "name");
+    place.append(log.kind === "not ours" ? log.name : link(`/logs/${log.id}`, log.name));
+    place.title = log.name;
+  },
   kind: (row, log) => cell(row, log.kind),
   controller: (row, log) => cell(row, plain(log.controller)),
   object: (row, log) => cell(row, plain(log.object)),

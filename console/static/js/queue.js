@@ -5,6 +5,7 @@ import { whyNot } from "./control.js";
 import { showError } from "./errors.js";
 import { number, plain } from "./formats.js";
 import { cell, link } from "./log_table.js";
+import { LOOKS } from "./scope.js";
 
 const PERIOD_MS = 1000;
 const $ = (id) => document.getElementById(id);
@@ -82,9 +83,18 @@ export class Queue {
     const shown = JSON.stringify([queue.entries, this.mine()]);
     if (shown === this.shown) return; // what has the focus keeps it
     this.shown = shown;
+    const focused = document.activeElement;
+    const [id, what] = [focused?.closest("#queue tr")?.dataset.id, focused?.getAttribute("aria-label")];
     this.body.replaceChildren();
     const waiting = queue.entries.filter((entry) => entry.state === "waiting");
     for (const entry of queue.entries) this.addRow(entry, waiting.indexOf(entry), waiting.length);
+    if (id) this.focus(id, what);
+  }
+
+  // Who moves an entry by keys goes on with it, at its new place.
+  focus(id, what) {
+    const buttons = [...this.body.querySelectorAll(`tr[data-id="${id}"] button:enabled`)];
+    (buttons.find((button) => button.getAttribute("aria-label") === what) ?? buttons[0])?.focus();
   }
 
   mine() {
@@ -99,8 +109,8 @@ export class Queue {
     const why = this.view.status?.phase === "moving" && this.mine() ? null : whyNot(this.view);
     write($("queue-start"), entries.some((entry) => FINAL.has(entry.state)) ? "Resume" : "Start");
     allow($("queue-start"), running ? "It runs" : waits ? why : "Nothing waits", "One trial after the other, until something fails");
-    allow($("queue-pause"), running ? null : "It is paused", "Start nothing more; the trial that runs goes on to its end");
-    allow($("queue-cancel"), entries.some((entry) => entry.state === "running") ? null : "No trial of the queue runs", "Stop the trial that runs, the same as STOP");
+    allow($("queue-pause"), LOOKS ?? (running ? null : "It is paused"), "Start nothing more; the trial that runs goes on to its end");
+    allow($("queue-cancel"), LOOKS ?? (entries.some((entry) => entry.state === "running") ? null : "No trial of the queue runs"), "Stop the trial that runs, the same as STOP");
     allow($("clear-finished"), lease ?? (entries.some((entry) => FINAL.has(entry.state)) ? null : "Nothing is finished"), "Their logs stay");
     allow($("clear-all"), lease ?? (entries.length ? null : "It is empty"), "Everything but what runs; logs stay");
     $("past-failures").disabled = running;

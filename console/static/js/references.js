@@ -18,10 +18,13 @@ export class References {
     this.count = 0;
     this.object = form.elements.object;
     this.logs = [];
-    this.select.addEventListener("change", () => {
-      const object = this.logs.find((log) => log.id === this.select.value)?.object;
-      if ([...this.object.options].some((option) => option.value === object)) this.object.value = object;
-    });
+    this.select.addEventListener("change", () => this.propose());
+  }
+
+  // What the reference was made with: a person may choose another one afterwards.
+  propose() {
+    const object = this.logs.find((log) => log.id === this.select.value)?.object;
+    if ([...this.object.options].some((option) => option.value === object)) this.object.value = object;
   }
 
   async refresh() {
@@ -36,5 +39,6 @@ export class References {
     this.select.replaceChildren(...this.logs.map((log) => new Option(text(log), log.id)));
     if (this.count === 0) this.select.add(new Option("no recording yet", ""));
     else if (this.logs.some((log) => log.id === chosen)) this.select.value = chosen;
+    if (this.select.value !== chosen) this.propose();
   }
 }

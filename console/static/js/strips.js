@@ -1,26 +1,12 @@
 // The last ten seconds of both arms, on canvases: force, speed and mode, as the robot said them; a gap where it said
 // nothing.
 
-import { wordOf } from "./bar.js";
-import { modeColour } from "./review/style.js";
+import { pen } from "./canvas.js";
+import { modeColour, wordOf } from "./modes.js";
 
 const SECONDS = 10;
 const DRAW_MS = 100; // a view comes every 50 ms: drawing each of them costs more than it shows
 const SIDES = ["left", "right"];
-
-function pen(canvas) {
-  const ratio = window.devicePixelRatio;
-  const [width, height] = [canvas.clientWidth, canvas.clientHeight];
-  if (!width) return null;
-  if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
-    canvas.width = Math.round(width * ratio);
-    canvas.height = Math.round(height * ratio);
-  }
-  const drawing = canvas.getContext("2d");
-  drawing.setTransform(ratio, 0, 0, ratio, 0, 0);
-  drawing.clearRect(0, 0, width, height);
-  return { drawing, width, height };
-}
 
 class Strip {
   constructor(canvas) {
@@ -47,7 +33,7 @@ class Curves extends Strip {
     this.lines = lines;
   }
 
-  draw({ drawing, width, height }, nowMs) {
+  draw({ context: drawing, width, height }, nowMs) {
     const style = getComputedStyle(this.canvas);
     const most = Math.max(this.least, ...this.points.flatMap(([, ...values]) => values.map((value) => value ?? 0))) * 1.1;
     drawing.strokeStyle = style.getPropertyValue("--line");
@@ -78,7 +64,7 @@ class Curves extends Strip {
 }
 
 class Modes extends Strip {
-  draw({ drawing, width, height }, nowMs) {
+  draw({ context: drawing, width, height }, nowMs) {
     const place = (timeMs) => width - ((nowMs - timeMs) / (SECONDS * 1000)) * width;
     const row = height / SIDES.length;
     SIDES.forEach((_, side) => {

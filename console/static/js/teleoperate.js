@@ -50,6 +50,8 @@ export class Teleoperate {
     for (const name of ["pointerup", "pointercancel", "lostpointercapture"]) {
       clutch.addEventListener(name, () => this.hand.by === "button" && this.hand.letGo(false));
     }
+    clutch.addEventListener("keydown", (event) => event.key === "Enter" && !event.repeat && this.hand.press("enter"));
+    for (const name of ["keyup", "blur"]) clutch.addEventListener(name, () => this.hand.by === "enter" && this.hand.letGo(false));
     for (const target of [window, $("scene")]) {
       const listen = (window_) => window_.addEventListener("keydown", (event) => this.key(event));
       if (target === window) listen(window);

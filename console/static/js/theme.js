@@ -1,6 +1,15 @@
-// Dark by default, light by choice or by the system.
+// Dark by default, light by choice or by the system; the colours that scripts draw with.
 
 const KEY = "rtstack.theme";
+const known = new Map();
+
+// A token of the theme's. Asked of the style sheet once: a computed style may have the whole page laid out first.
+export function token(name) {
+  const key = `${document.documentElement.dataset.theme} ${name}`;
+  const value = known.get(key) ?? getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+  known.set(key, value);
+  return value;
+}
 
 export function startTheme() {
   const button = document.getElementById("theme");

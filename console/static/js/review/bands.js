@@ -1,22 +1,13 @@
 // Mode bands behind the curves and on the time line, events as ticks: drawn on a canvas, which does not mind how many.
 
-import { eventColour, modeColour, theme } from "./style.js";
+import { pen } from "../canvas.js";
+import { modeColour, wordOf } from "../modes.js";
+import { eventColour, theme } from "./style.js";
 
 const ALPHA = 0.17;
 const CROWD = 24; // events in sight: so many lines would hide the curves
+const isTold = ({ name }) => name === "impact" || name === "verdict";
 const WORD_PX = 84; // a word needs as much room
-const wordOf = (mode) => mode.toLowerCase().replace("_", "-");
-
-function prepared(canvas) {
-  const ratio = devicePixelRatio;
-  const [width, height] = [canvas.clientWidth, canvas.clientHeight];
-  if (canvas.width !== Math.round(width * ratio)) canvas.width = Math.round(width * ratio);
-  if (canvas.height !== Math.round(height * ratio)) canvas.height = Math.round(height * ratio);
-  const context = canvas.getContext("2d");
-  context.setTransform(ratio, 0, 0, ratio, 0, 0);
-  context.clearRect(0, 0, width, height);
-  return { context, width, height };
-}
 
 // Spans that are narrower than half a pixel are passed over: their neighbours are at the same place.
 function drawModes(context, spans, x, left, right, top, height, alpha, words) {
@@ -37,49 +28,61 @@ function drawModes(context, spans, x, left, right, top, height, alpha, words) {
   context.globalAlpha = 1;
 }
 
-// In the plots: area {left, right, top, bottom} px, x: time -> px.
+// In the plots: area {left, right, lane} px, x: time -> px. Impacts and verdicts have their words in the lane on top.
 export function drawBands(canvas, document, x, area, panes) {
-  const { context } = prepared(canvas);
-  if (!document) return;
+  const on = pen(canvas);
+  if (!on || !document) return;
+  const { context } = on;
   for (const { top, bottom } of panes) drawModes(context, document.modes.left ?? [], x, area.left, area.right, top, bottom - top, ALPHA, false);
   const inside = ({ t_s }) => x(t_s) >= area.left && x(t_s) <= area.right;
   const told = document.events.filter((event) => (event.name !== "mode" || event.level !== "INFO") && inside(event));
-  for (const event of told) {
-    const place = x(event.t_s);
-    context.strokeStyle = eventColour(event);
-    context.setLineDash(event.name === "impact" || event.name === "verdict" ? [] : [2, 4]);
-    context.globalAlpha = told.length > CROWD ? 0.25 : 0.75;
-    context.beginPath();
-    context.moveTo(Math.round(place) + 0.5, area.top);
-    context.lineTo(Math.round(place) + 0.5, area.bottom);
-    context.stroke();
-  }
-  context.setLineDash([]);
+  drawEvents(context, told, x, panes);
   if (told.length <= CROWD) labels(context, told, x, area);
 }
 
-// Impacts and verdicts in words, at the foot, where there is room for them.
+// Impacts and verdicts as lines, all else as dots; in a crowd as faint lines, one where several are at the same pixel.
+function drawEvents(context, events, x, panes) {
+  const crowded = events.length > CROWD;
+  for (const alike of Map.groupBy(events, (event) => `${eventColour(event)} ${isTold(event)}`).values()) {
+    context.fillStyle = eventColour(alike[0]);
+    context.globalAlpha = isTold(alike[0]) ? (crowded ? 0.25 : 0.75) : crowded ? 0.1 : 0.75;
+    const dotted = !isTold(alike[0]) && !crowded;
+    for (const place of new Set(alike.map(({ t_s }) => Math.round(x(t_s))))) {
+      for (const { top, bottom } of panes) {
+        for (let y = top; y < bottom; y += dotted ? 6 : bottom - top) context.fillRect(place, y, 1, dotted ? 2 : bottom - top);
+      }
+    }
+  }
+}
+
+// Impacts and verdicts in words, where there is room for them.
 function labels(context, events, x, area) {
   context.globalAlpha = 1;
   context.font = `11px ${theme().font}`;
-  context.textBaseline = "bottom";
+  context.textBaseline = "middle";
   let free = area.left;
-  for (const event of events.filter(({ name }) => name === "impact" || name === "verdict")) {
+  for (const event of events.filter(isTold)) {
     const place = x(event.t_s);
-    const text = event.name === "impact" ? "impact" : event.text;
-    const width = context.measureText(text).width;
-    if (place < Math.max(free, area.left) || place + width + 8 > area.right) continue;
-    context.fillStyle = theme().surface;
-    context.fillRect(place + 2, area.bottom - 17, width + 6, 15);
+    const text = event.name === "impact" ? `impact${/\bleft\b/.test(event.text) ? " left" : /\bright\b/.test(event.text) ? " right" : ""}` : event.text;
+    const width = context.measureText(text).width + 9;
+    const start = Math.min(place, area.right - width);
+    if (start < free) continue;
     context.fillStyle = eventColour(event);
-    context.fillText(text, place + 5, area.bottom - 3);
-    free = place + width + 12;
+    context.beginPath(); // a flag: its foot is where it happened
+    context.moveTo(place - 3, area.lane - 6);
+    context.lineTo(place + 3, area.lane - 6);
+    context.lineTo(place, area.lane);
+    context.fill();
+    context.fillText(text, start + 6, area.lane - 8);
+    free = start + width + 4;
   }
 }
 
 // The whole log on one line, with what the plots show framed.
 export function drawOverview(canvas, document, view) {
-  const { context, width, height } = prepared(canvas);
+  const on = pen(canvas);
+  if (!on) return;
+  const { context, width, height } = on;
   const x = (t) => (t / view.end) * width;
   context.font = `11px ${theme().font}`;
   context.textBaseline = "middle";

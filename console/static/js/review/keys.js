@@ -4,8 +4,6 @@ const TEXT = "input[type=search], input[type=text], textarea";
 
 export function startKeys(view, timeline, marks) {
   const help = document.getElementById("help");
-  document.getElementById("keys").addEventListener("click", () => help.showModal());
-  document.getElementById("help-close").addEventListener("click", () => help.close());
   const actions = {
     p: () => timeline.play(!timeline.playing),
     ArrowLeft: (event) => timeline.step(event.shiftKey ? -10 : -1),
@@ -15,12 +13,11 @@ export function startKeys(view, timeline, marks) {
     "+": () => view.zoom(0.5),
     "-": () => view.zoom(2),
     0: () => view.setWindow(0, view.end),
-    "?": () => help.showModal(),
   };
   window.addEventListener("keydown", (event) => {
     const action = actions[event.key] ?? actions[event.key.toLowerCase()];
     if (!action || event.ctrlKey || event.altKey || event.metaKey || help.open) return;
-    if (event.target.closest?.(TEXT) || (event.target.tagName === "SELECT" && event.key !== "?")) return;
+    if (event.target.closest?.(TEXT) || (event.target.tagName === "SELECT")) return;
     event.preventDefault();
     action(event);
   });

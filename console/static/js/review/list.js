@@ -31,10 +31,10 @@ function showChosen() {
 async function copyFoxglove() {
   try {
     const { address } = await get("/api/foxglove");
-    await navigator.clipboard.writeText(address);
-    field("foxglove-line").textContent = "Copied. In Foxglove: Open connection, Foxglove WebSocket.";
+    const copied = await navigator.clipboard.writeText(address).then(() => "Copied. ", () => "");
+    field("foxglove-line").textContent = `${copied}In Foxglove: Open connection, Foxglove WebSocket, ${address}`;
   } catch (error) {
-    showError(`The address was not copied: ${error.message}`);
+    showError(`There is no address: ${error.message}`);
   }
 }
 

@@ -4,6 +4,7 @@ import { get } from "../api.js";
 import { showError } from "../errors.js";
 import { startFrame } from "../frame.js";
 import { startPlayback } from "../playback.js";
+import { startScene } from "../scene.js";
 import { Compare } from "./compare.js";
 import { startKeys } from "./keys.js";
 import { Marks } from "./marks.js";
@@ -35,11 +36,7 @@ function showReading(document, sinceMs) {
   element("reading-line").textContent = `Reading this log for the first time: ${Math.round(document.share * 100)} % after ${seconds.toFixed(0)} s. What has been read is shown; leave this page whenever you like.`;
 }
 
-function showMoment(plots, answer) {
-  plots.showValues(answer.values);
-  element("ghost").hidden = answer.ghost_t === undefined;
-  if (answer.ghost_t !== undefined) element("ghost-at").textContent = `other log at ${answer.ghost_t.toFixed(3)} s`;
-}
+export let plots = null; // for whoever wants to know what is drawn
 
 async function start() {
   const live = startFrame();
@@ -47,26 +44,31 @@ async function start() {
   const log = new Log(main.dataset.id);
   const signals = await get("/api/logs/signals");
   new Tree(view, signals);
-  const plots = new Plots(view, signals, log);
+  plots = new Plots(view, signals, log);
   const marks = new Marks(view, log);
   const timeline = new Timeline(view, log, marks);
   const compare = new Compare(view, log, plots);
   const ghost = () => (plots.other === null ? null : { id: plots.other.log.id, offset: plots.other.offset });
-  new Scrub(view, log, ghost, (answer) => showMoment(plots, answer));
+  const scrub = new Scrub(view, log, ghost, (answer) => plots.legends.showValues(answer.values, compare.showGhost(answer)));
+  plots.shown.then(() => {
+    compare.offer(); // curves first
+    startScene((detail) => `/viser/review/${detail}/${scrub.key}/`);
+  });
   startPlayback(log.id, live);
   startKeys(view, timeline, marks);
 
   const link = () => {
-    element("csv").href = `/api/logs/${log.id}/csv?signals=${view.signals.join(",")}&start=${view.from}&end=${view.to}`;
+    const other = plots.other === null ? "" : `&other=${plots.other.log.id}&offset=${plots.other.offset}`;
+    element("csv").href = `/api/logs/${log.id}/csv?signals=${view.signals.join(",")}&start=${view.from}&end=${view.to}${other}`;
     element("csv").toggleAttribute("aria-disabled", view.signals.length === 0);
   };
   view.on("window", link);
   view.on("signals", link);
+  view.on("other", link);
   element("full").addEventListener("click", () => view.setWindow(0, view.end));
-  element("png").addEventListener("click", () => savePicture(plots, main.dataset.name).catch((error) => showError(`No picture was made: ${error.message}`)));
+  element("png").addEventListener("click", () => savePicture(plots, main.dataset.name, compare.said).catch((error) => showError(`No picture was made: ${error.message}`)));
 
   const sinceMs = performance.now();
-  compare.offer();
   await log.read((document) => {
     showRow(document);
     showReading(document, sinceMs);

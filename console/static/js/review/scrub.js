@@ -1,8 +1,6 @@
 // The cursor on the server: it moves the arms of this page's own scene, and tells what the signals are there.
 // One question at a time, always the newest one: whoever drags is never behind.
 
-import { startScene } from "../scene.js";
-
 const RETRY_MS = 1000;
 
 export class Scrub {
@@ -18,7 +16,6 @@ export class Scrub {
     view.on("cursor", () => this.ask());
     view.on("signals", () => this.ask());
     view.on("other", () => this.ask());
-    startScene((detail) => `/viser/review/${detail}/${this.key}/`);
     this.connect();
   }
 

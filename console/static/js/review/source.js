@@ -3,6 +3,7 @@
 import { get, Refused } from "../api.js";
 
 const POLL_MS = 300;
+const FIRST_POLL_MS = 50; // until there is something to see
 
 export class Log {
   constructor(id) {
@@ -18,7 +19,7 @@ export class Log {
       this.document = document;
       if (grown && document.duration_s !== null) onPart(document);
       if (document.done) return;
-      await new Promise((resolve) => setTimeout(resolve, POLL_MS));
+      await new Promise((resolve) => setTimeout(resolve, document.share > 0 ? POLL_MS : FIRST_POLL_MS));
     }
   }
 

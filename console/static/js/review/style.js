@@ -1,12 +1,8 @@
 // Colours and dashes of curves, from the page's own tokens: left arm blue, right arm orange, measured solid,
 // reference dashed, desired dotted.
 
-const token = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+import { token } from "../theme.js";
 
-const MODES = {
-  IDLE: "idle", TELEOPERATION: "teleoperation", ANTE_IMPACT: "ante", INTERIM: "interim", POST_IMPACT: "post",
-  STOPPING: "stopping", STOPPED: "idle",
-};
 const LEVELS = { WARNING: "amber", ERROR: "red", FATAL: "red" };
 
 const channels = (colour) => [1, 3, 5].map((place) => parseInt(colour.slice(place, place + 2), 16));
@@ -15,7 +11,6 @@ const mixed = (colour, other, share) => {
   return `#${a.map((value, place) => Math.round(value + (b[place] - value) * share).toString(16).padStart(2, "0")).join("")}`;
 };
 
-export const modeColour = (mode) => token(MODES[mode] ?? "idle");
 export const eventColour = (event) => token(LEVELS[event.level] ?? (event.name === "impact" ? "text" : "faint"));
 export const theme = () => ({ text: token("text"), faint: token("faint"), line: token("line"), surface: token("surface"), font: token("font") });
 
@@ -23,7 +18,7 @@ export const theme = () => ({ text: token("text"), faint: token("faint"), line: 
 export function colourOf(signal, place) {
   const light = document.documentElement.dataset.theme === "light";
   const base = signal.group === "left" ? token("left") : signal.group === "right" ? token("right") : token("good");
-  const strong = light ? mixed(base, "#101010", 0.42) : base;
+  const strong = light ? mixed(base, "#101010", 0.15) : base;
   return mixed(strong, light ? "#9aa0a6" : "#f4f6f8", Math.min(place * 0.16, 0.7));
 }
 

@@ -1,0 +1,224 @@
+"""Dead-man: how long after its cause the arms are given the first torque of a stop, for every way to let go.
+
+    python tests/bench/dead_man.py [--repetitions 10] [--cause NAME] [--bare] [--json FILE]
+
+Starts `rtstack up` with the simulated cell, and a real Chromium in which an operator holds the clutch by a key and jogs
+the left arm by another. Then: the key is released, the tab is hidden by another tab, the tab is closed, the browser
+is frozen (SIGSTOP to all of its processes), its page is (to the renderers), the console is killed (-9). Counted is from
+the host's monotonic time just before the cause is sent to the moment at which another process has seen, in the live
+rings, both arms in a tick that stops: both ends make it longer. The cause comes at any moment between two signs of
+life. Exit status 1 where the longest is above 350 ms, or where something else has stopped the arms. Nothing else should
+compute meanwhile. Ctrl-C gives what there is so far.
+"""
+
+import argparse
+import json
+import os
+import random
+import re
+import signal
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import httpx
+import psutil
+from playwright.sync_api import Error as BrowserError
+from playwright.sync_api import sync_playwright
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
+from rtstack.loop.end import End
+from tests.bench.operator_scene import CLUTCH, TOO_EARLY, Chromium, OperatorScene, SceneFailed, wait
+from tests.bench.soak import SoakFailed
+
+ALLOWED_MS = 350.0
+BETWEEN_S = 0.1  # two signs of life, generously: the cause comes at any moment of it
+TRIES = 3  # of a repetition whose moment was not reached
+
+
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """A way to let go. ready: gives what brings it about, with nothing else left to do.
+
+    says: the reason in the events; spends: whether the stack ends with it.
+    """
+
+    name: str
+    ready: Callable[[OperatorScene], Callable[[], object]]
+    says: str
+    spends: bool = False
+
+
+CAUSES = (
+    Cause("key released", lambda scene: partial(scene.page.keyboard.up, CLUTCH), f"{End.LET_GO}: .*clutch was let go"),
+    Cause("tab hidden", lambda scene: scene.browser.blank.bring_to_front, f"{End.LET_GO}: the page lost"),
+    Cause("tab closed", lambda scene: scene.page.close, f"{End.LET_GO}: the page lost"),
+    Cause("browser frozen", lambda scene: scene.browser.freeze, str(End.CLUTCH_QUIET)),
+    Cause("page frozen", lambda scene: partial(freeze, scene.browser.renderers()), str(End.CLUTCH_QUIET)),
+    Cause("console killed", lambda scene: scene.console.kill, f"{End.CONSOLE_GONE}: its process has died", spends=True),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """What a cause led to: after how long, ms; how many ticks after the loop said why, and what it said."""
+
+    delay_ms: float
+    ticks: int
+    reason: str
+
+
+@dataclass(slots=True)
+class Found:
+    """What was found of one cause. missed: moments that were not reached, and stops before anybody let go."""
+
+    stops: list[Stop] = field(default_factory=list)
+    missed: list[str] = field(default_factory=list)
+
+    def report(self) -> dict:
+        """Return it JSON-ready."""
+        delays = [round(stop.delay_ms, 1) for stop in self.stops]
+        return {
+            "repetitions": len(delays), "median_ms": statistics.median(delays) if delays else None,
+            "worst_ms": max(delays, default=None), "missed": self.missed, "delays_ms": delays,
+            "reasons": sorted({stop.reason for stop in self.stops}),
+        }  # fmt: skip
+
+
+def freeze(processes: list[psutil.Process]) -> None:
+    """Have processes stand still."""
+    for process in processes:
+        process.suspend()
+
+
+def stop_by(cause: Cause, scene: OperatorScene, pause_s: float) -> Stop:
+    """Bring a cause about while the arms follow. Raises SceneFailed where they stopped earlier, or not at all."""
+    scene.take_hold()
+    witness = scene.witness
+    try:
+        act = cause.ready(scene)
+        time.sleep(pause_s)
+        began_ns = time.monotonic_ns()
+        act()
+        wait(lambda: witness.stopped, "the arms were not stopped")
+        first_ns, last_ns = witness.seen_ns()
+        if first_ns < began_ns:
+            raise SceneFailed(TOO_EARLY)
+        wait(lambda: witness.reason is not None, "nobody said why the arms were stopped")
+    finally:
+        scene.leave()
+    t_ns, reason = witness.reason or (0, "")
+    return Stop((last_ns - began_ns) * 1e-6, round((witness.last_t_ns() - t_ns) * 1e-6), reason)
+
+
+class Bench:
+    """The causes one after another, with a stack for as long as it lives."""
+
+    def __init__(self, browser: Chromium, folder: Path, found: dict[str, Found], drawn: bool) -> None:
+        self._browser, self._folder, self._found, self._drawn = browser, folder, found, drawn
+        self._moments = random.Random(1)
+        self._scene: OperatorScene | None = None
+        self._stacks = 0
+        self.trouble: list[str] = []
+
+    def repeat(self, cause: Cause) -> None:
+        """Bring a cause about once, again where its moment was not reached."""
+        found = self._found[cause.name]
+        for _ in range(TRIES):
+            try:
+                stop = stop_by(cause, self._now(), BETWEEN_S * self._moments.random())
+            except (SoakFailed, BrowserError, httpx.HTTPError) as failed:
+                found.missed.append(str(failed).splitlines()[0])
+                self.end()
+                continue
+            found.stops.append(stop)
+            if not re.match(cause.says, stop.reason):
+                self.trouble.append(f"{cause.name}: the arms stopped because {stop.reason!r}")
+            if cause.spends:
+                self.end(by_itself=True)
+            return
+        self.trouble.append(f"{cause.name}: not measured: {found.missed[-1]}")
+
+    def _now(self) -> OperatorScene:
+        if self._scene is None:
+            self._stacks += 1
+            self._scene = OperatorScene(self._browser, self._folder / str(self._stacks), self._drawn)
+        return self._scene
+
+    def end(self, by_itself: bool = False) -> None:
+        """End the stack that runs; by_itself: it has, and says so by its exit status."""
+        scene, self._scene = self._scene, None
+        if scene is not None:
+            self.trouble += [what for what in scene.close() if not (by_itself and what == "exit status 1")]
+
+
+def show(found: dict[str, Found]) -> None:
+    """Print the table."""
+    table = Table("cause", "stops", "median ms", "worst ms", "ticks from reason", "not reached")
+    for name, of in found.items():
+        delays = [stop.delay_ms for stop in of.stops]
+        ticks = [stop.ticks for stop in of.stops]
+        figures = (
+            [f"{statistics.median(delays):.0f}", f"{max(delays):.0f}", str(max(ticks))] if delays else ["", "", ""]
+        )
+        table.add_row(name, str(len(delays)), *figures, str(len(of.missed)))
+    Console(stderr=True).print(table)
+
+
+def main() -> int:
+    """Measure, print a table and one JSON object."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--repetitions", type=int, default=10, help="of each cause")
+    parser.add_argument("--cause", action="append", choices=[cause.name for cause in CAUSES], help="only this one")
+    parser.add_argument(
+        "--bare", action="store_true", help="the page without the 3D scene, for a machine without a graphics card"
+    )
+    parser.add_argument("--json", type=Path, help="write the report here, too")
+    options = parser.parse_args()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    chosen = [cause for cause in CAUSES if not options.cause or cause.name in options.cause]
+    found = {cause.name: Found() for cause in chosen}
+    trouble: list[str] = []
+    load = os.getloadavg()[0]
+    with TemporaryDirectory() as folder, sync_playwright() as playwright:
+        browser = Chromium(playwright)
+        bench = Bench(browser, Path(folder), found, drawn=not options.bare)
+        try:
+            with Progress(console=Console(stderr=True), transient=True) as progress:
+                task = progress.add_task("dead-man", total=options.repetitions * len(chosen))
+                for cause in chosen:
+                    for _ in range(options.repetitions):
+                        progress.update(task, description=cause.name)
+                        bench.repeat(cause)
+                        progress.advance(task)
+        except KeyboardInterrupt:
+            trouble.append("ended early: this is what there is so far")
+        finally:
+            bench.end()
+            browser.close()
+    delays = [stop.delay_ms for of in found.values() for stop in of.stops]
+    worst_ms = round(max(delays, default=0.0), 1)
+    trouble += bench.trouble
+    if worst_ms > ALLOWED_MS:
+        trouble.append(f"the longest took {worst_ms:g} ms, {ALLOWED_MS:g} ms are allowed")
+    show(found)
+    report = {
+        "causes": {name: of.report() for name, of in found.items()}, "worst_ms": worst_ms, "allowed_ms": ALLOWED_MS,
+        "load": [round(load, 1), round(os.getloadavg()[0], 1)], "trouble": trouble,
+    }  # fmt: skip
+    print(json.dumps(report, indent=2))
+    if options.json is not None:
+        options.json.write_text(json.dumps(report) + "\n")
+    return 1 if trouble else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,149 @@
+"""Both hands of a person in front of the page: C with the left one, the mouse with the right one.
+
+Where a gizmo is on the screen follows from the scene's first camera and from what was dragged before.
+"""
+
+import re
+
+import numpy as np
+from playwright.sync_api import expect
+
+READY_MS = 240_000  # code may have to be compiled for this machine first
+HOME = {"left": (0.0, 0.35, 0.26), "right": (0.0, -0.35, 0.26)}
+ARROW_M = 0.17  # of a gizmo's arrow, from its middle: between shaft and tip
+# the scene's first camera: console/scene.py
+EYE, LOOK_AT, FIELD_OF_VIEW = np.array([-1.75, 0.0, 1.35]), np.array([-0.02, 0.0, 0.3]), 0.72
+STEPS = 12
+PICTURES = 4
+PATIENCE = 300  # looks, 0.1 s apart
+AT_REST_M_S = 0.015  # the speed's noise is below it
+ENDED = re.compile("succeeded|ended|failed|stopped")
+
+
+def pixel(point, width, height):
+    """Where the scene's first camera shows a point of the world."""
+    forward = (LOOK_AT - EYE) / np.linalg.norm(LOOK_AT - EYE)
+    right = np.cross(forward, (0.0, 0.0, 1.0))
+    right /= np.linalg.norm(right)
+    up = np.cross(right, forward)
+    ray = np.asarray(point) - EYE
+    scale = height / 2 / np.tan(FIELD_OF_VIEW / 2) / (ray @ forward)
+    return width / 2 + scale * (ray @ right), height / 2 - scale * (ray @ up)
+
+
+class ClutchLost(Exception):
+    """The page was held up for so long that the arms stopped, as they have to."""
+
+
+class Operator:
+    """A person at the page Operate; as a context manager, nothing is held afterwards."""
+
+    def __init__(self, console):
+        self.page = console.page
+        self.console = console
+        self.grips = {}  # where the gizmos are, m in the world
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.drop()
+
+    def begin(self, button):
+        """Start, and wait until the arms listen."""
+        self.page.click("#tab-hand")
+        self.wait_for_scene()
+        self.console.arm()
+        self.page.click(button)
+        expect(self.page.locator("#clutch")).to_have_attribute("data-state", "ready", timeout=READY_MS)
+        self.wait_for_scene()  # with the gizmos
+        self.grips = {side: np.array(place) for side, place in HOME.items()}
+
+    def wait_for_scene(self):
+        """Wait until the scene has been drawn anew some times: what is new in it is prepared at its first picture."""
+        frame = next(frame for frame in self.page.frames if "/viser/" in frame.url)
+        pictures = "window.__viserTestpoints?.rendererInfo.render.frame"
+        frame.wait_for_function(f"{pictures} > 0", polling=100, timeout=READY_MS)
+        seen = frame.evaluate(pictures)
+        frame.wait_for_function(f"{pictures} > {seen + PICTURES}", polling=100, timeout=READY_MS)
+
+    def hold(self):
+        """Hold C; a page that was busy for too long has to be held again."""
+        self.page.keyboard.down("c")
+        expect(self.page.locator("#clutch")).to_have_attribute("data-state", "held")
+
+    def drag(self, side, axis, metres, coupling="separate", held=True):
+        """Drag the arrow of a gizmo along an axis of the world.
+
+        coupling: what the other arm does, as it was chosen; held: with the clutch, so that the arms follow.
+        """
+        box = self.page.frame_locator("#scene").locator("canvas").first.bounding_box()
+        assert box is not None
+        along = np.eye(3)[axis]
+        ends = [self.grips[side] + ARROW_M * along + way * along for way in (0.0, metres)]
+        (x0, y0), (x1, y1) = (pixel(end, box["width"], box["height"]) for end in ends)
+        mouse = self.page.mouse
+        mouse.move(box["x"] + x0, box["y"] + y0)
+        self.page.wait_for_timeout(200)
+        mouse.down()
+        for k in range(1, STEPS + 1):
+            mouse.move(box["x"] + x0 + (x1 - x0) * k / STEPS, box["y"] + y0 + (y1 - y0) * k / STEPS)
+            self.page.wait_for_timeout(50)
+        if held:
+            self._until_followed(box["x"] + x1, box["y"] + y1)
+        mouse.up()
+        if not held:
+            return
+        other = "right" if side == "left" else "left"
+        self.grips[side] = self.grips[side] + metres * along
+        if coupling != "separate":
+            mirrored = coupling == "mirrored" and axis == 1
+            self.grips[other] = self.grips[other] + (-metres if mirrored else metres) * along
+
+    def _until_followed(self, x, y):
+        """Stay there with an unsteady hand while the arms are too far behind to be led further."""
+        line = self.page.locator("#hand-line")
+        for k in range(PATIENCE):
+            self.check_held()
+            self.page.mouse.move(x + k % 2, y)
+            self.page.wait_for_timeout(100)
+            if k > 2 and line.get_attribute("data-tone") == "":
+                self.page.mouse.move(x, y)
+                return
+        raise AssertionError(f"the arms do not follow: {line.inner_text()}")
+
+    def check_held(self):
+        """Raise ClutchLost where the page does not hold the clutch any more."""
+        if self.page.locator("#clutch").get_attribute("data-state") != "held":
+            raise ClutchLost(self.page.locator("#job-line").inner_text())
+
+    def wait_at_rest(self):
+        """Watch the arms until they have come to rest."""
+        still = 0
+        for _ in range(PATIENCE):
+            self.check_held()
+            self.page.wait_for_timeout(100)
+            speeds = re.findall(r"[\d.]+", self.page.locator("#speed-now").inner_text())[:2]
+            still = still + 1 if speeds and all(float(speed) < AT_REST_M_S for speed in speeds) else 0
+            if still == 5:
+                return
+        raise AssertionError(f"the arms do not come to rest: {speeds}")
+
+    def drop(self):
+        """Let go of key and mouse, whatever is held."""
+        self.page.keyboard.up("c")
+        self.page.mouse.up()
+
+    def recover(self):
+        """Let everything go, wait until the arms have stopped, and clear the fault."""
+        self.drop()
+        expect(self.page.locator("#job-line")).to_contain_text(ENDED, timeout=READY_MS)
+        self.page.click("#home")  # where there was no gizmo any more the drag has turned the view
+        if self.page.locator("#recover").is_visible():
+            self.page.click("#recover")
+            expect(self.page.locator("#recover")).to_be_hidden(timeout=READY_MS)
+
+    def let_go(self):
+        """Let go of the clutch, and wait until the arms have stopped and the log is finished."""
+        self.page.keyboard.up("c")
+        expect(self.page.locator("#job-line")).to_contain_text(ENDED, timeout=READY_MS)

@@ -1,0 +1,206 @@
+"""What the console looks like, on every page and in both themes: contrast and names of controls by axe-core, nothing
+cut off or outside of the window, no script that fails, and the pictures of the documentation.
+
+`make screenshots` writes the pictures to docs/screenshots, with a small campaign in them; otherwise they are only
+made. Left out, since axe-core reads elements: what canvases draw (strips, time line, mode bands) and the frames
+of the 3D scene and of a campaign's report, which are documents of their own.
+"""
+
+import io
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from fastapi.responses import HTMLResponse
+from fastapi.routing import APIRoute
+from PIL import Image
+from playwright.sync_api import Page, expect
+
+from console.campaigns.folder import Asked, CampaignFolder
+from console.routes import description, pages
+from rtstack.campaign.plan import plan_file
+
+pytestmark = [pytest.mark.browser, pytest.mark.alone]
+FINDS_DEMONSTRATION = True
+PATIENCE_MS = 60_000
+WRITE = "RTSTACK_SCREENSHOTS" in os.environ
+PICTURES = Path(__file__).parents[2] / "docs" / "screenshots"
+MOST_BYTES = 200_000
+WINDOWS = ((1280, 720), (1920, 1080), (1440, 900))  # the last one is the pictures'
+RULES = {"runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa"], "resultTypes": ["violations"], "iframes": False}
+
+# name of each page's picture, and what says that the page is there; {trial} and {demonstration} are ids of logs
+PAGES = {
+    "/": ("operate", "#light-left[data-mode=IDLE]"),
+    "/trials": ("trials", "#logs tbody tr"),
+    "/campaigns": ("campaigns", "#pictures img" if WRITE else "#plan:not(:empty)"),
+    "/logs": ("logs", "#logs tbody tr"),
+    "/logs/{trial}": ("log", "#log-events li"),
+    "/recordings/{demonstration}": ("recording", "#whole-force .main-svg"),
+    "/access": ("access", "#audit tbody tr"),
+    "/api": ("api", "#operations-access-access_me"),
+}
+
+# Every control and every piece of text that is seen: inside of the window, or of something that scrolls; not cut off,
+# but with an ellipsis and the whole of it as the title.
+MISPLACED = """() => {
+  const wrong = [];
+  const root = document.documentElement;
+  if (root.scrollWidth > innerWidth || root.scrollHeight > innerHeight) wrong.push('the page scrolls');
+  const scrolls = (style) => [style.overflowX, style.overflowY].some((way) => ['auto', 'scroll'].includes(way));
+  const kinds = 'button, a, label, legend, h1, h2, h3, p, span, output, dt, dd, th, td, figcaption, summary, input'
+    + ', select';
+  for (const element of document.querySelectorAll(kinds)) {
+    const box = element.getBoundingClientRect();
+    const style = getComputedStyle(element);
+    if (!box.width || style.visibility === 'hidden' || element.closest('.hidden, svg, .swagger-ui')) continue;
+    const what = `${element.tagName.toLowerCase()}#${element.id} "${element.textContent.trim().slice(0, 40)}"`;
+    let around = element.parentElement;
+    while (around && !scrolls(getComputedStyle(around))) around = around.parentElement;
+    if (!around && (box.left < 0 || box.top < 0 || box.right > innerWidth + 1 || box.bottom > innerHeight + 1))
+      wrong.push(`${what} is outside of the window`);
+    if (around && around.scrollWidth > around.clientWidth + 1)
+      wrong.push(`${what}: ${around.className} scrolls sideways, ${around.scrollWidth} > ${around.clientWidth}`);
+    const panel = element.closest('.panel');
+    const room = panel && panel.getBoundingClientRect().right - parseFloat(getComputedStyle(panel).paddingRight);
+    if (panel && !around?.matches('.panel *') && box.right > room + 1.5) wrong.push(`${what} sticks out of its panel`);
+    const text = style.display !== 'inline' && ['visible', 'hidden', 'clip'].includes(style.overflowX);
+    const told = style.textOverflow === 'ellipsis' && (element.title || element.closest('[title]'));
+    if (text && !told && element.scrollWidth > element.clientWidth + 1) wrong.push(`${what} is cut off`);
+  }
+  const seen = [...document.querySelectorAll('.bar > *')].map((each) => each.getBoundingClientRect());
+  const crossing = (a, b) => a.left < b.right - 0.5 && b.left < a.right - 0.5;
+  if (seen.some((a, i) => seen.slice(i + 1).some((b) => a.width && b.width && crossing(a, b))))
+    wrong.push('the bar overlaps');
+  for (const figure of document.querySelectorAll('.bar .figure')) {
+    const edge = figure.getBoundingClientRect().right + 0.5;
+    for (const part of figure.children) {
+      const range = document.createRange();
+      range.selectNodeContents(part);
+      if (getComputedStyle(part).textOverflow !== 'ellipsis' && range.getBoundingClientRect().right > edge)
+        wrong.push(`${figure.id} overflows`);
+    }
+  }
+  return [...new Set(wrong)];
+}"""
+
+
+@pytest.fixture(scope="module")
+def logs_of_stack(logs_of_stack, runner):
+    """The stack finds a trial of the demonstration, too, and for the pictures a campaign of two trials."""
+    runner.run(log=logs_of_stack / "trial.mcap")
+    if WRITE:
+        _campaign(logs_of_stack / "campaigns")
+    return logs_of_stack
+
+
+def _campaign(folder: Path) -> None:
+    text = plan_file("reference-spreading").path.read_text()
+    head = text[: text.index("[[experiments]]")]
+    before, _, after = head.partition("controllers = [")
+    head = f'{before}controllers = ["no_interim", "proposed"]{after[after.index("]") + 1 :]}'
+    folder.mkdir()
+    plan = folder.parent.with_name("small.toml")
+    experiment = 'name = "figure11"\nreferences = ["rice_box/0"]\ndisplacements_mm = [-30.0, 30.0]\nrepetitions = 2\n'
+    plan.write_text(f"{head}[[experiments]]\n{experiment}")
+    command = [sys.executable, "-m", "rtstack", "campaign", str(plan), "--out", str(folder / "20261121-101500")]
+    campaign = CampaignFolder(folder / "20261121-101500")
+    campaign.keep(Asked("reference-spreading", True, time.time()))
+    with campaign.said.open("w") as said:
+        subprocess.run([*command, "--workers", "1"], check=True, stdout=said, stderr=said)
+
+
+@pytest.fixture(scope="module")
+def addresses(console):
+    """The address of each page, with logs that there are."""
+    rows = console.page.request.get("/api/logs").json()
+    ids = {row["name"].removesuffix(".mcap"): row["id"] for row in rows}
+    return {pattern: pattern.format(**ids) + ("?t=1.45" if "{trial}" in pattern else "") for pattern in PAGES}
+
+
+def misplaced(page: Page) -> list[str]:
+    """What is not where it should be, once curves have followed the window."""
+    for _ in range(20):
+        found = page.evaluate(MISPLACED)
+        if not found:
+            break
+        page.wait_for_timeout(250)
+    return found
+
+
+def violations(page: Page) -> list[tuple[str, Any, str]]:
+    """What axe-core has against a page: rule, element, what is wrong."""
+    found = Axe().run(page, options=RULES).response["violations"]
+    return [(rule["id"], node["target"], node["failureSummary"]) for rule in found for node in rule["nodes"]]
+
+
+def test_every_page_of_the_console_is_looked_at_and_has_its_picture():
+    routes = [route for module in (pages, description) for route in module.router.routes]
+    served = {route.path for route in routes if isinstance(route, APIRoute) and route.response_class is HTMLResponse}
+    parameters = {"{trial}": "{log_id}", "{demonstration}": "{log_id}"}
+    ours = set()
+    for pattern, (name, _) in PAGES.items():
+        for known, parameter in parameters.items():
+            pattern = pattern.replace(known, parameter)
+        ours.add(pattern)
+        if not WRITE:
+            path = PICTURES / f"{name}.png"
+            assert path.stat().st_size <= MOST_BYTES, name
+            with Image.open(path) as picture:
+                assert picture.size == WINDOWS[-1], name
+    assert served == ours
+
+
+@pytest.mark.parametrize("pattern", PAGES)
+def test_a_page_in_both_themes_and_every_window(console, addresses, pattern, tmp_path):
+    page, (name, ready) = console.page, PAGES[pattern]
+    page.goto(addresses[pattern])
+    page.locator(ready).first.wait_for(timeout=PATIENCE_MS)
+    if page.locator("#scene").count():
+        expect(page.frame_locator("#scene").locator("canvas").first).to_be_visible(timeout=PATIENCE_MS)
+    wrong = {}
+    for theme in ("light", "dark"):
+        if page.get_attribute("html", "data-theme") != theme:
+            page.click("#theme")
+        for width, height in WINDOWS:
+            page.set_viewport_size({"width": width, "height": height})
+            if found := misplaced(page):
+                wrong[theme, width] = found
+            if width == WINDOWS[0][0] and (found := violations(page)):
+                wrong[theme, "axe"] = found
+        _picture(page, name, PICTURES if WRITE and theme == "dark" else tmp_path / theme)
+    assert not wrong, wrong
+    assert console.errors == []
+
+
+def _picture(page: Page, name: str, folder: Path) -> None:
+    if folder == PICTURES:
+        time.sleep(5.0)  # a scene that is drawn without a graphics card takes its time; no test waits for this
+    taken = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
+    path = folder / f"{name}.png"
+    path.parent.mkdir(exist_ok=True)
+    # of the ways to 256 colours the one that keeps the rare ones: lights and legends
+    taken.quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(path, optimize=True)
+    assert path.stat().st_size <= MOST_BYTES, path
+
+
+def test_the_checks_find_what_they_look_for(console, addresses):
+    page = console.page
+    page.goto(addresses["/access"])
+    page.locator(PAGES["/access"][1]).first.wait_for(timeout=PATIENCE_MS)
+    assert page.evaluate(MISPLACED) == []
+    page.evaluate("document.querySelector('#me').style.color = '#555'")
+    page.evaluate(
+        "document.querySelector('#token input').closest('label').replaceWith(document.createElement('input'))"
+    )
+    assert {rule for rule, _, _ in violations(page)} == {"color-contrast", "label"}
+    page.evaluate("document.querySelector('.bar').style.gap = '200px'")
+    page.evaluate("Object.assign(document.querySelector('#sign-out').style, {width: '20px', overflow: 'hidden'})")
+    said = " ".join(page.evaluate(MISPLACED))
+    assert "#stop" in said
+    assert 'button#sign-out "Sign out" is cut off' in said
