@@ -7,7 +7,7 @@ STAMP := $(VENV)/.installed
 SAFETY_TESTS := $(filter-out %_plant.py,$(wildcard tests/safety/test_*.py))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test realtime check bench coverage mutate explore faults fuzz-api soak good-trials recompute kill-campaign hil link-table cluster docs docs-commands clean
+.PHONY: help setup run test realtime check bench coverage mutate explore faults screenshots fuzz-api soak dead-man good-trials impact-oracles unseen-grabs recompute kill-campaign hil link-table cluster docs docs-commands clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -23,8 +23,10 @@ setup: $(STAMP)  ## install everything into .venv
 run: setup  ## install, then start the whole stack with the simulated cell
 	@exec $(BIN)/rtstack up
 
+# those against the clock after the others, whatever came of these
 test: setup  ## all tests, in a real Chromium too (Debian: apt-get install chromium)
-	$(BIN)/python -m pytest
+	@status=0; $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m 'not realtime and not alone' || status=$$?; \
+	    $(BIN)/python -m pytest -m 'alone and not realtime' || status=$$?; exit $$status
 
 realtime: setup  ## the tests whose outcome depends on this machine keeping time
 	$(BIN)/python -m pytest -m realtime
@@ -48,11 +50,17 @@ explore: setup  ## 10000 sequences of events: no motion without arming, no way o
 faults: setup  ## each fault at each moment, kill -9 of each process: what happens, in a table (resumes, out/faults/)
 	@status=0; $(BIN)/python tests/faults/matrix.py || status=$$?; $(BIN)/python tests/faults/kills.py && exit $$status
 
+screenshots: setup  ## look at every page, and take the documentation's pictures anew (docs/screenshots)
+	RTSTACK_SCREENSHOTS=1 $(BIN)/python -m pytest tests/browser/test_look.py
+
 fuzz-api: setup  ## ten minutes of made-up requests to a console of its own: no 5xx, every answer as described
-	RTSTACK_FUZZ_SECONDS=600 $(BIN)/python -m pytest -s tests/console/test_api_schema.py
+	RTSTACK_FUZZ_SECONDS=200 $(BIN)/python -m pytest -s tests/console/test_api_schema.py
 
 soak: setup  ## half an hour of the whole stack at work: memory, descriptors, missed deadlines
 	@$(BIN)/python tests/bench/soak.py --minutes 30
+
+dead-man: setup  ## key, tab, browser and console let go of moving arms: the first stopping torque within 350 ms? (BARE=1: no 3D scene)
+	@$(BIN)/python tests/bench/dead_man.py $(if $(BARE),--bare)
 
 recompute: setup  ## a campaign's numbers from its logs, without our code: make recompute OUT=DIR
 	@$(BIN)/python tests/campaign/recompute.py $(OUT)
@@ -68,6 +76,12 @@ link-table: setup  ## what delay, jitter, loss, duplicates and reordering betwee
 
 cluster: setup  ## three workers in three namespaces, one killed, one cut off: the same table? (TRIALS=40; out/cluster)
 	@$(BIN)/python tests/network/cluster.py out/cluster $(if $(TRIALS),--trials $(TRIALS))
+
+impact-oracles: setup  ## the impact map against independent oracles, in 1000 random configurations
+	@$(BIN)/python tests/impact_map/oracles.py --configurations 1000
+
+unseen-grabs: setup  ## 20 planned grabs at unseen speeds and heights, as planned and with a wrong velocity (resumes, .unseen-grabs/)
+	@$(BIN)/python tests/planning/unseen_grabs.py
 
 good-trials: setup  ## 140 grabs without an intervention, and one with each limit in reach (resumes, .good-trials/)
 	@$(BIN)/python tests/safety/good_trials.py

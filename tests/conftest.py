@@ -1,8 +1,11 @@
 """What tests of several packages share: the cell, one recorded demonstration, and a runner of trials on it."""
 
 import gc
+import signal
+import subprocess
 import sys
 import traceback
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,12 +13,15 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
+from rtstack.cli.app import main
 from rtstack.cli.cells import default_cell_file, open_cell
 from rtstack.model.cell_description import CellDescription, load_cell_description
+from rtstack.trials.company import Company
+from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.record import open_log
 from rtstack.trials.result import DemonstrationResult, TrialResult
-from rtstack.trials.run import prepare_trial, run_demonstration, run_trial
 from rtstack.trials.specification import Controller, DemonstrationSpecification, TrialSpecification
+from rtstack.trials.trial import prepare_trial, run_trial
 
 # the first example may compile code, and shared machines stall: correctness is never a matter of wall-clock here
 settings.register_profile("shared", deadline=None)
@@ -53,7 +59,7 @@ def demonstration(cell: CellDescription, tmp_path_factory: pytest.TempPathFactor
     specification = DemonstrationSpecification()
     simulated = open_cell("direct", specification.object, 0.0, specification.seed)
     log = open_log(path, specification, cell, "direct", default_cell_file())
-    result = run_demonstration(specification, cell, simulated, log=log)
+    result = run_demonstration(specification, cell, simulated, Company(log))
     simulated.close()
     return Demonstration(path, result)
 
@@ -73,7 +79,7 @@ class Runner:
         log: Path | None = None,
         **around: Any,
     ) -> TrialResult:
-        """Run one trial in the direct cell."""
+        """Run one trial in the direct cell, in the company of what `around` names."""
         specification = TrialSpecification(str(self.reference), controller, "rice_box", displacement_mm, seed)
         prepared = prepare_trial(specification, self.cell)
         simulated = open_cell("direct", "rice_box", displacement_mm * 1e-3, seed)
@@ -83,7 +89,7 @@ class Runner:
                 log, specification, self.cell, "direct", default_cell_file(), reference=prepared.reference
             )
         try:
-            return run_trial(prepared, simulated, log=opened, **around)
+            return run_trial(prepared, simulated, Company(opened, **around))
         finally:
             simulated.close()
 
@@ -92,3 +98,32 @@ class Runner:
 def runner(cell: CellDescription, demonstration: Demonstration) -> Runner:
     """Trials on the shared demonstration."""
     return Runner(cell, demonstration.path)
+
+
+@pytest.fixture
+def command_line(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Callable[..., subprocess.CompletedProcess[str]]]:
+    """The command `rtstack` in this process: how it ended and what it said, without an interpreter's start.
+
+    What depends on a process (signals, children, rights) is asked of a real one.
+    """
+
+    def run(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+        capsys.readouterr()
+        words = ["rtstack", *map(str, arguments)]
+        with monkeypatch.context() as patch:
+            patch.setattr(sys, "argv", words)
+            if cwd is not None:
+                patch.chdir(cwd)
+            with pytest.raises(SystemExit) as ended:
+                main()
+        said = capsys.readouterr()
+        status = ended.value.code
+        assert isinstance(status, int)
+        return subprocess.CompletedProcess(words, status, said.out, said.err)
+
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield run
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
