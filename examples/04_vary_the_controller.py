@@ -8,8 +8,8 @@ from dataclasses import replace
 
 from rtstack.cli.cells import load_description, open_cell
 from rtstack.trials.assembly import cell_parameters
-from rtstack.trials.run import prepare_trial, run_trial
 from rtstack.trials.specification import TrialSpecification
+from rtstack.trials.trial import prepare_trial, run_trial
 
 description, _ = load_description(None)
 parameters = cell_parameters(description)
@@ -20,7 +20,7 @@ for interim_s in (0.05, parameters.control.interim_s, 0.2):
     prepared = prepare_trial(asked, description, varied)
     cell = open_cell("direct", asked.object, asked.displacement_mm * 1e-3, asked.seed, description)
     try:
-        result = run_trial(prepared, cell, log=None)
+        result = run_trial(prepared, cell)
     finally:
         cell.close()
     print(

@@ -9,8 +9,8 @@ from rtstack.cli.cells import load_description, open_cell
 from rtstack.log.writer import check_log_path
 from rtstack.planning import GrabPlan, PlanError, plan_grab
 from rtstack.planning.file import write_plan
-from rtstack.trials.run import prepare_trial, run_trial
 from rtstack.trials.specification import Controller, TrialSpecification
+from rtstack.trials.trial import prepare_trial, run_trial
 
 check_log_path(Path("plan.mcap"))
 description, source = load_description(None)
@@ -21,7 +21,7 @@ write_plan(Path("plan.mcap"), planned, description, source)
 prepared = prepare_trial(TrialSpecification("plan.mcap", Controller.NO_INTERIM), description)
 cell = open_cell("direct", "rice_box", 0.0, 0, description)
 try:
-    result = run_trial(prepared, cell, log=None)
+    result = run_trial(prepared, cell)
 finally:
     cell.close()
 print("success" if result.success else result.failure_reason, f"{result.max_lift_mm:.0f} mm lifted")

@@ -34,6 +34,10 @@ class Console:
             sys.exit(f"{path}: {answer.json()['error']}")
         return answer.json()
 
+    def get(self, path: str) -> dict | list:
+        """Ask how something is."""
+        return self._http.get(f"/api/{path}").raise_for_status().json()
+
     def run(self, job: str, **body: object) -> dict:
         """Start a job and wait until it is over. Returns the job as the status has it."""
         status = self.post(f"jobs/{job}", **body)
@@ -44,7 +48,7 @@ class Console:
 
     def logs(self) -> list[dict]:
         """Return the rows of the list of logs, the newest first."""
-        return self._http.get("/api/logs").json()
+        return list(self.get("logs"))
 
     def download(self, log_id: str, path: Path) -> None:
         """Write a log to a file."""

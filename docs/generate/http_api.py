@@ -12,7 +12,7 @@ _UNUSED_PORT = 8080
 _HEAD = f"""# HTTP API
 
 Made from the console's own description, which a running console gives at `{OPENAPI_PATH}`. Example
-[09](../examples.md#09-talk-to-the-console) is a program that uses it.
+[09](../examples.md#09-talk-to-the-console) is a program that uses it, [10](../examples.md#10-queue-of-trials) another.
 
 """
 

@@ -24,6 +24,7 @@ TEXT = default_cell_file().read_text()
         ("size = [0.1, 0.1, 0.03]", "size = [0.1, 0.0, 0.03]", "pad.size"),
         ("mass = 0.35", "mass = -0.35", "pad.mass"),
         ("mass = 2.12", "mass = -2.12", "objects.bottles.mass"),
+        ("[objects.bottles]", "[objects.none]", "objects.none"),
         ("size = [0.2, 0.27, 0.23]", "size = [0.2, -0.27, 0.23]", "objects.bottles.size"),
         ("ee_speed_max = 1.0", "ee_speed_max = 9.0", "safety.ee_speed_max"),
         ("power_max = 100.0", "power_maximum = 100.0", "safety.power_maximum"),

@@ -15,13 +15,9 @@ from rtstack.cli.cells import default_cell_file
 COMMAND = Path(sys.executable).with_name("rtstack")
 
 
-def check(*arguments: object) -> subprocess.CompletedProcess:
-    """Run the command as a user would."""
-    return subprocess.run([str(COMMAND), "check", *map(str, arguments)], capture_output=True, text=True, timeout=120)
-
-
 def test_what_is_required_is_here_and_every_lack_has_its_cost(tmp_path):
-    done = check("--json", "--logs", tmp_path / "logs")
+    command = [str(COMMAND), "check", "--json", "--logs", str(tmp_path / "logs")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     findings = json.loads(done.stdout)["findings"]
     names = [finding["name"] for finding in findings]
     for name in ("scheduler", "memory lock", "kernel", "CPU governor", "isolated CPUs", "clock", "Python", "packages",
@@ -34,14 +30,14 @@ def test_what_is_required_is_here_and_every_lack_has_its_cost(tmp_path):
     assert not (tmp_path / "logs").exists()
 
 
-def test_an_arm_that_does_not_answer_and_a_bad_cell_fail(tmp_path):
+def test_an_arm_that_does_not_answer_and_a_bad_cell_fail(tmp_path, command_line):
     cell = tmp_path / "cell.toml"
     cell.write_text(default_cell_file().read_text().replace("mass = 0.35", "weight = 0.35"))
     weight = cell.read_text()[: cell.read_text().index("[pad]")].count("\n") + 1  # of the table that lacks it
     with socket.socket() as arm:  # something listens at one address only
         arm.bind(("127.0.97.41", 1337))
         arm.listen()
-        done = check("--left", "127.0.97.41", "--right", "127.0.97.42", "--cell", cell)
+        done = command_line("check", "--left", "127.0.97.41", "--right", "127.0.97.42", "--cell", cell)
     assert done.returncode == 1
     lines = done.stdout.splitlines()
     assert any(line.startswith("pass  left arm") for line in lines)
@@ -80,7 +76,13 @@ def test_a_package_that_is_not_the_tested_one_is_told(monkeypatch, tmp_path):
     assert "pylibfranka 0.0.1 is not ==" in found["packages"].value
 
 
+def test_a_file_is_no_folder_of_logs(tmp_path):
+    (tmp_path / "logs").write_text("mine")
+    disk = next(finding for finding in software_findings(tmp_path / "logs" / "today") if finding.name == "disk")
+    assert (disk.verdict, disk.value) == ("fail", f"{tmp_path / 'logs'} is no folder")
+
+
 @pytest.mark.parametrize("arguments", [("--left", "127.0.97.41"), ("--cell",)])
-def test_bad_input_is_one_line(arguments):
-    done = check(*arguments)
+def test_bad_input_is_one_line(command_line, arguments):
+    done = command_line("check", *arguments)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)

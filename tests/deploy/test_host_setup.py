@@ -71,13 +71,10 @@ def applied(root: Path) -> Programs:
     return programs
 
 
-def test_a_dry_run_shows_every_change_and_writes_nothing(root):
+def test_a_dry_run_shows_every_change_and_writes_nothing(root, command_line):
     before = photograph(root)
-    done = subprocess.run(
-        [str(COMMAND), "host-setup", "--root", str(root), "--user", "anna", "--nic", "enp3s0=172.16.0.1/24",
-         "--units", "--dry-run"],
-        capture_output=True, text=True, timeout=60,
-    )  # fmt: skip
+    wishes = ("--user", "anna", "--nic", "enp3s0=172.16.0.1/24", "--units")
+    done = command_line("host-setup", "--root", root, *wishes, "--dry-run")
     assert done.returncode == 0, done.stderr
     assert photograph(root) == before
     for line in (
@@ -192,11 +189,9 @@ def test_what_somebody_has_changed_since_is_not_overwritten(root):
         (["--kernel", "windows"], "rt or generic"),
     ],
 )
-def test_a_wish_that_cannot_be_met_is_one_line(root, arguments, word):
+def test_a_wish_that_cannot_be_met_is_one_line(root, command_line, arguments, word):
     before = photograph(root)
-    done = subprocess.run(
-        [str(COMMAND), "host-setup", "--root", str(root), *arguments], capture_output=True, text=True, timeout=60
-    )
+    done = command_line("host-setup", "--root", root, *arguments)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
     assert word in done.stderr
     assert photograph(root) == before

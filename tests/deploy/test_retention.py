@@ -2,8 +2,7 @@
 
 import os
 import sqlite3
-import subprocess
-import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -17,7 +16,6 @@ from rtstack.retention import policy
 from rtstack.retention.backup import BEFORE, back_up, restore
 from rtstack.retention.marks import mark_reviewed, may_go
 
-COMMAND = Path(sys.executable).with_name("rtstack")
 NOW_S = 1.7e9
 DAY_S = policy.DAY_S
 
@@ -74,14 +72,10 @@ def test_who_may_go(tmp_path):
         mark_reviewed(tmp_path / "none.mcap", "anna")
 
 
-def test_the_command_shows_then_removes_and_says_what_is_missing(tmp_path):
+def test_the_command_shows_then_removes_and_says_what_is_missing(tmp_path, command_line):
     old, young, unseen = log(tmp_path, "old", 300), log(tmp_path, "young", 10), log(tmp_path, "unseen", 900, 5.0)
-    assert subprocess.run([str(COMMAND), "logs", "reviewed", str(old), str(young)], timeout=60).returncode == 0
-
-    def prune(*options: str) -> subprocess.CompletedProcess:
-        command = [str(COMMAND), "logs", "prune", "--logs", str(tmp_path), *options]
-        return subprocess.run(command, capture_output=True, text=True, timeout=60)
-
+    assert command_line("logs", "reviewed", old, young).returncode == 0
+    prune = partial(command_line, "logs", "prune", "--logs", tmp_path)
     shown = prune("--budget", "0.0065", "--dry-run")
     assert (shown.returncode, old.exists()) == (0, True)
     assert shown.stdout.splitlines()[-1].startswith("1 logs would go")

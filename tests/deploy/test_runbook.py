@@ -9,9 +9,9 @@ from typer.testing import CliRunner
 from hal.robot_errors import ROBOT_ERRORS
 from rtstack.cli.app import app
 from rtstack.loop.end import End
+from rtstack.palette import MODE_STYLES
 from rtstack.safety.permit import Phase
 from rtstack.safety.reasons import Reason
-from rtstack.samples import Mode
 from rtstack.watchdogs import WATCHDOGS
 
 ROOT = Path(__file__).parents[2]
@@ -50,9 +50,10 @@ def test_no_error_is_told_that_nobody_can_raise():
 def test_every_light_has_its_meaning():
     known = {word for first in rows("lights.md") for word in first.split(", ")}
     bar = (ROOT / "console/static/js/bar.js").read_text()
-    words = re.findall(r'[A-Z_]+: "([a-z -]+)"', bar[bar.index("const WORDS") : bar.index("export const wordOf")])
-    assert len(words) == 16
-    modes = {mode.name.lower().replace("_", "-") for mode in Mode} - {"idle"}
+    table = bar[bar.index("const ROBOT_WORDS") :]
+    words = re.findall(r'[A-Z_]+: "([a-z -]+)"', table[: table.index("};")])
+    assert len(words) == 8
+    modes = {style.word for style in MODE_STYLES.values()}
     assert {*words, *map(str, Phase), "waiting", "fault", *modes} - known == set()
 
 

@@ -1,8 +1,14 @@
-"""Runs a page: its blocks in order, in one folder, as a reader would."""
+"""Runs a page: its blocks in order, in one folder, as a reader would.
+
+Plain commands of ours are asked in this process, which saves each the start of an interpreter; the README's, and
+whatever needs a shell, are run by one.
+"""
 
 import contextlib
 import doctest
 import os
+import re
+import shlex
 import shutil
 import signal
 import subprocess
@@ -18,14 +24,25 @@ PATIENCE_S = 200.0  # for a block in CI; those that take minutes have no limit
 REPOSITORY = ("deploy", "examples", "sim_robot", "tests")  # what a reader has in the clone
 _COMPARED = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 _CLONE = shutil.ignore_patterns(*REPOSITORY)
+_PLAIN = re.compile(r"rtstack [\w ./:,=+-]+")  # nothing that a shell would change
+_AS_READ = ROOT / "README.md"
 _FOLDERS: dict[tuple[str, ...], Path] = {}  # what runs of the same commands in an empty folder have left behind
 
 
 class Page:
-    """A page that is being read, in an empty folder. `close` ends what runs until then."""
+    """A page that is being read, in an empty folder. `close` ends what runs until then.
 
-    def __init__(self, folder: Path, changed_to: Callable[[Path], Any]) -> None:
+    command_line: what runs a command of ours in this process.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        changed_to: Callable[[Path], Any],
+        command_line: Callable[..., subprocess.CompletedProcess[str]],
+    ) -> None:
         self._folder = folder
+        self._command_line = command_line
         self._names: dict[str, Any] = {"__name__": "__main__"}
         self._running: list[tuple[Block, subprocess.Popen[str]]] = []
         self._history: tuple[str, ...] | None = ()
@@ -62,12 +79,25 @@ class Page:
                 process.terminate()
             process.communicate()
 
-    def _run(self, script: str, patience_s: float | None = PATIENCE_S) -> subprocess.CompletedProcess[str]:
+    def _run(self, block: Block, script: str) -> subprocess.CompletedProcess[str]:
+        lines = script.strip().splitlines()
+        if block.use is Use.RUN and block.page != _AS_READ and all(map(_PLAIN.fullmatch, lines)):
+            return self._run_here(lines)
+        patience_s = None if block.use is Use.SLOW else PATIENCE_S
         command = ["bash", "-euo", "pipefail", "-c", script]
         return subprocess.run(
             command, cwd=self._folder, env=environment(), text=True, timeout=patience_s,
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
         )  # fmt: skip
+
+    def _run_here(self, lines: list[str]) -> subprocess.CompletedProcess[str]:
+        said = ""
+        for line in lines:
+            done = self._command_line(*shlex.split(line)[1:])
+            said += done.stdout + done.stderr
+            if done.returncode:
+                break
+        return subprocess.CompletedProcess(lines, done.returncode, said)
 
     def _remembered(self, block: Block) -> None:
         """Run commands, or take what the same ones have left behind on a page before: recordings are expensive."""
@@ -75,7 +105,7 @@ class Page:
         if history in _FOLDERS:
             shutil.copytree(_FOLDERS[history], self._folder, ignore=_CLONE, dirs_exist_ok=True)
         else:
-            done = self._run(block.text, None if block.use is Use.SLOW else PATIENCE_S)
+            done = self._run(block, block.text)
             assert done.returncode == 0, f"{block.place}: status {done.returncode}\n{done.stdout}"
         self._history = history
         if history is not None and history not in _FOLDERS:
@@ -85,7 +115,7 @@ class Page:
     def _converse(self, block: Block) -> None:
         """Run each command after a `$`, and compare what it says; a line of ours that refuses means status 1 or 2."""
         for command, expected in conversation(block.text):
-            done = self._run(command)
+            done = self._run(block, command)
             said = doctest.OutputChecker().check_output(expected, done.stdout, _COMPARED)
             assert said, f"{block.place}: {command}\nexpected:\n{expected}\nsaid:\n{done.stdout}"
             refused = expected.startswith("rtstack: ")

@@ -58,7 +58,7 @@ def _token(folder: Path) -> str:
     return done.stdout.strip()
 
 
-def _with_a_stack(folder: Path, name: str, token: str) -> subprocess.CompletedProcess[str]:
+def _with_a_stack(folder: Path, token: str, *names: str) -> list[subprocess.CompletedProcess[str]]:
     stack = subprocess.Popen(
         [str(BIN / "rtstack"), "up", "--port", "0"],
         cwd=folder, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
@@ -66,7 +66,7 @@ def _with_a_stack(folder: Path, name: str, token: str) -> subprocess.CompletedPr
     try:
         assert stack.stdout is not None
         address = stack.stdout.readline().removeprefix("rtstack is up: ").strip()
-        done = _as_program(folder, name, address.split("?")[0], token)
+        done = [_as_program(folder, name, address.split("?")[0], token) for name in names]
         stack.send_signal(signal.SIGINT)
         _, errors = stack.communicate(timeout=PATIENCE_S)
         assert (stack.returncode, errors) == (0, "")
@@ -76,19 +76,30 @@ def _with_a_stack(folder: Path, name: str, token: str) -> subprocess.CompletedPr
         stack.communicate()
 
 
-def test_nine_talks_to_a_console(folder):
+def _was_held_up(done: subprocess.CompletedProcess[str]) -> bool:
+    """Whether a machine that stalled for two seconds took control away from the program, as it should."""
+    said = done.stdout + done.stderr
+    return any(line in said for line in ("take control first", "operator has gone", "no longer has"))
+
+
+@pytest.mark.alone
+def test_nine_and_ten_talk_to_a_console(folder):
     token = _token(folder)
-    done = _with_a_stack(folder, "09_talk_to_the_console.py", token)
-    for _ in range(3):
-        if done.returncode == 0 and "operator has gone" not in done.stdout:
+    for _ in range(4):
+        done, queued = _with_a_stack(folder, token, "09_talk_to_the_console.py", "10_queue_of_trials.py")
+        if not (_was_held_up(done) or _was_held_up(queued)):
             break
-        # a machine that stalls for two seconds takes control away from a program: as it should
-        assert "take control first" in done.stderr or "operator has gone" in done.stdout, done.stdout + done.stderr
-        done = _with_a_stack(folder, "09_talk_to_the_console.py", token)
     assert done.stdout.splitlines()[:2] == ["demonstration: done ", "trial: done "], done.stdout + done.stderr
     assert read_log(folder / "console.mcap").metadata["trial"]["kind"] == "trial"
+    lines = queued.stdout.splitlines()
+    assert (queued.returncode, lines[1:3]) == (
+        0, ["problem of the recording: none", "queue: all of it is done"],
+    ), queued.stdout + queued.stderr  # fmt: skip
+    for seed, line in enumerate(lines[3:5]):
+        assert line.startswith(f"seed {seed} succeeded"), line
+        assert read_log(folder / f"queued-{seed}.mcap").metadata["trial"]["seed"] == str(seed)
 
 
 def test_every_example_is_run_here():
     numbers = sorted(path.name[:2] for path in EXAMPLES.glob("*.py"))
-    assert numbers == [f"0{n}" for n in range(1, 10)]
+    assert numbers == [f"{n:02d}" for n in range(1, 11)]
