@@ -13,53 +13,20 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from console.arm_watch import NEVER_S, ArmView, ArmWatch
+from console.loop_watch import LoopView, LoopWatch
 from console.presence import Presence
-from hal.robot_errors import error_names
-from hal.state import RobotMode
 from rtstack.live.client import RobotClient, RobotRefused, RobotUnreachable
 from rtstack.live.protocol import BeatRequest, Status, StatusRequest
-from rtstack.log.ring import RingReader, Rings
-from rtstack.model.cell_description import ArmMounting, CellDescription, base_frame
-from rtstack.model.rotation import quaternion_from_rotation
-from rtstack.samples import SIDES, Level, Mode
+from rtstack.log.ring import Rings
+from rtstack.model.cell_description import CellDescription
+from rtstack.samples import SIDES, Level
 
 _SAMPLE_PERIOD_S = 0.02  # how finely an age is known
 _LOOP_EVERY = 10  # samples: statistics need no more than 5 Hz
 _STATUS_PERIOD_S = 0.1
 STATUS_TIMEOUT_S = 2.0  # of the client that this module is given
-_WINDOW = 2000  # ticks, 2 s: what period and p99 are about
-_PEAK_SAMPLES = 3  # 60 ms: a page sees a view every 50 ms
-_GAP_NS = 200_000_000  # a longer one is no motion that was seen
 _EVENTS = 200  # the newest events that a page can open
-NEVER_S = 1e6  # an age before the first record
-
-
-@dataclass(frozen=True, slots=True)
-class ArmView:
-    """One arm. `age_s` since the last new state, `success_rate` as the robot reports it.
-
-    Of its pad: the force now and the largest of the last 60 ms, so that no view misses an impact's spike; the speed
-    that is asked of it by hand, and the one that it has, from the way of the last 20 ms.
-    """
-
-    robot_mode: str
-    errors: tuple[str, ...]
-    mode: str
-    age_s: float
-    success_rate: float
-    force_n: float | None = None
-    speed_m_s: float | None = None
-    peak_force_n: float | None = None
-    pad_speed_m_s: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class LoopView:
-    """The loop over the last 2 s. Periods us; None before the first tick; missed since the console started."""
-
-    period_us: float | None
-    period_p99_us: float | None
-    missed: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,96 +54,6 @@ class LiveView:
     event: EventView | None
 
 
-class _ArmWatch:
-    """Follows one arm's rings."""
-
-    def __init__(self, rings: Rings, side: str, mounting: ArmMounting) -> None:
-        self._base = base_frame(mounting)
-        self._base_wxyz = np.array(mounting.base_orientation_wxyz)
-        self.measured: NDArray[np.float64] | None = None
-        self.told: NDArray[np.float64] | None = None
-        self.force: NDArray[np.float64] | None = None
-        self._arm = rings.reader(f"/{side}/arm")
-        self._control = rings.reader(f"/{side}/control")
-        self._t_ns = 0
-        self._changed_s: float | None = None
-        self.q: NDArray[np.float64] | None = None
-        self._peaks: deque[float] = deque(maxlen=_PEAK_SAMPLES)
-        self._place: tuple[int, NDArray[np.float64]] | None = None  # where the pad was, t_ns and m
-
-    def view(self, now_s: float) -> ArmView:
-        record, control = self._arm.latest(), self._control.latest()
-        if record is None:
-            return ArmView("UNKNOWN", (), "UNKNOWN", NEVER_S, 0.0)
-        t_ns = int(record["t_ns"][0])
-        if t_ns != self._t_ns or self._changed_s is None:
-            self._t_ns, self._changed_s = t_ns, now_s
-        self.q = record["q"][0]
-        speed = self._take_pad(record[0], control)
-        rate = float(record["control_command_success_rate"][0])
-        self._peaks.append(self._largest_force())
-        return ArmView(
-            robot_mode=_name(RobotMode, record["robot_mode"][0]),
-            errors=error_names(int(record["current_errors"][0])),
-            mode="UNKNOWN" if control is None else _name(Mode, control["mode"][0]),
-            age_s=now_s - self._changed_s,
-            success_rate=rate if np.isfinite(rate) else 0.0,
-            force_n=float(np.linalg.norm(self.force)) if self.force is not None else None,
-            speed_m_s=speed,
-            peak_force_n=max(self._peaks),
-            pad_speed_m_s=self._pad_speed(t_ns, record["O_T_EE"][0][:3, 3]),
-        )
-
-    def _largest_force(self) -> float:
-        """Return the largest force on the pad since the last call, N."""
-        forces = self._arm.drain()["O_F_ext_hat_K"][:, :3]
-        if not len(forces):
-            return 0.0 if self.force is None else float(np.linalg.norm(self.force))
-        return float(np.linalg.norm(forces, axis=1).max())
-
-    def _pad_speed(self, t_ns: int, place: NDArray[np.float64]) -> float | None:
-        """Return the mean speed since the last call, m/s; None across a gap, and where time began anew."""
-        before, self._place = self._place, (t_ns, place)
-        if before is None or not 0 < t_ns - before[0] < _GAP_NS:
-            return 0.0 if before is not None and t_ns == before[0] else None
-        return float(np.linalg.norm(place - before[1])) / (1e-9 * (t_ns - before[0]))
-
-    def _take_pad(self, record: Any, control: NDArray | None) -> float | None:
-        """Take where the pad is, in the world, what it was told, and what it feels; return its speed, m/s."""
-        base, pose = self._base, record["O_T_EE"]
-        measured = np.zeros(7)
-        measured[:3] = base.translation + base.rotation @ pose[:3, 3]
-        quaternion_from_rotation(np.ascontiguousarray(base.rotation @ pose[:3, :3]), measured[3:])
-        self.measured = measured
-        self.force = -(base.rotation @ record["O_F_ext_hat_K"][:3])
-        led = control is not None and int(control["mode"][0]) == Mode.TELEOPERATION
-        self.told = control["pose_ref"][0].copy() if led and control is not None else None
-        return float(np.linalg.norm(control["twist_ref"][0][:3])) if led and control is not None else None
-
-
-class _LoopWatch:
-    """Follows /timing."""
-
-    def __init__(self, reader: RingReader) -> None:
-        self._reader = reader
-        self._periods = np.empty(0)
-        self._missed = 0
-        self._counted = 0
-
-    def view(self) -> LoopView:
-        records = self._reader.drain()
-        if len(records):
-            periods = records["period_us"]
-            self._periods = np.concatenate([self._periods, periods[np.isfinite(periods)]])[-_WINDOW:]
-            counts = np.concatenate([[self._counted], records["missed_deadlines"]])
-            steps = np.diff(counts)  # each job counts from zero again
-            self._missed += int(np.where(steps >= 0, steps, counts[1:]).sum())
-            self._counted = int(counts[-1])
-        if not len(self._periods):
-            return LoopView(None, None, self._missed)
-        return LoopView(float(self._periods.mean()), float(np.percentile(self._periods, 99)), self._missed)
-
-
 class Watch:
     """The threads. `view`, `q` and `object_pose` may be read from any thread; they are replaced, never changed.
 
@@ -188,8 +65,8 @@ class Watch:
     def __init__(self, rings: Rings, client: RobotClient, presence: Presence, cell: CellDescription) -> None:
         self.rings = rings
         mountings = {"left": cell.left, "right": cell.right}
-        self._arms = {side: _ArmWatch(rings, side, mountings[side]) for side in SIDES}
-        self._loop = _LoopWatch(rings.reader("/timing"))
+        self._arms = {side: ArmWatch(rings, side, mountings[side]) for side in SIDES}
+        self._loop = LoopWatch(rings.reader("/timing"))
         self._object = rings.reader("/object/pose")
         self._event_reader = rings.reader("/events")
         self._client = client
@@ -288,13 +165,6 @@ class Watch:
 
 def _both(values: list[NDArray[np.float64] | None]) -> NDArray[np.float64] | None:
     return None if any(value is None for value in values) else np.array(values)
-
-
-def _name(kind: type[RobotMode] | type[Mode], value: object) -> str:
-    try:
-        return kind(int(value)).name  # type: ignore[call-overload]
-    except ValueError:
-        return "UNKNOWN"
 
 
 def _event(number: int, record: Any) -> EventView:

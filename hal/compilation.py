@@ -17,6 +17,7 @@ import numpy as np
 
 _TYPES: dict[Any, Any] = {}  # of arrays that were bound
 _PREFIX = "rtstack-"
+_LOCATOR = "hal.compiled_cache.SharedCacheLocator"
 _ROOT = Path(__file__).resolve().parents[1]
 # the packages in which something is compiled, and what they take constants from
 _COMPILED = (
@@ -28,9 +29,11 @@ _COMPILED = (
 def keep_compiled_code_by_its_sources() -> None:
     """Point numba's cache to the folder of the present sources. Call before anything is compiled."""
     folder = str(_base() / f"{_PREFIX}{_digest()}")
-    os.environ["NUMBA_CACHE_DIR"] = folder  # read by numba when it is imported, here and in child processes
+    # read by numba when it is imported, here and in child processes
+    os.environ["NUMBA_CACHE_DIR"], os.environ["NUMBA_CACHE_LOCATOR_CLASSES"] = folder, _LOCATOR
     if "numba" in sys.modules:
-        sys.modules["numba"].config.CACHE_DIR = folder
+        config = sys.modules["numba"].config
+        config.CACHE_DIR, config.CACHE_LOCATOR_CLASSES = folder, _LOCATOR
 
 
 def bound(function: Callable[..., Any], *arguments: Any, later: tuple[Any, ...] = ()) -> Callable[..., Any]:

@@ -65,7 +65,7 @@ class ServedConsole:
     @contextmanager
     def signed_in(self) -> Iterator[tuple[httpx.Client, dict[str, str]]]:
         """Give a client with a session, and the headers that its changes have to carry."""
-        with httpx.Client(base_url=self.base, trust_env=False) as client:
+        with httpx.Client(base_url=self.base, trust_env=False, timeout=60.0) as client:
             token = self.parts.sign_in.token or ""
             client.get("/", params={"token": token}, follow_redirects=True).raise_for_status()
             session = self.parts.sign_in.session(client.cookies[self.parts.sign_in.cookie])
@@ -100,9 +100,9 @@ def serve_console(logs: Path) -> Iterator[ServedConsole]:
         service = Service(desk, folder / "robot.sock")
         stack.callback(service.close)
         cell = load_cell_description(CELL)
-        client = RobotClient(folder / "robot.sock", timeout_s=2.0)
+        client = RobotClient(folder / "robot.sock", timeout_s=20.0)  # a machine that is busy
         stack.callback(client.close)
-        status_client = RobotClient(folder / "robot.sock", timeout_s=2.0)
+        status_client = RobotClient(folder / "robot.sock", timeout_s=20.0)  # a machine that is busy
         stack.callback(status_client.close)
         presence = Presence()
         watch = Watch(rings, status_client, presence, cell)

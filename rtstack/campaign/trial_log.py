@@ -13,9 +13,9 @@ from typing import Any
 from numpy.typing import NDArray
 
 from hal.description import fr3_urdf
+from rtstack.log.batches import BatchWriter
 from rtstack.log.frames import CellFrames, FrameTree
 from rtstack.log.job import Attachment
-from rtstack.log.process import BatchWriter
 from rtstack.log.ring import Rings
 from rtstack.log.sink import McapSink
 from rtstack.loop.history import Columns, History

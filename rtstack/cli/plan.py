@@ -13,7 +13,7 @@ from rtstack.planning.file import write_plan
 from rtstack.references.motion import Motion
 from rtstack.samples import SIDES
 
-_GRAB_ONLY = ("rise", "squeeze", "lift", "lift_s", "carry")
+_GRAB_ONLY = ("rise", "squeeze", "lift", "lift_s", "momentum_s", "carry")
 _PUSH_ONLY = ("travel",)
 
 

@@ -4,7 +4,6 @@ It ends when it is told to, or when its parent is gone, and finishes the file ei
 block (compression, the disk) happens here.
 """
 
-import json
 import os
 import signal
 import sys
@@ -15,60 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.description import fr3_urdf
+from rtstack.log.batches import BatchWriter
 from rtstack.log.frames import FrameTree
 from rtstack.log.job import Evidence, LogJob, get_job, get_result
 from rtstack.log.ring import LogState, Rings
 from rtstack.log.schema import TOPIC_MESSAGES
 from rtstack.log.sink import McapSink
-from rtstack.samples import SIDES, TOPICS
+from rtstack.samples import TOPICS
 
 POLL_S = 0.04  # forty records a topic at 1 kHz: enough for a batch, little for a ring, a tenth of what may be lost
 _FAR_FUTURE_NS = np.iinfo(np.int64).max
 
 
-class BatchWriter:
-    """Writes batches of records, a topic each, and what stands at the end of a log."""
-
-    def __init__(self, sink: McapSink, frames: FrameTree | None) -> None:
-        self._sink = sink
-        self._frames = frames
-
-    @property
-    def messages(self) -> int:
-        """Number of messages that were written, /tf included."""
-        return sum(self._sink.messages.values())
-
-    def write(self, batches: dict[str, NDArray]) -> None:
-        """Write all of them, in order of robot's time."""
-        if any(len(records) for records in batches.values()):
-            self._sink.write(batches, self._transforms(batches))
-
-    def _transforms(self, batches: dict[str, NDArray]) -> list[tuple[int, bytes]]:
-        if self._frames is None:
-            return []
-        poses = batches["/object/pose"]
-        return self._frames.update({side: batches[f"/{side}/arm"] for side in SIDES}, poses[poses["seen"] != 0])
-
-    def finish(self, result: dict[str, str], ended: str, evidence: Evidence | None, lost: dict[str, int]) -> None:
-        """Write result, evidence and the account of what was lost, by topic, and finish the file."""
-        counts = {topic: {"messages": n, "lost": lost.get(topic, 0)} for topic, n in self._sink.messages.items()}
-        if evidence is not None:
-            for attachment in evidence.attachments:
-                self._sink.attach(attachment.name, attachment.media_type, attachment.data)
-            self._sink.write_metadata("fault", evidence.fault)
-        if result:
-            self._sink.write_metadata("result", result)
-        account = {
-            "ended": ended,
-            "messages": str(self.messages),
-            "lost": str(sum(lost.values())),
-            "topics": json.dumps(counts),
-        }
-        self._sink.write_metadata("log", account)
-        self._sink.close()
-
-
-class LogWriter:
+class RingDrain:
     """Moves what is in the rings into the file, a batch at a time."""
 
     def __init__(self, rings: Rings, sink: McapSink, frames: FrameTree | None) -> None:
@@ -117,16 +75,16 @@ def run(job_descriptor: int, log_descriptor: int, parent: int) -> None:
             for attachment in job.attachments:
                 sink.attach(attachment.name, attachment.media_type, attachment.data)
             sink.flush()
-            writer = LogWriter(rings, sink, FrameTree(job.cell, fr3_urdf()) if job.cell else None)
+            drain = RingDrain(rings, sink, FrameTree(job.cell, fr3_urdf()) if job.cell else None)
             rings.state = LogState.READY
             while not rings.closing and os.getppid() == parent:
-                writer.step()
+                drain.step()
                 time.sleep(POLL_S)
             if rings.closing:
                 result, evidence = get_result(job_descriptor)
-                writer.finish(result, "closed", evidence)
+                drain.finish(result, "closed", evidence)
             else:
-                writer.finish({}, "the program died")
+                drain.finish({}, "the program died")
         rings.state = LogState.FINISHED
     except OSError as error:
         rings.fail(error.strerror or str(error))

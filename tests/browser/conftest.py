@@ -110,7 +110,7 @@ class Console:
         rows = self.page.locator("#logs tbody tr").count()
         self.page.click("#demonstration button[type=submit]")
         expect(self.page.locator("#job-line")).to_contain_text("succeeded", timeout=JOB_TIMEOUT_MS)
-        expect(self.page.locator("#logs tbody tr")).to_have_count(rows + 1, timeout=10_000)
+        expect(self.page.locator("#logs tbody tr")).to_have_count(rows + 1, timeout=60_000)
 
     def start_trial(self, controller: str, displacement_mm: str) -> None:
         """Start a trial and wait until it runs."""

@@ -31,7 +31,10 @@ def test_a_token_is_made_used_and_revoked_and_a_viewer_is_invited(browser, tmp_p
         expect(row).to_contain_text("<b>plotter", timeout=PATIENCE_MS)
         expect(row).to_contain_text("not since this console started")
         headers = {"authorization": f"Bearer {word}"}
-        assert httpx.get(f"{served.base}/api/me", headers=headers, trust_env=False).json()["scope"] == "operate"
+        assert (
+            httpx.get(f"{served.base}/api/me", headers=headers, trust_env=False, timeout=60.0).json()["scope"]
+            == "operate"
+        )
         expect(row.locator("td").nth(3)).to_have_text(re.compile(r"^\d{4}-\d\d-\d\d"), timeout=PATIENCE_MS)
 
         page.click("#invite button[type=submit]")
@@ -55,7 +58,7 @@ def test_a_token_is_made_used_and_revoked_and_a_viewer_is_invited(browser, tmp_p
         page.on("dialog", lambda dialog: dialog.accept())
         row.get_by_text("Revoke").click()
         expect(row).to_have_count(0, timeout=PATIENCE_MS)
-        assert httpx.get(f"{served.base}/api/me", headers=headers, trust_env=False).status_code == 401
+        assert httpx.get(f"{served.base}/api/me", headers=headers, trust_env=False, timeout=60.0).status_code == 401
         expect(page.locator("#audit tbody")).to_contain_text("revoked token", timeout=PATIENCE_MS)
         expect(page.locator("#errors .error")).to_have_count(0)
         context.close()

@@ -169,7 +169,7 @@ def test_a_recording_becomes_the_reference_of_a_trial_whose_log_comes_down(recor
     expect(page.locator("#demonstration button[type=submit]")).to_be_disabled()
     expect(page.locator("#demonstration [data-why]")).to_contain_text("is running")
     expect(page.locator("#progress-row")).to_be_hidden(timeout=FINISHED_MS)
-    expect(rows).to_have_count(before + 1, timeout=10_000)
+    expect(rows).to_have_count(before + 1, timeout=60_000)
     row = rows.first
     for text in ("trial", "no interim", "rice box", "10"):
         expect(row).to_contain_text(text)
@@ -200,7 +200,7 @@ def test_stop_stops_a_trial(recorded, way):
         page.keyboard.press("Space")
     expect(page.locator("#job-line")).to_contain_text("was stopped", timeout=FINISHED_MS)
     expect(page.locator("#progress")).not_to_have_attribute("value", "1")
-    expect(rows).to_have_count(before + 1, timeout=10_000)
+    expect(rows).to_have_count(before + 1, timeout=60_000)
     expect(rows.first.locator(".outcome")).to_contain_text("stop requested")
     expect(page.locator("#stop")).to_have_text("STOP")
     expect(page.locator("#light-left .word")).to_have_text("idle", timeout=30_000)

@@ -80,7 +80,10 @@ def test_no_request_breaks_the_console_and_every_answer_is_as_described(served, 
     _, word = served.parts.sign_in.tokens.create("fuzzer", Scope.OPERATE)
     headers = {"authorization": f"Bearer {word}"}
     settings = tmp_path / "schemathesis.toml"
-    with httpx.Client(base_url=served.base, headers=headers, trust_env=False) as client, obliging_arms(served.desk):
+    with (
+        httpx.Client(base_url=served.base, headers=headers, trust_env=False, timeout=60.0) as client,
+        obliging_arms(served.desk),
+    ):
         rows = client.get("/api/logs").raise_for_status().json()
         for row in rows:
             if row["name"].startswith("log"):

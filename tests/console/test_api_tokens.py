@@ -28,7 +28,9 @@ def terminal(monkeypatch, capsys):
 
 
 def program(served, word):
-    return httpx.Client(base_url=served.base, headers={"authorization": f"Bearer {word}"}, trust_env=False)
+    return httpx.Client(
+        base_url=served.base, headers={"authorization": f"Bearer {word}"}, trust_env=False, timeout=60.0
+    )
 
 
 def test_a_program_with_a_token_does_what_the_page_does_without_cookie_or_word(served):
@@ -60,7 +62,7 @@ def test_a_revoked_token_is_worth_nothing_in_what_is_open_too(served):
         program(served, word) as bot,
         connect(f"ws://127.0.0.1:{served.port}/live", additional_headers=headers, proxy=None) as live,
     ):
-        assert json.loads(live.recv(timeout=10))["you"] == "bot"
+        assert json.loads(live.recv(timeout=60))["you"] == "bot"
         assert bot.post("/api/take", json={}).status_code == 200
         command = [sys.executable, "-m", "rtstack", "token", "revoke", token.id, "--logs", str(served.logs)]
         subprocess.run(command, check=True)  # another process
@@ -68,7 +70,7 @@ def test_a_revoked_token_is_worth_nothing_in_what_is_open_too(served):
         assert (answer.status_code, answer.headers["www-authenticate"]) == (401, "Bearer")
         with pytest.raises(ConnectionClosed):  # noqa: PT012
             for _ in range(200):
-                live.recv(timeout=10)
+                live.recv(timeout=60)
 
 
 def test_a_terminal_makes_lists_and_refuses_in_one_line(served, terminal):

@@ -57,7 +57,7 @@ def test_a_second_operator_is_refused_with_the_name_and_may_take_over(served):
     with served.signed_in() as (client, headers):
         cookies, others = served.second_session()
         post(client, headers, "take", operator="anna")
-        with httpx.Client(base_url=served.base, cookies=cookies, trust_env=False) as second:
+        with httpx.Client(base_url=served.base, cookies=cookies, trust_env=False, timeout=60.0) as second:
             answer = post(second, others, "take", operator="ben")
             assert answer.status_code == 409
             assert answer.json()["error"].startswith("anna has the robot")
@@ -131,14 +131,14 @@ def test_a_page_keeps_its_lease_by_answering_what_it_is_sent(hasty):
         ) as page:
             began_s = time.monotonic()
             while time.monotonic() - began_s < SHORT_LEASE_S * 1.3:
-                view = json.loads(page.recv(timeout=10))
+                view = json.loads(page.recv(timeout=60))
                 assert view["you"] == "operator 1"
                 page.send("beat")
             assert view["status"]["phase"] == "armed"
             for _ in range(3):  # a page that receives and does not answer is no operator
-                page.recv(timeout=10)
+                page.recv(timeout=60)
                 page.send("hello")
-            wait_for(lambda: json.loads(page.recv(timeout=10))["status"]["holder"] is None)
+            wait_for(lambda: json.loads(page.recv(timeout=60))["status"]["holder"] is None)
 
 
 def test_stop_needs_no_lease_disarms_and_is_remembered_with_its_name(served):

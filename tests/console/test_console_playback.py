@@ -57,7 +57,7 @@ def test_a_second_log_is_shown_as_a_ghost_at_the_same_moment_and_goes_again(serv
 
             def ask(**message):
                 cursor.send(json.dumps(message))
-                return json.loads(cursor.recv(timeout=30)), served.parts.review_scenes._poses.get(VIEW)
+                return json.loads(cursor.recv(timeout=60)), served.parts.review_scenes._poses.get(VIEW)
 
             answer, poses = ask(t=0.6, other=logs["two"], offset=0.2)  # what the other one had at 0.4 s
             assert answer["ghost_t"] == pytest.approx(0.4, abs=1e-3)

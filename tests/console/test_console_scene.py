@@ -73,7 +73,7 @@ def test_the_proxy_forwards_the_page_and_the_subprotocol(served):
             max_size=None,
         ) as stream:
             assert stream.subprotocol == "viser-v1.1.1"
-            assert len(stream.recv(timeout=10)) > 16
+            assert len(stream.recv(timeout=60)) > 16
 
 
 def test_what_moves_is_packed_once_for_all_who_look(served):

@@ -4,7 +4,7 @@ import httpx
 
 
 def test_the_token_becomes_a_session_and_leaves_the_address_bar(served):
-    with httpx.Client(base_url=served.base, trust_env=False) as client:
+    with httpx.Client(base_url=served.base, trust_env=False, timeout=60.0) as client:
         answer = client.get("/", params={"token": served.parts.sign_in.token})
         assert answer.status_code == 303
         assert answer.headers["location"] == "/"
@@ -18,7 +18,7 @@ def test_the_token_becomes_a_session_and_leaves_the_address_bar(served):
 
 def test_a_wrong_token_is_refused_and_does_not_spend_the_right_one(served):
     for wrong in ("", "x", served.parts.sign_in.token[:-1], "%00"):
-        assert httpx.get(f"{served.base}/?token={wrong}", trust_env=False).status_code in (401, 403)
+        assert httpx.get(f"{served.base}/?token={wrong}", trust_env=False, timeout=60.0).status_code in (401, 403)
     with served.signed_in() as (client, _):
         assert client.get("/api/status").status_code == 200
 
@@ -31,7 +31,7 @@ def test_the_signed_in_browser_may_open_the_printed_address_again(served):
 
 
 def test_without_a_session_nothing_answers(served):
-    with httpx.Client(base_url=served.base, trust_env=False) as client:
+    with httpx.Client(base_url=served.base, trust_env=False, timeout=60.0) as client:
         for path in ("/api/status", "/api/logs", "/api/events", "/viser/light/", "/api/logs/x/download"):
             answer = client.get(path)
             assert answer.status_code == 401, path

@@ -58,7 +58,7 @@ class Stack:
     def start_a_job(self) -> None:
         """Sign in, take control, arm, order a demonstration, and wait until the arms move: over HTTP, as a program."""
         address, token = self.line.split()[-1].split("/?token=")
-        client = httpx.Client(base_url=address, trust_env=False)
+        client = httpx.Client(base_url=address, trust_env=False, timeout=60.0)
         page = client.get("/", params={"token": token}, follow_redirects=True).text
         words = re.search(r'name="csrf-token" content="([^"]+)"', page)
         assert words is not None

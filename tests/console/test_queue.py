@@ -164,7 +164,7 @@ def test_only_who_has_the_armed_robot_fills_and_starts_it_and_who_may_operate_pa
     cookies, headers = served.second_session()
     operator.add(reference, 2)
     first = operator.queue()["entries"][0]["id"]
-    with httpx.Client(base_url=served.base, cookies=cookies, trust_env=False) as second:
+    with httpx.Client(base_url=served.base, cookies=cookies, trust_env=False, timeout=60.0) as second:
         ben = Operator(served, second, headers)
         trial = {"reference": reference, "object": "rice_box"}
         for path, body in (

@@ -214,16 +214,16 @@ def test_the_cursor_answers_with_the_newest_question(served, logs):
         headers = {"cookie": served.cookie(client)}
         with connect(address, additional_headers=headers, origin=served.base, proxy=None) as cursor:
             cursor.send(json.dumps({"t": SPIKE_S, "signals": "left.tau_J.4"}))
-            answer = json.loads(cursor.recv(timeout=30))
+            answer = json.loads(cursor.recv(timeout=60))
             assert answer["values"] == {"left.tau_J.4": 80.0}
             assert answer["scenes"] == 0
             for t in np.linspace(0.0, 1.5, 200):
                 cursor.send(json.dumps({"t": float(t)}))
-            while json.loads(cursor.recv(timeout=30))["t"] != 1.5:
+            while json.loads(cursor.recv(timeout=60))["t"] != 1.5:
                 pass
             for bad in ("{", '{"t": "x"}', '{"t": 1, "evil": 1}', '{"t": 1, "signals": "no.such"}'):
                 cursor.send(bad)
-                assert "error" in json.loads(cursor.recv(timeout=30))
+                assert "error" in json.loads(cursor.recv(timeout=60))
         with pytest.raises(InvalidStatus), connect(address, origin=served.base, proxy=None):
             pass
 
@@ -266,4 +266,4 @@ def test_the_scene_of_a_review_is_not_the_live_one(served, logs):
         assert client.get("/viser/review/light/with%20a%20space%20in%20it/").status_code == 404
     assert served.parts.scenes._live == {}
     server = served.parts.review_scenes.server(Detail.LIGHT)
-    assert httpx.get(f"http://127.0.0.1:{server.port}/", trust_env=False).status_code == 403
+    assert httpx.get(f"http://127.0.0.1:{server.port}/", trust_env=False, timeout=60.0).status_code == 403

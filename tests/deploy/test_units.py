@@ -202,7 +202,7 @@ def test_the_units_commands_run_without_privileges_and_never_restart_into_motion
                 assert console.poll() is None, manager.said("rtstack-console.service")
                 manager.hears()
                 address = re.search(r"http://127\.0\.0\.1:\d+/\?token=\S+", manager.said("rtstack-console.service"))
-            with httpx.Client(trust_env=False, follow_redirects=True) as browser:
+            with httpx.Client(trust_env=False, timeout=60.0, follow_redirects=True) as browser:
                 assert "grab - operate" in browser.get(address[0]).text
         finally:
             console.terminate()

@@ -13,12 +13,12 @@ ANYWHERE = (10.0, 3.12, 6.29)  # what a client says that does not care; libfrank
 
 
 class RawClient:
-    """One TCP connection and one UDP socket. Every receive ends after five seconds."""
+    """One TCP connection and one UDP socket. No receive waits for more than a minute."""
 
     def __init__(self, address: str) -> None:
-        self.tcp = socket.create_connection((address, PORT), timeout=5.0)
+        self.tcp = socket.create_connection((address, PORT), timeout=60.0)
         self.udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.udp.settimeout(5.0)
+        self.udp.settimeout(60.0)
         self.udp.bind(("", 0))
         self._source: tuple[str, int] = ("", 0)
         self._next_id = 0
@@ -67,7 +67,7 @@ class RawClient:
         except BlockingIOError:
             pass
         finally:
-            self.udp.settimeout(5.0)
+            self.udp.settimeout(60.0)
         return np.frombuffer(data, ROBOT_STATE)[0]
 
     def next_state(self) -> np.void:

@@ -1,9 +1,14 @@
 """Compiled code is kept by the state of its sources: an edit anywhere in them gives another folder."""
 
+import contextlib
 import os
 import subprocess
 import sys
+import threading
 
+from numba.core.caching import IndexDataCacheFile
+
+import hal.compiled_cache  # noqa: F401  # the lock
 from hal import compilation
 
 
@@ -36,3 +41,37 @@ def test_a_program_and_its_children_share_one_folder(tmp_path):
         environment["NUMBA_CACHE_DIR"] = done.stdout.split()[0]
     assert len(seen) == 1
     assert seen.pop().startswith(str(tmp_path / "rtstack-"))
+
+
+def test_two_that_compile_at_once_keep_what_is_each_ones(tmp_path, monkeypatch):
+    """Neither takes the other's number: each waits until the other one has written."""
+    read, both_have_read = IndexDataCacheFile._load_index, threading.Barrier(2)
+
+    def read_and_wait(cache):
+        found = read(cache)
+        with contextlib.suppress(threading.BrokenBarrierError):
+            both_have_read.wait(0.5)
+        return found
+
+    def save(key):
+        IndexDataCacheFile(str(tmp_path), "f", "stamp").save(key, f"code for {key}")
+
+    monkeypatch.setattr(IndexDataCacheFile, "_load_index", read_and_wait)
+    savers = [threading.Thread(target=save, args=(key,)) for key in ("int", "float")]
+    for saver in savers:
+        saver.start()
+    for saver in savers:
+        saver.join()
+    monkeypatch.setattr(IndexDataCacheFile, "_load_index", read)
+    for key in ("int", "float"):
+        assert IndexDataCacheFile(str(tmp_path), "f", "stamp").load(key) == f"code for {key}"
+
+
+def test_every_process_that_compiles_writes_under_the_lock():
+    program = (
+        "import rtstack.model.rotation; from numba.core.caching import IndexDataCacheFile as file;"
+        "print(hasattr(file.save, '__wrapped__'))"
+    )
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_CACHE_LOCATOR")}
+    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["True"]

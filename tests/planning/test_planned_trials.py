@@ -127,7 +127,7 @@ def test_the_help_says_what_an_option_is_by_default(capsys):
     options = " ".join(capsys.readouterr().out.split("Options:")[1].split()).split(" --")
     said = {option.split()[0]: option.rsplit(": ", 1)[-1].rstrip(".") for option in options}
     grab, push = GrabPlan(), PushPlan()
-    for key in ("rise", "posture", "squeeze", "lift", "lift_s", "carry", "post_impact_scale"):
+    for key in ("rise", "posture", "squeeze", "lift", "lift_s", "momentum_s", "carry", "post_impact_scale"):
         assert said[key.replace("_", "-")] == f"{getattr(grab, key):g}"
     assert said["travel"] == f"{push.travel:g}"
     for key in ("speed", "height"):
@@ -145,6 +145,8 @@ def test_the_plan_of_another_object_is_not_followed(cell, files):
     [
         (["--speed", "3"], "speed"),
         (["--lift-s", "1", "--motion", "hit-and-push"], "--lift-s does not belong to a hit-and-push"),
+        (["--momentum-s", "0", "--motion", "hit-and-push"], "--momentum-s does not belong to a hit-and-push"),
+        (["--momentum-s", "0.3"], "momentum_s"),
         (["--travel", "0.1"], "--travel does not belong to a grab"),
         (["--object", "brick"], "unknown object 'brick'"),
         (["--cell", "nowhere.toml"], "nowhere.toml: cannot be read"),

@@ -34,6 +34,10 @@ def plan(
     ] = None,
     lift: Annotated[float | None, typer.Option(metavar="M", help="How high a grab lifts, up to 0.5: 0.25.")] = None,
     lift_s: Annotated[float | None, typer.Option(metavar="S", help="How long the lift takes, up to 10: 1.2.")] = None,
+    momentum_s: Annotated[
+        float | None,
+        typer.Option(metavar="S", help="How long a grab is lifted by momentum alone after the impact, up to 0.2: 0.1."),
+    ] = None,
     carry: Annotated[
         float | None, typer.Option(metavar="M", help="How far a grab carries along x, -0.5 to 0.5: 0.05.")
     ] = None,
@@ -59,6 +63,6 @@ def plan(
 
     run(
         output, motion, object_name, cell_file, json, watch, speed=speed, rise=rise, height=height, posture=posture,
-        squeeze=squeeze, lift=lift, lift_s=lift_s, carry=carry, travel=travel, inertia=inertia,
+        squeeze=squeeze, lift=lift, lift_s=lift_s, momentum_s=momentum_s, carry=carry, travel=travel, inertia=inertia,
         post_impact_scale=post_impact_scale,
     )  # fmt: skip

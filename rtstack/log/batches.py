@@ -1,0 +1,52 @@
+"""What a log's file is written through, whoever has the samples: batches of records, and what stands at its end."""
+
+import json
+
+from numpy.typing import NDArray
+
+from rtstack.log.frames import FrameTree
+from rtstack.log.job import Evidence
+from rtstack.log.sink import McapSink
+from rtstack.samples import SIDES
+
+
+class BatchWriter:
+    """Writes batches of records, a topic each, and what stands at the end of a log."""
+
+    def __init__(self, sink: McapSink, frames: FrameTree | None) -> None:
+        self._sink = sink
+        self._frames = frames
+
+    @property
+    def messages(self) -> int:
+        """Number of messages that were written, /tf included."""
+        return sum(self._sink.messages.values())
+
+    def write(self, batches: dict[str, NDArray]) -> None:
+        """Write all of them, in order of robot's time."""
+        if any(len(records) for records in batches.values()):
+            self._sink.write(batches, self._transforms(batches))
+
+    def _transforms(self, batches: dict[str, NDArray]) -> list[tuple[int, bytes]]:
+        if self._frames is None:
+            return []
+        poses = batches["/object/pose"]
+        return self._frames.update({side: batches[f"/{side}/arm"] for side in SIDES}, poses[poses["seen"] != 0])
+
+    def finish(self, result: dict[str, str], ended: str, evidence: Evidence | None, lost: dict[str, int]) -> None:
+        """Write result, evidence and the account of what was lost, by topic, and finish the file."""
+        counts = {topic: {"messages": n, "lost": lost.get(topic, 0)} for topic, n in self._sink.messages.items()}
+        if evidence is not None:
+            for attachment in evidence.attachments:
+                self._sink.attach(attachment.name, attachment.media_type, attachment.data)
+            self._sink.write_metadata("fault", evidence.fault)
+        if result:
+            self._sink.write_metadata("result", result)
+        account = {
+            "ended": ended,
+            "messages": str(self.messages),
+            "lost": str(sum(lost.values())),
+            "topics": json.dumps(counts),
+        }
+        self._sink.write_metadata("log", account)
+        self._sink.close()
