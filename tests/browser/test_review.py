@@ -322,6 +322,27 @@ def test_what_is_on_the_screen_comes_down(page, logs, tmp_path):
     assert (tmp_path / "got.mcap").read_bytes() == (logs / "first.mcap").read_bytes()
 
 
+@pytest.mark.parametrize("late", ["**/api/logs/signals", "**/api/logs/*/series*"])
+def test_nothing_can_be_pressed_before_it_does_something(page, late):
+    """Whatever the page waits for: neither a button nor a key does something by halves."""
+    held = []
+    page.route(late, lambda route: route.continue_() if held else held.append(route))
+    page.reload(wait_until="commit")
+    for _ in range(300):
+        if held:
+            break
+        page.wait_for_timeout(100)
+    for button in ("#full", "#png"):
+        expect(page.locator(button)).to_be_disabled()
+    page.keyboard.press("+")
+    held[0].continue_()
+    for button in ("#full", "#png", "#csv"):
+        expect(page.locator(button)).to_be_enabled()
+    expect(page.locator(".legend b").first).to_be_visible()
+    expect(page.locator("#errors")).to_be_empty()
+    page.unroute(late)
+
+
 def contrast(page: Page, selector: str) -> float:
     """WCAG contrast of an element's text with what is behind it."""
     return page.locator(selector).first.evaluate(

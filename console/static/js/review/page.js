@@ -51,6 +51,7 @@ async function start() {
   const ghost = () => (plots.other === null ? null : { id: plots.other.log.id, offset: plots.other.offset });
   const scrub = new Scrub(view, log, ghost, (answer) => plots.legends.showValues(answer.values, compare.showGhost(answer)));
   plots.shown.then(() => {
+    for (const id of ["full", "png"]) element(id).disabled = false; // before there are curves they would do nothing
     compare.offer(); // curves first
     startScene((detail) => `/viser/review/${detail}/${scrub.key}/`);
   });
@@ -59,8 +60,10 @@ async function start() {
 
   const link = () => {
     const other = plots.other === null ? "" : `&other=${plots.other.log.id}&offset=${plots.other.offset}`;
-    element("csv").href = `/api/logs/${log.id}/csv?signals=${view.signals.join(",")}&start=${view.from}&end=${view.to}${other}`;
-    element("csv").toggleAttribute("aria-disabled", view.signals.length === 0);
+    const none = !view.known || view.signals.length === 0;
+    element("csv").ariaDisabled = none;
+    if (none) element("csv").removeAttribute("href");
+    else element("csv").href = `/api/logs/${log.id}/csv?signals=${view.signals.join(",")}&start=${view.from}&end=${view.to}${other}`;
   };
   view.on("window", link);
   view.on("signals", link);

@@ -11,6 +11,7 @@ const [LEFT_PX, LINE_PX] = [64, 20]; // of a legend
 export async function savePicture(plots, name, compared) {
   const { text, surface, font } = theme();
   const [width, height] = [plots.area.clientWidth, plots.area.clientHeight];
+  if (plots.drawn === null) throw new Error("no curves have come yet");
   if (!width) throw new Error("there are no curves; tick a signal first");
   const canvas = document.createElement("canvas");
   [canvas.width, canvas.height] = [width * SCALE, (height + HEAD_PX) * SCALE];

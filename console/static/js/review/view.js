@@ -42,11 +42,13 @@ export class View {
   }
 
   setCursor(t) {
+    if (!this.known) return; // nobody can move about in what has no length yet
     this.t = Math.min(Math.max(t, 0), this.end);
     this.tell("cursor");
   }
 
   setWindow(from, to) {
+    if (!this.known) return;
     const length = Math.min(Math.max(to - from, SHORTEST_S), this.end);
     const start = Math.min(Math.max(from, 0), this.end - length);
     if (this.from === start && this.to === start + length) return;
@@ -55,6 +57,7 @@ export class View {
   }
 
   zoom(factor) {
+    if (!this.known) return;
     const t = this.t >= this.from && this.t <= this.to ? this.t : (this.from + this.to) / 2;
     this.setWindow(t - (t - this.from) * factor, t + (this.to - t) * factor);
   }
