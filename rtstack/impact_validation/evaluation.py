@@ -40,11 +40,13 @@ PAPER_LINES = {
 @dataclass(frozen=True, slots=True)
 class Cell:
     """One line of a table: an object and a case. points: (planned velocity, net feedback) of each trial that counts;
-    excluded: trials that failed or ended early; fit: None where no line can be fitted; predicted m/s."""
+    swing: of its net feedback at the end of the window, m/s, on average; excluded: trials that failed or ended early;
+    fit: None where no line can be fitted; predicted m/s."""
 
     object: str
     case: str
     points: tuple[tuple[float, float], ...]
+    swing: float
     excluded: int
     fit: ZeroFeedback | None
     predicted: dict[ReflectedInertia, float]
@@ -52,6 +54,11 @@ class Cell:
     def error_percent(self, kind: ReflectedInertia) -> float | None:
         """Return what a prediction is off by, %: positive where it is too fast."""
         return None if self.fit is None else self.fit.error_percent(self.predicted[kind])
+
+    @property
+    def swing_percent(self) -> float | None:
+        """Return by how much the estimate swings with the end of (29)'s window, % of it, to either side."""
+        return None if self.fit is None else 100.0 * self.swing / abs(self.fit.slope * self.fit.estimate)
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +109,8 @@ def _cell(thing: str, case: str, rows: list[Row]) -> Cell:
     except FitError:
         fit = None
     predicted = {kind: rows[0][f"predicted_{kind}_m_s"] for kind in KINDS}
-    return Cell(thing, case, points, len(rows) - len(good), fit, predicted)
+    swing = float(np.mean([row["swing_m_s"] for row in good])) if good else 0.0
+    return Cell(thing, case, points, swing, len(rows) - len(good), fit, predicted)
 
 
 def combined(both: Iterable[Table], kind: ReflectedInertia) -> float | None:

@@ -12,6 +12,7 @@ from rtstack.loop.history import Columns
 Array = NDArray[np.float64]
 
 BEFORE_S, AFTER_S = 0.1, 0.6  # t1 and t2 of (29), around the nominal impact
+SWING_S = 0.25  # a period of the slowest vibration that an impact leaves here, 4 Hz: pads that tilt in their silicone
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +41,15 @@ class FeedbackSignal:
     def net(self) -> float:
         """Return a_fb,net of (29), m/s."""
         return float(self.integral[-1])
+
+    @property
+    def swing(self) -> float:
+        """Return how much the integral still swings at the window's end, m/s: half its range in the last SWING_S.
+
+        The paper's window ends when all vibrations have vanished; where they have not, another end gives another net.
+        """
+        last = self.integral[self.t_s > self.t_s[-1] - SWING_S]
+        return float(np.ptp(last)) / 2.0
 
 
 def feedback_signal(

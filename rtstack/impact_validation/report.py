@@ -88,6 +88,7 @@ def _table(table: Table) -> dict[str, Any]:
                 "estimate": _estimate(cell),
                 "paper_error": percent(error),
                 "errors": [percent(cell.error_percent(kind)) for kind in NAMES],
+                "swing": "-" if cell.swing_percent is None else f"{cell.swing_percent:.2f} %",
                 "r_squared": "-" if cell.fit is None else f"{cell.fit.r_squared:.4f}",
                 "n": f"{len(cell.points)}" + (f" ({cell.excluded} left out)" if cell.excluded else ""),
             }

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rtstack.impact_validation.feedback import integral
+from rtstack.impact_validation.feedback import FeedbackSignal, integral
 from rtstack.impact_validation.fit import FitError, zero_feedback
 
 SCALES = np.array([0.8, 0.9, 1.0, 1.1, 1.2])
@@ -54,3 +54,12 @@ def test_the_integral_of_a_known_signal(offset, slope, decay):
     t = np.arange(-0.1, 0.6005, 1e-3)
     exact = offset * (t + 0.1) + slope * (t**2 - 0.01) / 2 + (np.exp(0.1 * decay) - np.exp(-decay * t)) / decay
     np.testing.assert_allclose(integral(t, offset + slope * t + np.exp(-decay * t)), exact, atol=1e-5)
+
+
+@given(st.floats(0.0, 0.5), st.floats(3.9, 8.0), st.floats(0.0, 6.28))
+def test_what_swings_at_the_end_of_the_window_is_told_whatever_its_phase(amplitude, hertz, phase):
+    t = np.arange(-0.1, 0.6005, 1e-3)
+    moving = np.where(t < 0.2, 3.0 * t, 0.6) + amplitude * np.sin(2 * np.pi * hertz * t + phase)
+    signal = FeedbackSignal(t, t, t, t, moving, True)
+    assert signal.swing == pytest.approx(amplitude, rel=0.06, abs=1e-9)  # 3.9 Hz: nearly a period
+    assert signal.net == moving[-1]
