@@ -3,10 +3,12 @@
 Where a gizmo is on the screen follows from the scene's first camera and from what was dragged before.
 """
 
+import contextlib
 import re
+import time
 
 import numpy as np
-from playwright.sync_api import expect
+from playwright.sync_api import Error, expect
 
 READY_MS = 240_000  # code may have to be compiled for this machine first
 HOME = {"left": (0.0, 0.35, 0.26), "right": (0.0, -0.35, 0.26)}
@@ -61,11 +63,28 @@ class Operator:
 
     def wait_for_scene(self):
         """Wait until the scene has been drawn anew some times: what is new in it is prepared at its first picture."""
-        frame = next(frame for frame in self.page.frames if "/viser/" in frame.url)
-        pictures = "window.__viserTestpoints?.rendererInfo.render.frame"
-        frame.wait_for_function(f"{pictures} > 0", polling=100, timeout=READY_MS)
-        seen = frame.evaluate(pictures)
-        frame.wait_for_function(f"{pictures} > {seen + PICTURES}", polling=100, timeout=READY_MS)
+        pictures = "window.__viserTestpoints?.rendererInfo.render.frame ?? 0"
+        first, end_s = 0, time.monotonic() + READY_MS * 1e-3
+        while not (first and self._in_scene(pictures) > first + PICTURES):
+            assert time.monotonic() < end_s, "the scene is not drawn"
+            first = first or self._in_scene(pictures)
+            self.page.wait_for_timeout(100)
+
+    def reset_view(self):
+        """Look from the first place again, and wait until the scene has been loaded for that."""
+        self._in_scene("window.before = 1")
+        self.page.click("#home")
+        while self._in_scene("window.before ?? 0"):
+            self.page.wait_for_timeout(100)
+        self.wait_for_scene()
+
+    def _in_scene(self, script):
+        """Evaluate something in the scene's frame; 0 while that is being loaded."""
+        for frame in self.page.frames:
+            if "/viser/" in frame.url:
+                with contextlib.suppress(Error):  # it was just left for another one
+                    return frame.evaluate(script)
+        return 0
 
     def hold(self):
         """Hold C; a page that was busy for too long has to be held again."""
@@ -138,7 +157,7 @@ class Operator:
         """Let everything go, wait until the arms have stopped, and clear the fault."""
         self.drop()
         expect(self.page.locator("#job-line")).to_contain_text(ENDED, timeout=READY_MS)
-        self.page.click("#home")  # where there was no gizmo any more the drag has turned the view
+        self.reset_view()  # where there was no gizmo any more the drag has turned it
         if self.page.locator("#recover").is_visible():
             self.page.click("#recover")
             expect(self.page.locator("#recover")).to_be_hidden(timeout=READY_MS)

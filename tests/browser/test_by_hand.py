@@ -95,8 +95,7 @@ def test_nothing_moves_without_the_clutch(operator, tmp_path):
         try:
             operator.begin("#practise")
             operator.drag("left", 2, RAISED_M, held=False)
-            page.click("#home")  # whatever the drag has done to the view
-            operator.wait_for_scene()
+            operator.reset_view()  # whatever the drag has done to it
             operator.hold()
             operator.drag("left", 2, RAISED_M)
             operator.wait_at_rest()
