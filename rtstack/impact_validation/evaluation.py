@@ -41,7 +41,8 @@ PAPER_LINES = {
 class Cell:
     """One line of a table: an object and a case. points: (planned velocity, net feedback) of each trial that counts;
     swing: of its net feedback at the end of the window, m/s, on average; excluded: trials that failed or ended early;
-    fit: None where no line can be fitted; predicted m/s."""
+    fit: None where no line can be fitted; fit_over_swing: of the net feedback's mean over its last swing; predicted:
+    m/s."""
 
     object: str
     case: str
@@ -49,11 +50,13 @@ class Cell:
     swing: float
     excluded: int
     fit: ZeroFeedback | None
+    fit_over_swing: ZeroFeedback | None
     predicted: dict[ReflectedInertia, float]
 
-    def error_percent(self, kind: ReflectedInertia) -> float | None:
+    def error_percent(self, kind: ReflectedInertia, over_swing: bool = False) -> float | None:
         """Return what a prediction is off by, %: positive where it is too fast."""
-        return None if self.fit is None else self.fit.error_percent(self.predicted[kind])
+        fit = self.fit_over_swing if over_swing else self.fit
+        return None if fit is None else fit.error_percent(self.predicted[kind])
 
     @property
     def swing_percent(self) -> float | None:
@@ -69,18 +72,18 @@ class Table:
     motion: Motion
     cells: tuple[Cell, ...]
 
-    def errors(self, kind: ReflectedInertia) -> list[float]:
+    def errors(self, kind: ReflectedInertia, over_swing: bool = False) -> list[float]:
         """Return the errors, %, of the lines that have one."""
-        return [error for cell in self.cells if (error := cell.error_percent(kind)) is not None]
+        return [error for cell in self.cells if (error := cell.error_percent(kind, over_swing)) is not None]
 
-    def average(self, kind: ReflectedInertia) -> float | None:
+    def average(self, kind: ReflectedInertia, over_swing: bool = False) -> float | None:
         """Return the average error, %: the bias."""
-        errors = self.errors(kind)
+        errors = self.errors(kind, over_swing)
         return float(np.mean(errors)) if errors else None
 
-    def absolute(self, kind: ReflectedInertia) -> float | None:
+    def absolute(self, kind: ReflectedInertia, over_swing: bool = False) -> float | None:
         """Return the average absolute error, %."""
-        errors = self.errors(kind)
+        errors = self.errors(kind, over_swing)
         return float(np.mean(np.abs(errors))) if errors else None
 
     @property
@@ -104,13 +107,25 @@ def tables(rows: Iterable[Row]) -> list[Table]:
 def _cell(thing: str, case: str, rows: list[Row]) -> Cell:
     good = [row for row in rows if row["success"] and row["complete"]]
     points = tuple((row["planned_m_s"], row["net_feedback_m_s"]) for row in good)
-    try:
-        fit = zero_feedback([v for v, _ in points], [net for _, net in points])
-    except FitError:
-        fit = None
     predicted = {kind: rows[0][f"predicted_{kind}_m_s"] for kind in KINDS}
     swing = float(np.mean([row["swing_m_s"] for row in good])) if good else 0.0
-    return Cell(thing, case, points, swing, len(rows) - len(good), fit, predicted)
+    return Cell(
+        thing,
+        case,
+        points,
+        swing,
+        len(rows) - len(good),
+        _fit(good, "net_feedback_m_s"),
+        _fit(good, "net_over_swing_m_s"),
+        predicted,
+    )
+
+
+def _fit(rows: list[Row], net: str) -> ZeroFeedback | None:
+    try:
+        return zero_feedback([row["planned_m_s"] for row in rows], [row[net] for row in rows])
+    except FitError:
+        return None
 
 
 def combined(both: Iterable[Table], kind: ReflectedInertia) -> float | None:

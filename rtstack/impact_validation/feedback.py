@@ -48,8 +48,16 @@ class FeedbackSignal:
 
         The paper's window ends when all vibrations have vanished; where they have not, another end gives another net.
         """
-        last = self.integral[self.t_s > self.t_s[-1] - SWING_S]
-        return float(np.ptp(last)) / 2.0
+        return float(np.ptp(self._last)) / 2.0
+
+    @property
+    def net_over_swing(self) -> float:
+        """Return the mean of the integral over the last SWING_S, m/s: which does not depend on the phase."""
+        return float(self._last.mean())
+
+    @property
+    def _last(self) -> Array:
+        return self.integral[self.t_s > self.t_s[-1] - SWING_S]
 
 
 def feedback_signal(

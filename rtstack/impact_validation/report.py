@@ -12,6 +12,7 @@ from rtstack.campaign.plan import PlanFile
 from rtstack.campaign.report import pace
 from rtstack.campaign.store import Row, Store
 from rtstack.control.tick import ArmController
+from rtstack.impact_map import ReflectedInertia
 from rtstack.impact_validation import figures
 from rtstack.impact_validation.claims import judge_claims, percent
 from rtstack.impact_validation.evaluation import NAMES, PAPER, PAPER_LINES, TABLES, Cell, Table, combined, tables
@@ -88,6 +89,7 @@ def _table(table: Table) -> dict[str, Any]:
                 "estimate": _estimate(cell),
                 "paper_error": percent(error),
                 "errors": [percent(cell.error_percent(kind)) for kind in NAMES],
+                "over_swing": percent(cell.error_percent(ReflectedInertia.B_THETA, over_swing=True)),
                 "swing": "-" if cell.swing_percent is None else f"{cell.swing_percent:.2f} %",
                 "r_squared": "-" if cell.fit is None else f"{cell.fit.r_squared:.4f}",
                 "n": f"{len(cell.points)}" + (f" ({cell.excluded} left out)" if cell.excluded else ""),
@@ -100,6 +102,8 @@ def _table(table: Table) -> dict[str, Any]:
         "lines": lines,
         "average": [percent(table.average(kind)) for kind in NAMES],
         "absolute": [percent(table.absolute(kind)).lstrip("+") for kind in NAMES],
+        "average_over_swing": percent(table.average(ReflectedInertia.B_THETA, over_swing=True)),
+        "absolute_over_swing": percent(table.absolute(ReflectedInertia.B_THETA, over_swing=True)).lstrip("+"),
         "paper_average": [percent(paper[kind][0]) for kind in NAMES],
         "paper_absolute": [percent(paper[kind][1]).lstrip("+") for kind in NAMES],
     }

@@ -44,13 +44,15 @@ OpenCell = Callable[[str, int, int, Conditions], Cell]
 @dataclass(frozen=True, slots=True)
 class Measured:
     """What a trial gives to the fit, m/s: velocities after the impact as planned and as predicted, net feedback (29),
-    and how much it still swings at its end. complete: whether the trial lasted for all of (29)'s window."""
+    its mean over the last swing, and how much it still swings. complete: whether the trial lasted for all of (29)'s
+    window."""
 
     planned_m_s: float
     predicted_B_theta_m_s: float
     predicted_B_m_s: float
     predicted_none_m_s: float
     net_feedback_m_s: float
+    net_over_swing_m_s: float
     swing_m_s: float
     complete: bool
 
@@ -158,7 +160,7 @@ def run(
     by = prediction.by_inertia
     measured = Measured(
         prediction.planned, by[ReflectedInertia.B_THETA], by[ReflectedInertia.B], by[ReflectedInertia.NONE],
-        signal.net, signal.swing, signal.complete,
+        signal.net, signal.net_over_swing, signal.swing, signal.complete,
     )  # fmt: skip
     values = {**asdict(trial), **result.as_dict(), **asdict(measured)}
     return values | {

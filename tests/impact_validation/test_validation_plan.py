@@ -70,7 +70,8 @@ def rows_of(error_percent, motion=Motion.HIT_AND_PUSH, slope=1.2, noise=0.0):
                     {
                         "conditions": "nominal", "motion": str(motion), "object": thing, "case_name": "1",
                         "success": True, "complete": True, "planned_m_s": scale * predicted, "net_feedback_m_s": net,
-                        "swing_m_s": 0.01, "predicted_B_theta_m_s": predicted, "predicted_B_m_s": 1.05 * predicted,
+                        "net_over_swing_m_s": net - 0.01, "swing_m_s": 0.01,
+                        "predicted_B_theta_m_s": predicted, "predicted_B_m_s": 1.05 * predicted,
                         "predicted_none_m_s": 0.95 * predicted,
                     }
                 )  # fmt: skip
@@ -83,6 +84,9 @@ def test_tables_of_results_whose_answer_is_known():
     assert push.absolute(ReflectedInertia.B) == pytest.approx(1.05 * 102.0 - 100.0)
     assert grab.average(ReflectedInertia.B_THETA) == pytest.approx(-3.0)
     assert push.cells[0].swing_percent == pytest.approx(100.0 * 0.01 / (1.2 * 0.45 / 1.02))  # by the fit's slope
+    shifted = 0.45 / 1.02 + 0.01 / 1.2  # by what the mean over a swing is less
+    error = push.cells[0].error_percent(ReflectedInertia.B_THETA, over_swing=True)
+    assert error == pytest.approx(100.0 * (0.45 / shifted - 1.0))
     assert combined([push, grab], ReflectedInertia.B_THETA) == pytest.approx(2.5)
     verdicts = {(claim.where, claim.says.split(" (")[0]): claim.verdict for claim in judge_claims([push, grab])}
     assert verdicts["Table II", "absolute error with B_theta at most 4 %"] is Verdict.HOLDS
