@@ -63,4 +63,4 @@ def test_what_swings_at_the_end_of_the_window_is_told_whatever_its_phase(amplitu
     signal = FeedbackSignal(t, t, t, t, moving, True)
     assert signal.swing == pytest.approx(amplitude, rel=0.06, abs=1e-9)  # 3.9 Hz: nearly a period
     assert signal.net == moving[-1]
-    assert abs(signal.net_over_swing - 0.6) < 0.2 * amplitude + 1e-9  # whatever the phase
+    assert abs(signal.net_over_swing - 0.6) < 0.22 * amplitude + 1e-3  # 0.217: the second lobe of sin x / x
