@@ -25,8 +25,8 @@ run: setup  ## install, then start the whole stack with the simulated cell
 
 # those against the clock after the others, whatever came of these
 test: setup  ## all tests, in a real Chromium too (Debian: apt-get install chromium)
-	@status=0; $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m 'not realtime and not alone' || status=$$?; \
-	    $(BIN)/python -m pytest -m 'alone and not realtime' || status=$$?; exit $$status
+	@status=0; $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --durations 8 -m 'not realtime and not alone' || status=$$?; \
+	    $(BIN)/python -m pytest --durations 8 -m 'alone and not realtime' || status=$$?; exit $$status
 
 realtime: setup  ## the tests whose outcome depends on this machine keeping time
 	$(BIN)/python -m pytest -m realtime
