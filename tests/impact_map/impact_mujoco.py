@@ -2,7 +2,8 @@
 
 MuJoCo's law is the convex relaxation of Coulomb's, with a compliance of its own. Damping of 1/dt and no stiffness make
 it plastic within the step. The impedance 0.9999, the largest that it takes, leaves 1e-4 of what it thinks the bodies'
-inverse inertia is: a hundredth of that makes it rigid enough.
+inverse inertia is: a hundredth of that makes it rigid enough. The more rigid, the harder for its solver: where it uses
+up its iterations, its step says nothing, and a softer one is taken.
 """
 
 import mujoco
@@ -18,6 +19,8 @@ DT = 1e-5  # s: what Coriolis forces do in it is below 1e-5 m/s
 RADIUS = 1e-3  # m, of a contact point
 DEPTH = 1e-8  # m: what makes it touch
 IMPEDANCE = 0.9999
+ITERATIONS = 300
+SHARES = (0.01, 0.03, 0.1)  # of the inverse inertia: the first one with which the solver converges
 
 
 def relaxed_velocity(problem):
@@ -39,9 +42,18 @@ def relaxed_velocity(problem):
 
 
 def mujoco_velocity(scene, problem):
-    """Return the generalised velocity (nv,) after one step of MuJoCo."""
+    """Return the generalised velocity (nv,) after one step of MuJoCo; None where its solver does not converge."""
     model = mujoco.MjModel.from_xml_string(_mjcf(scene, problem))
-    model.body_invweight0[:] *= 0.01
+    inverse_inertia = model.body_invweight0.copy()
+    for share in SHARES:
+        model.body_invweight0[:] = share * inverse_inertia
+        data = _stepped(model, scene, problem)
+        if data.solver_niter.max() < ITERATIONS:
+            return _velocity(model, data, scene, problem)
+    return None
+
+
+def _stepped(model, scene, problem):
     data = mujoco.MjData(model)
     for name, at in zip(problem.names, problem.slices, strict=True):
         if name in scene.arms:
@@ -55,6 +67,10 @@ def mujoco_velocity(scene, problem):
             data.qvel[first + 3 : first + 6] = _rotation(scene.objects[name]).T @ problem.velocity[at][3:]
     mujoco.mj_step(model, data)
     assert data.ncon == len(problem.friction)
+    return data
+
+
+def _velocity(model, data, scene, problem):
     velocity = np.empty_like(problem.velocity)
     for name, at in zip(problem.names, problem.slices, strict=True):
         if name in scene.arms:
@@ -96,7 +112,7 @@ def _mjcf(scene, problem):
     solver = f'solref="{-1e-9} {-IMPEDANCE / DT}" solimp="{IMPEDANCE} {IMPEDANCE} 0.001 0.5 2"'
     return (
         f'<mujoco><compiler angle="radian" autolimits="false"/><option timestep="{DT}" gravity="0 0 0" cone="elliptic" '
-        f'solver="Newton" tolerance="1e-15" iterations="300" ls_iterations="100"/><default><geom contype="0" '
+        f'solver="Newton" tolerance="1e-15" iterations="{ITERATIONS}" ls_iterations="100"/><default><geom contype="0" '
         f'conaffinity="0" mass="0"/><pair {solver}/></default><worldbody>{tree}</worldbody><contact>{pairs}</contact>'
         "</mujoco>"
     )

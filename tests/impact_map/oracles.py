@@ -120,6 +120,9 @@ def _check_frictionless(seed, scene, tally):
     tally.check(seed, "closed form", np.abs(closed - impact.velocity).max(), QUADRATIC)
     scale = max(np.abs(v - system.v).max(), 0.1)
     stepped = mujoco_velocity(scene, result.problem)
+    if stepped is None:
+        tally.counts["mujoco: its step did not converge"] += 1
+        return
     tally.check(seed, "mujoco: frictionless", np.abs(stepped - impact.velocity).max() / scale, MUJOCO)
 
 
@@ -134,6 +137,9 @@ def closed_form(system: System, active):
 
 def _check_mujoco(seed, scene, result, tally):
     relaxed, stepped = relaxed_velocity(result.problem), mujoco_velocity(scene, result.problem)
+    if stepped is None:
+        tally.counts["mujoco: its step did not converge"] += 1
+        return
     scale = max(np.abs(stepped - result.problem.velocity).max(), 0.1)
     if relaxed is None:
         tally.counts["mujoco: the relaxation, by ADMM, did not converge"] += 1
