@@ -15,7 +15,7 @@ from rtstack.impact_map import solvers
 from rtstack.impact_map.reflected import joint_inertia
 from sim_robot.arm_description import fr3_description
 
-DT = 1e-5  # s: what Coriolis forces do in it is below 1e-5 m/s
+DT = 1e-5  # s
 RADIUS = 1e-3  # m, of a contact point
 DEPTH = 1e-8  # m: what makes it touch
 IMPEDANCE = 0.9999
@@ -65,6 +65,8 @@ def _stepped(model, scene, problem):
             first = model.joint(name).dofadr[0]
             data.qvel[first : first + 3] = problem.velocity[at][:3]
             data.qvel[first + 3 : first + 6] = _rotation(scene.objects[name]).T @ problem.velocity[at][3:]
+    mujoco.mj_forward(model, data)
+    data.qvel -= DT * data.qacc_smooth  # Coriolis forces make up for it within the step
     mujoco.mj_step(model, data)
     assert data.ncon == len(problem.friction)
     return data
