@@ -133,8 +133,15 @@ def misplaced(page: Page) -> list[str]:
     return found
 
 
+# colours of Swagger's links take their time to change with the theme
+SETTLED = """() => Promise.all(document.getAnimations()
+    .filter((one) => one.effect?.getComputedTiming().endTime !== Infinity)
+    .map((one) => one.finished.catch(() => null))).then(() => null)"""
+
+
 def violations(page: Page) -> list[tuple[str, Any, str]]:
-    """What axe-core has against a page: rule, element, what is wrong."""
+    """What axe-core has against a page that has come to rest: rule, element, what is wrong."""
+    page.evaluate(SETTLED)
     found = Axe().run(page, options=RULES).response["violations"]
     return [(rule["id"], node["target"], node["failureSummary"]) for rule in found for node in rule["nodes"]]
 
