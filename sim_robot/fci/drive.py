@@ -36,8 +36,8 @@ class DrivenBox(ControlBox):
         generators.start_motion(motion, body, setting, np.array(state["q"]))
         self._torques()
         spare, command = np.zeros(1, MOTION_RECORD)[0], np.zeros(1, ROBOT_COMMAND)[0]
-        generators.follow_joints(spare, command, int(Generator.JOINT_POSITION))
-        generators.follow_cartesian(spare, command, int(Generator.CARTESIAN_VELOCITY), body, setting)
+        generators.follow_joints(spare, command, int(Generator.JOINT_POSITION), state["q"])
+        generators.follow_cartesian(spare, command, int(Generator.CARTESIAN_VELOCITY), body, setting, state["q"])
         generators.extrapolate(spare, int(Generator.JOINT_POSITION), body, setting)
         generators.ends_too_fast(spare)
         generators.take_target(spare, command)
@@ -104,10 +104,11 @@ class DrivenBox(ControlBox):
         if self._motion["asynchronous"]:
             errors = generators.take_target(self._motion, command)
         elif self._generator in JOINT_GENERATORS:
-            errors = generators.follow_joints(self._motion, command, int(self._generator))
+            errors = generators.follow_joints(self._motion, command, int(self._generator), self._state["q"])
         elif self._generator in CARTESIAN_GENERATORS:
-            body = self._scratch[0]
-            errors = generators.follow_cartesian(self._motion, command, int(self._generator), body, self._setting)
+            errors = generators.follow_cartesian(
+                self._motion, command, int(self._generator), self._scratch[0], self._setting, self._state["q"]
+            )
         if errors:
             self.trip(errors)
         elif self._controller == Controller.EXTERNAL:

@@ -32,8 +32,11 @@ _SPARE = 1.01
 # 10 rad/s^2 and 1e4 rad/s^3, and 2e4 back. A robot that stops above twice the limits does all that. What is beyond the
 # limits themselves is counted: motion.beyond.
 _TOLERATED = 2.02
-# how far the first pose may be from the present one; m and rad. The vendor publishes no number.
-_START = 0.01
+# A motion starts where the arm is measured or where it is desired to be (since libfranka 0.15, system 5.7.2, examples
+# begin at q and O_T_EE; before, at q_d and O_T_EE_c). How far the first command may be from the nearer of the two, m and
+# rad, before it is a start pose that is invalid, and before it is a step: the vendor publishes no number. The second one
+# is what two readings of an arm at rest differ by (plant.toml: six times the encoders' noise, and the wire's float32).
+_START, _START_NOISE = 0.01, 2e-5
 # how an asynchronous motion speeds up and brakes, rad/s^2: half of what a joint may, and softly at the end, 1/s
 _ASYNCHRONOUS_ACCELERATION, _SETTLING = 5.0, 25.0
 # a motion may end this fast, rad/s: the rest is braked by the controller
@@ -109,6 +112,15 @@ def _rotation_between(A, B, w):
     angle = acos(max(-1.0, min(1.0, (trace - 1.0) / 2.0))) if s > 1e-4 else s
     for k in range(3):
         w[k] *= angle / s if s > 1e-12 else 1.0
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _step_between(A, B, step):
+    """step (6,): from pose A to pose B, (4, 4) each, m and rad along the base's axes."""
+    w = np.empty(3)
+    _rotation_between(A, B, w)
+    for r in range(3):
+        step[r], step[r + 3] = B[r, 3] - A[r, 3], w[r]
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -198,16 +210,29 @@ def start_motion(motion, body, setting, q_start):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def follow_joints(motion, command, kind):
-    """Take a joint position or velocity; return the errors, and change nothing when there are any."""
+def _start_of(commanded, measured, desired):
+    """Return where a motion starts whose first command is this one: where it is commanded, unless that is a step."""
+    start = measured if abs(commanded - measured) < abs(commanded - desired) else desired
+    return commanded if abs(commanded - start) <= _START_NOISE else start
+
+
+@numba.njit(cache=True, error_model="numpy")
+def follow_joints(motion, command, kind, q_measured):
+    """Take a joint position or velocity; return the errors, and change nothing when there are any.
+
+    q_measured (7,): where the first position of a motion may start, besides where the arm is desired to be.
+    """
     q, dq, ddq, dddq = np.empty(JOINTS), np.empty(JOINTS), np.empty(JOINTS), np.empty(JOINTS)
     mask = 0
     for j in range(JOINTS):
         if kind == JOINT_POSITION:
             q[j] = command.q_c[j]
-            dq[j] = (q[j] - motion.q_d[j]) / DT
-            if motion.first != 0 and not abs(q[j] - motion.q_d[j]) <= _START:
-                mask |= JMG_START
+            last = motion.q_d[j]
+            if motion.first != 0:
+                last = _start_of(q[j], q_measured[j], last)
+                if not abs(q[j] - last) <= _START:
+                    mask |= JMG_START
+            dq[j] = (q[j] - last) / DT
         else:
             dq[j] = command.dq_c[j]
             q[j] = motion.q_d[j] + dq[j] * DT
@@ -249,9 +274,13 @@ def approach_target(motion):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def follow_cartesian(motion, command, kind, body, setting):
-    """Take a pose or a twist; return the errors, and change nothing when there are any."""
-    T, twist, w = np.empty((4, 4)), np.empty(6), np.empty(3)
+def follow_cartesian(motion, command, kind, body, setting, q_measured):
+    """Take a pose or a twist; return the errors, and change nothing when there are any.
+
+    q_measured (7,): where the first pose of a motion may start, besides where the arm is desired to be.
+    """
+    T, twist = np.empty((4, 4)), np.empty(6)
+    q_start, elbow_start = motion.q_d.copy(), motion.elbow_c[0]
     mask = 0
     if kind == CARTESIAN_POSITION:
         for r in range(4):
@@ -266,11 +295,23 @@ def follow_cartesian(motion, command, kind, body, setting):
             mask |= CMG_FRAME
         if mask != 0:
             return mask
-        _rotation_between(motion.O_T_EE_d, T, w)
-        for r in range(3):
-            twist[r], twist[r + 3] = (T[r, 3] - motion.O_T_EE_d[r, 3]) / DT, w[r] / DT
-        if motion.first != 0 and not (_norm(twist, 0) * DT <= _START and _norm(twist, 3) * DT <= _START):
-            mask |= CMG_START
+        _step_between(motion.O_T_EE_d, T, twist)
+        if motion.first != 0:
+            far = max(_norm(twist, 0), _norm(twist, 3))
+            T_measured, from_measured = np.empty((4, 4)), np.empty(6)
+            forward_kinematics(body, q_measured)
+            product(body.T, setting.face_T_EE, T_measured)
+            _step_between(T_measured, T, from_measured)
+            if max(_norm(from_measured, 0), _norm(from_measured, 3)) < far:
+                twist[:] = from_measured
+                far = max(_norm(twist, 0), _norm(twist, 3))
+                q_start[:] = q_measured
+            if not far <= _START:
+                mask |= CMG_START
+            if far <= _START_NOISE:
+                twist[:] = 0.0
+        for i in range(6):
+            twist[i] /= DT
     else:
         for i in range(6):
             twist[i] = command.O_dP_EE_c[i]
@@ -290,11 +331,13 @@ def follow_cartesian(motion, command, kind, body, setting):
     with_elbow, elbow = command.valid_elbow != 0, command.elbow_c[0]
     delbow, ddelbow = 0.0, 0.0
     if with_elbow:
-        if motion.first != 0 and not abs(elbow - motion.elbow_c[0]) <= _START:
-            mask |= CMG_ELBOW_START
+        if motion.first != 0:
+            elbow_start = _start_of(elbow, q_measured[2], elbow_start)
+            if not abs(elbow - elbow_start) <= _START:
+                mask |= CMG_ELBOW_START
         if command.elbow_c[1] != motion.elbow_c[1]:
             mask |= CMG_ELBOW_SIGN
-        delbow = (elbow - motion.elbow_c[0]) / DT
+        delbow = (elbow - elbow_start) / DT
         ddelbow = (delbow - motion.delbow_c[0]) / DT
         if not (_JOINTS[0, 2] <= elbow <= _JOINTS[1, 2] and abs(delbow) <= _SPARE * _ELBOW[0]):
             mask |= CMG_ELBOW
@@ -305,11 +348,13 @@ def follow_cartesian(motion, command, kind, body, setting):
             mask |= CMG_ELBOW
     if mask != 0:
         return mask
-    q, dq, ddq, dddq = motion.q_d.copy(), np.empty(JOINTS), np.empty(JOINTS), np.empty(JOINTS)
+    q, dq, ddq, dddq = q_start.copy(), np.empty(JOINTS), np.empty(JOINTS), np.empty(JOINTS)
     for _ in range(3):
         inverse_step(body, setting, T, elbow, with_elbow, q)
+    if motion.first != 0 and kind == CARTESIAN_POSITION and _norm(twist, 0) == 0.0 and _norm(twist, 3) == 0.0:
+        q_start[:] = q  # at rest where it is commanded, not a step from where it was read
     for j in range(JOINTS):
-        dq[j] = (q[j] - motion.q_d[j]) / DT
+        dq[j] = (q[j] - q_start[j]) / DT
         ddq[j] = (dq[j] - motion.dq_d[j]) / DT
         dddq[j] = (ddq[j] - motion.ddq_d[j]) / DT
     mask |= _judge_joints(
