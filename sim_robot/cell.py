@@ -117,8 +117,7 @@ class SimulatedCell:
         self._shown: list[tuple[RobotMode, int, float] | None] = [None, None]  # of each box
         self._masks = np.zeros(2, dtype=np.int64)
         self._judge_states = reflexes.judge_of_states(self.states, parameters.reflexes, self._masks)
-        timeout_ms = parameters.reflexes.communication_timeout_ms
-        self.boxes = tuple(box_kind(plant, side, timeout_ms) for side in range(2))
+        self.boxes = tuple(box_kind(plant, side, parameters.reflexes) for side in range(2))
         disturbed = bool(faults) or empty
         self.faults = Injection(faults, plant, self.boxes, scene.pad.size[2], empty) if disturbed else None
         tracker = SimulatedTracker(plant, parameters.tracker, seed)

@@ -7,6 +7,7 @@ from hal.robot_errors import error_names
 from hal.state import RobotMode
 from sim_robot import reflexes
 from sim_robot.plant import Plant
+from sim_robot.plant_parameters import ReflexParameters
 
 Array = NDArray[np.float64]
 RATE_WINDOW = 100  # control_command_success_rate covers the last 100 packets (Franka Control Interface)
@@ -16,10 +17,10 @@ _ALL_ARRIVED = (1 << RATE_WINDOW) - 1
 class ControlBox:
     """What stands between commands and the plant for one arm (side 0 left, 1 right)."""
 
-    def __init__(self, plant: Plant, side: int, timeout_ms: int) -> None:
+    def __init__(self, plant: Plant, side: int, tolerances: ReflexParameters) -> None:
         self.mode = RobotMode.IDLE
         self.errors = 0
-        self._plant, self._side, self._timeout_ms = plant, side, timeout_ms
+        self._plant, self._side, self._tolerances = plant, side, tolerances
         self._tau = np.zeros(7)  # the last torque taken, zero before the first one
         self._waiting = False  # a torque that the plant has not felt yet
         self._felt = False  # the plant has felt a command of this motion
@@ -45,7 +46,7 @@ class ControlBox:
         return self.mode == RobotMode.MOVE and self._felt
 
     def start(self) -> None:
-        """Begin torque control before the first torque: from now on every ms without one is lost."""
+        """Begin a motion: the arm is held until its first command, from which on every ms without one is lost."""
         if self.mode != RobotMode.REFLEX:
             self.mode, self._arrived = RobotMode.MOVE, _ALL_ARRIVED
 
@@ -67,8 +68,11 @@ class ControlBox:
             self._apply()
         elif self.mode == RobotMode.MOVE:
             self._lost += 1
-            self._arrived = self._arrived << 1 & _ALL_ARRIVED
-            if self._lost >= self._timeout_ms:
+            longest_ms = self._tolerances.first_command_timeout_ms
+            if self._felt:
+                self._arrived = self._arrived << 1 & _ALL_ARRIVED
+                longest_ms = self._tolerances.communication_timeout_ms
+            if self._lost >= longest_ms:
                 self.trip(reflexes.COMMUNICATION)
             else:
                 self._bridge()

@@ -98,14 +98,20 @@ class TrackerParameters:
 
 @dataclass(frozen=True, slots=True)
 class ReflexParameters:
-    """What the robot tolerates: factor on the torque range, rad/s over the velocity limit, ms unanswered."""
+    """What the robot tolerates: factor on the torque range, rad/s over the velocity limit, ms unanswered.
+
+    first_command_timeout_ms: unanswered from Move to the first command of the motion, while the arm is held.
+    """
 
     tau_J_overload: float
     velocity_tolerance: float
     communication_timeout_ms: int
+    first_command_timeout_ms: int
 
     def __post_init__(self) -> None:
-        _check(self, ("tau_J_overload", "communication_timeout_ms"), ("velocity_tolerance",))
+        _check(
+            self, ("tau_J_overload", "communication_timeout_ms", "first_command_timeout_ms"), ("velocity_tolerance",)
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ from sim_robot.fci.protocol import ROBOT_COMMAND, Controller, Generator
 from sim_robot.fci.robot_state import MOTION_RECORD
 from sim_robot.kinematics import KINEMATICS_RECORD
 from sim_robot.plant import Plant
+from sim_robot.plant_parameters import ReflexParameters
 
 JOINT_GENERATORS = (Generator.JOINT_POSITION, Generator.JOINT_VELOCITY)
 CARTESIAN_GENERATORS = (Generator.CARTESIAN_POSITION, Generator.CARTESIAN_VELOCITY)
@@ -20,8 +21,8 @@ SINGULAR = 0.02
 class DrivenBox(ControlBox):
     """A ControlBox that also takes joint and Cartesian motions. `attach` it before the first command."""
 
-    def __init__(self, plant: Plant, side: int, timeout_ms: int) -> None:
-        super().__init__(plant, side, timeout_ms)
+    def __init__(self, plant: Plant, side: int, tolerances: ReflexParameters) -> None:
+        super().__init__(plant, side, tolerances)
         self._controller, self._generator = Controller.EXTERNAL, Generator.NONE
         self.own_clock = False  # True: the plant's ms are not this box's, whose own come with `sample`
 

@@ -33,9 +33,9 @@ _SPARE = 1.01
 # limits themselves is counted: motion.beyond.
 _TOLERATED = 2.02
 # A motion starts where the arm is measured or where it is desired to be (since libfranka 0.15, system 5.7.2, examples
-# begin at q and O_T_EE; before, at q_d and O_T_EE_c). How far the first command may be from the nearer of the two, m and
-# rad, before it is a start pose that is invalid, and before it is a step: the vendor publishes no number. The second one
-# is what two readings of an arm at rest differ by (plant.toml: six times the encoders' noise, and the wire's float32).
+# begin at q and O_T_EE; before, at q_d and O_T_EE_c). How far the first command may be from the nearer of the two,
+# m and rad, before it is a start pose that is invalid, and before it is a step: the vendor publishes no number. The
+# second one is what two readings of an arm at rest differ by (plant.toml: the encoders' noise, and the wire's float32).
 _START, _START_NOISE = 0.01, 2e-5
 # how an asynchronous motion speeds up and brakes, rad/s^2: half of what a joint may, and softly at the end, 1/s
 _ASYNCHRONOUS_ACCELERATION, _SETTLING = 5.0, 25.0

@@ -4,27 +4,24 @@ With a phase or a drift the right arm has a clock of its own, as two control box
 out, its message ids count, and its answers are due and are applied, at its own instants. Both share one plant, which
 goes on with the left clock: what the right arm shows is at most one plant ms old (as the clocks drift apart, a plant
 state is shown twice, or not at all, once in a while), and a torque of the right arm acts from the plant's next ms on.
-Not modelled: transport delay, and jitter beyond the host's own.
+Not modelled: transport delay, and jitter beyond the host's own. `pace.py` says who may be late, and by how much.
 """
 
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from sim_robot.fci.pace import PERIOD_NS, Pace
 from sim_robot.fci.server import Server
 from sim_robot.fci.station import Station
 from sim_robot.model import SIDES
 
-PERIOD_NS = 1_000_000
-# while the server is behind its own clock, a client still gets its whole millisecond to answer a state: what is caught
-# up is what the client does not need
-LONGEST_ANSWER_NS = PERIOD_NS
 # of each ms, so that states go out on time: what timers and wake-ups may take
 AWAKE_NS = 120_000
 # the plant is not advanced before its time when somebody's states are due sooner than this
 LONGEST_ADVANCE_NS = 300_000
-# further behind than this, the robot's time slips instead of being caught up
-LARGEST_LAG_NS = 50_000_000
+STALLS_SAID = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,32 +41,34 @@ class RightClock:
         return PERIOD_NS / (1.0 + 1e-6 * self.drift_ppm)
 
 
-class _BoxClock:
-    """The instants of the stations of one clock. deadline_ns: the next one; shown_ns: when states went out last."""
+class _BoxClock(Pace):
+    """The pace of the stations of one clock."""
 
-    def __init__(self, stations: tuple[Station, ...], origin_ns: int, period_ns: float) -> None:
-        self.stations, self.ticks, self.shown_ns = stations, 0, 0
-        self._origin_ns, self._period_ns = origin_ns, period_ns
+    def __init__(self, stations: tuple[Station, ...], origin_ns: int, period_ns: float = PERIOD_NS) -> None:
+        super().__init__(origin_ns, period_ns)
+        self.stations = stations
 
-    @property
-    def deadline_ns(self) -> int:
-        return self._origin_ns + round((self.ticks + 1) * self._period_ns)
-
-    def slip(self, lag_ns: int) -> None:
-        self._origin_ns += lag_ns
+    def ends_ns(self) -> int:
+        """Return when the present millisecond ends, as things are now."""
+        awaited = punctual = False
+        for station in self.stations:
+            if station.awaited:
+                awaited = True
+                punctual |= station.punctual
+        return self.end_ns(awaited, punctual)
 
 
 class Realtime:
-    """Serves until `stopped` says so. overruns: ticks that began over a period late; slipped_ns: time given up."""
+    """Serves until `stopped` says so. stalls: how often the server was over a period late by itself."""
 
     def __init__(self, server: Server, right_clock: RightClock | None = None) -> None:
         """Without a right_clock, or with one that is exactly the left one's, both arms share one."""
         self._server = server
         self._right = None if right_clock == RightClock() else right_clock
-        self._plant_clock = _BoxClock(server.stations, 0, PERIOD_NS)
+        self._clocks: tuple[_BoxClock, ...] = (_BoxClock(server.stations, 0),)
         self._ahead = False  # the plant has gone on already, and what it shows waits for its time
-        self.ticks = self.overruns = 0
-        self.slipped_ns = self.worst_lateness_ns = 0
+        self.ticks = self.stalls = self.worst_stall_ns = 0
+        self._last_stalls: deque[str] = deque(maxlen=STALLS_SAID)
 
     def run(self, stopped: Callable[[], bool]) -> None:
         """Serve both arms."""
@@ -77,27 +76,15 @@ class Realtime:
         left, right = server.stations
         start = clock()
         if self._right is None:
-            self._plant_clock = plant_clock = _BoxClock((left, right), start, PERIOD_NS)
-            clocks = [plant_clock]
+            self._clocks = (_BoxClock((left, right), start),)
         else:
             right.box.own_clock = True
-            self._plant_clock = plant_clock = _BoxClock((left,), start, PERIOD_NS)
-            clocks = [
-                plant_clock,
-                _BoxClock((right,), start + round(1e3 * self._right.phase_us), self._right.period_ns),
-            ]
+            later = start + round(1e3 * self._right.phase_us)
+            self._clocks = (_BoxClock((left,), start), _BoxClock((right,), later, self._right.period_ns))
+        plant_clock = self._clocks[0]
         while not stopped():
-            due = min(clocks, key=lambda one: one.deadline_ns)
-            self._wait(due)
-            lateness = clock() - due.deadline_ns
-            if lateness > PERIOD_NS:
-                self.overruns += 1
-                self.worst_lateness_ns = max(self.worst_lateness_ns, lateness)
-                if lateness > LARGEST_LAG_NS:
-                    self.slipped_ns += lateness
-                    for one in clocks:
-                        one.slip(lateness)
-            due.ticks += 1
+            due, expected_ns = self._wait()
+            due.begin(clock())
             if due is plant_clock:
                 self.ticks += 1
                 if not self._ahead:
@@ -111,40 +98,59 @@ class Realtime:
                 right.settle_outcome()
             for station in due.stations:
                 station.show_new()
-            due.shown_ns = clock()
+            now = clock()
+            due.show(now)
+            if now - expected_ns > PERIOD_NS:
+                self._note_stall(now - expected_ns)
+            to_epoch_ns = time.time_ns() - now
+            for station in due.stations:
+                station.due_ns = to_epoch_ns + (due.window_ns if station.punctual else due.deadline_ns)
+
+    def _note_stall(self, late_ns: int) -> None:
+        self.stalls += 1
+        self.worst_stall_ns = max(self.worst_stall_ns, late_ns)
+        ids = " and ".join(str(station.message_id) for station in self._server.stations)
+        self._last_stalls.append(f"{1e-6 * late_ns:.1f} ms before message {ids}")
+        for one in self._clocks:
+            one.stand_still(late_ns)
 
     def report(self) -> str:
         """How well the pace was kept, and one line an arm on how fast its client answered."""
+        slipped_ns = max(clock.slipped_ns for clock in self._clocks)
         pace = (
-            f"{self.ticks} ticks, {self.overruns} overruns (worst {1e-6 * self.worst_lateness_ns:.1f} ms late), "
-            f"{1e-6 * self.slipped_ns:.1f} ms slipped"
+            f"{self.ticks} ticks, {self.stalls} stalls of this host (worst {1e-6 * self.worst_stall_ns:.1f} ms), "
+            f"{1e-6 * slipped_ns:.1f} ms given up"
         )
         arms = zip(SIDES, self._server.stations, strict=True)
         lines = (
             f"{side}: {station.answers.report()}; {int(station.motion['beyond'])} targets beyond the published limits"
             for side, station in arms
         )
-        return "\n".join([pace, *lines])
+        stalls = [f"last stalls: {'; '.join(self._last_stalls)}"] if self._last_stalls else []
+        return "\n".join([pace, *lines, *stalls])
 
     def _look_ahead(self, left_ns: int) -> None:
         """Advance the plant as soon as nothing can change its next ms any more: its states then go out on time."""
-        stations = self._plant_clock.stations
+        stations = self._clocks[0].stations
         if self._ahead or left_ns < LONGEST_ADVANCE_NS or any(station.awaited for station in stations):
             return
         self._server.advance()
         self._ahead = True
 
-    def _wait(self, due: _BoxClock) -> None:
-        """Take answers and requests until the deadline; when late, only until its moving arms have answered."""
+    def _wait(self) -> tuple[_BoxClock, int]:
+        """Take answers and requests until a millisecond ends; return whose, and when that was to be expected."""
         server, clock = self._server, time.monotonic_ns
+        expected_ns = None
         while True:
             now = clock()
-            left = due.deadline_ns - now
-            if left <= 0:
-                left = due.shown_ns + LONGEST_ANSWER_NS - now
-                if left <= 0 or not any(station.awaited for station in due.stations):
-                    server.poller.serve(0.0)
-                    return
+            due, end_ns = self._clocks[0], self._clocks[0].ends_ns()
+            for other in self._clocks[1:]:
+                if other.ends_ns() < end_ns:
+                    due, end_ns = other, other.ends_ns()
+            if end_ns <= now:
+                server.poller.serve(0.0)
+                return due, now if expected_ns is None else min(now, expected_ns)
+            expected_ns = end_ns
             # the last of it awake: a thread that sleeps is woken late
-            self._look_ahead(left)
-            server.poller.serve(max(0, due.deadline_ns - clock() - AWAKE_NS) * 1e-9)
+            self._look_ahead(end_ns - now)
+            server.poller.serve(max(0, end_ns - clock() - AWAKE_NS) * 1e-9)

@@ -14,6 +14,7 @@ from sim_robot.fci.answers import AnswerTimes
 from sim_robot.fci.drive import CARTESIAN_GENERATORS, DrivenBox
 from sim_robot.fci.link import Link
 from sim_robot.fci.move import GOAL_DEVIATION, PATH_DEVIATION, MoveRequest, Tolerances, deviates
+from sim_robot.fci.pace import PERIOD_NS
 from sim_robot.fci.protocol import (
     GENERATOR_IDLE,
     Command,
@@ -27,6 +28,7 @@ from sim_robot.fci.robot_state import CARTESIAN_COLLISION, JOINT_COLLISION
 from sim_robot.fci.settings import InvalidSetting, Settings
 from sim_robot.proximity import Proximity
 
+_NEVER_NS = 1 << 62
 JOINT_REFLEX, CARTESIAN_REFLEX = error_bit("joint_reflex"), error_bit("cartesian_reflex")
 
 
@@ -72,8 +74,10 @@ class Station:
         self.patient = False
         self.repeats, self.repeat_due_s = 0, 0.0  # states shown since Move without an answer, and when the next is due
         self.answered = False  # the client has answered that state
+        self.punctual = False  # and the state before
+        self.due_ns = _NEVER_NS  # until when an answer to that state counts, ns of time.time_ns
         self.joined = False  # the client has answered at least once since Move
-        self.answers, self._shown_ns = AnswerTimes(), 0
+        self.answers, self._shown_ns, self._shown_before_ns = AnswerTimes(), 0, 0
         self._cell, self._side = cell, side
         self._wire, self._bytes = wire, wire.view(np.uint8).data
         self._shown_errors = self._shown_reason = self._reason = 0
@@ -103,7 +107,8 @@ class Station:
 
     def take(self, command: np.void) -> None:
         """Take a datagram of the client. One that answers an older state came too late and is lost."""
-        if not self.moving or self.answered or not self.first_id <= int(command["message_id"]) <= self.message_id:
+        message_id = int(command["message_id"])
+        if not self.moving or self.answered or not self.first_id <= message_id <= self.message_id:
             return
         finished = bool(command["torque_command_finished"] or command["motion_generation_finished"])
         if self.asynchronous:
@@ -113,10 +118,17 @@ class Station:
                 self.box.take_command(command)
                 self.settle_outcome()
             return
+        shown_ns = self._shown_ns
         if self.patient:
-            self.first_id = int(command["message_id"]) + 1
+            self.first_id = message_id + 1
+        elif message_id < self.message_id:
+            shown_ns = self._shown_before_ns
+            if self.link.arrived_ns > shown_ns + PERIOD_NS:
+                return
+        elif self.link.arrived_ns > self.due_ns and time.time_ns() - self.due_ns < PERIOD_NS:
+            return  # and not because the server was stalled
         self.answered = self.joined = True
-        self.answers.note(max(0, self.link.arrived_ns - self._shown_ns))
+        self.answers.note(max(0, self.link.arrived_ns - shown_ns))
         if finished:
             self._finish(MoveStatus.SUCCESS)
             return
@@ -210,10 +222,11 @@ class Station:
     def show_new(self) -> None:
         """Send a state that the plant has not shown before: only an answer to it counts from now on."""
         self.answers.lost += self.awaited and self.joined
-        self.answered = False
         if not (self.patient or self.asynchronous):
-            self.first_id = self.message_id + 1
-        self._shown_ns = time.time_ns()
+            # an answer within a ms of the last state counts though this one is out: for this one's ms
+            self.first_id = max(self.first_id, self.message_id + self.answered)
+        self.punctual, self.answered = self.answered, False
+        self._shown_before_ns, self._shown_ns = self._shown_ns, time.time_ns()
         self.show()
 
     # requests

@@ -42,7 +42,8 @@ def _readable(descriptor: int, seconds: float) -> bool:
     return bool(select.select((descriptor,), (), (), seconds)[0])
 
 
-def _two_addresses() -> tuple[str, str]:
+def addresses() -> tuple[str, str]:
+    """Return two loopback addresses that nobody else uses."""
     # the process id keeps two test runs on one machine apart
     number = os.getpid()
     left, right = (f"127.{2 + number // 250 % 14}.{1 + number % 250}.{next(_last_octet)}" for _ in range(2))
@@ -54,7 +55,7 @@ def _template() -> socket.socket:
     """Start the process that forks servers; what is sent there is server_template's request."""
     ours, theirs = socket.socketpair()
     program = Path(__file__).with_name("server_template.py")
-    command = [sys.executable, str(program), str(theirs.fileno()), *_two_addresses()]
+    command = [sys.executable, str(program), str(theirs.fileno()), *addresses()]
     process = subprocess.Popen(command, pass_fds=(theirs.fileno(),))
     theirs.close()
 
@@ -69,7 +70,7 @@ def _template() -> socket.socket:
 @contextlib.contextmanager
 def serve(*arguments: str) -> Iterator[Served]:
     """Run what `python -m sim_robot.fci` runs, wait until it serves, and end it."""
-    left, right = _two_addresses()
+    left, right = addresses()
     read, write = os.pipe()
     with open(read) as output:
         request = json.dumps(["--left", left, "--right", right, *arguments]).encode()

@@ -1,0 +1,64 @@
+"""When each millisecond of a robot's clock begins, and until when an answer counts. No sockets: instants come in.
+
+1. Milliseconds begin at absolute instants, answered or not. A client that is silent does not slow the robot: 20 lost
+   packets are 20 ms.
+2. A client that answered the last state has a whole millisecond for the present one, from when it was shown: where its
+   last answer came late, the plant's step came late too. This delays a millisecond by one period at most, and so an
+   answer later than 1 ms is lost.
+3. Where the server itself is late by more than a period (its host took the CPU away), the clock stands still for as
+   long, and nobody loses packets. That time is made up for while everybody who is awaited has answered; beyond
+   LARGEST_LAG_NS it is given up.
+4. An answer counts that the kernel got before the window's end, and one that came while the server was stalled.
+"""
+
+PERIOD_NS = 1_000_000
+# further behind than this, the robot's time slips instead of being caught up
+LARGEST_LAG_NS = 50_000_000
+
+
+class Pace:
+    """The instants of one clock, ns. ticks: milliseconds begun; slipped_ns: time that was given up."""
+
+    def __init__(self, origin_ns: int, period_ns: float = PERIOD_NS) -> None:
+        self.ticks = self.slipped_ns = self.lag_ns = 0
+        self._origin_ns, self._period_ns, self._shown_ns = origin_ns, period_ns, origin_ns
+
+    @property
+    def _scheduled_ns(self) -> int:
+        return self._origin_ns + round((self.ticks + 1) * self._period_ns)
+
+    @property
+    def deadline_ns(self) -> int:
+        """When the next millisecond begins, whoever has not answered."""
+        return self._scheduled_ns + self.lag_ns
+
+    @property
+    def window_ns(self) -> int:
+        """Until when a client that answered the last state may answer the present one."""
+        return max(self.deadline_ns, min(self._shown_ns, self.deadline_ns) + PERIOD_NS)
+
+    def end_ns(self, awaited: bool, punctual: bool) -> int:
+        """Return when the present millisecond ends.
+
+        awaited: somebody has not answered yet; punctual: one of those had answered the last state.
+        """
+        if not awaited:
+            return self._scheduled_ns  # what the clock stood still is made up for
+        return self.window_ns if punctual else self.deadline_ns
+
+    def begin(self, now_ns: int) -> None:
+        """Begin a millisecond."""
+        self.lag_ns = max(0, min(self.lag_ns, now_ns - self._scheduled_ns))
+        self.ticks += 1
+
+    def show(self, now_ns: int) -> None:
+        """Note that this millisecond's states have gone out."""
+        self._shown_ns = now_ns
+
+    def stand_still(self, late_ns: int) -> None:
+        """Let the clock stand still, since the server was late by so much."""
+        self.lag_ns += late_ns
+        if self.lag_ns > LARGEST_LAG_NS:
+            self._origin_ns += self.lag_ns
+            self.slipped_ns += self.lag_ns
+            self.lag_ns = 0
