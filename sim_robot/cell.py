@@ -19,7 +19,7 @@ from sim_robot import reflexes
 from sim_robot.clock import Clock
 from sim_robot.control_box import ControlBox
 from sim_robot.faults.file import refuse_link_faults, tilt_of
-from sim_robot.faults.injection import Injection
+from sim_robot.faults.injection import BASE_READING, BASE_START, Injection
 from sim_robot.faults.kinds import Fault
 from sim_robot.model import SIDES
 from sim_robot.plant import Plant
@@ -116,7 +116,10 @@ class SimulatedCell:
         self.states = self.sensors.states  # both arms' present states, dtype ARM_STATE, (2,)
         self._shown: list[tuple[RobotMode, int, float] | None] = [None, None]  # of each box
         self._masks = np.zeros(2, dtype=np.int64)
-        self._judge_states = reflexes.judge_of_states(self.states, parameters.reflexes, self._masks)
+        self._judged = np.zeros(2, reflexes.JUDGED_RECORD)
+        self._judge_states = reflexes.judge_of_states(
+            self.states, self.sensors.kinematics, self._judged, parameters.reflexes, self._masks
+        )
         self.boxes = tuple(box_kind(plant, side, parameters.reflexes) for side in range(2))
         disturbed = bool(faults) or empty
         self.faults = Injection(faults, plant, self.boxes, scene.pad.size[2], empty) if disturbed else None
@@ -150,8 +153,7 @@ class SimulatedCell:
         self.tracker.update()
         if self._judge_states():
             for side, box in enumerate(self.boxes):
-                if self._masks[side] and box.mode == RobotMode.MOVE:
-                    box.trip(int(self._masks[side]))
+                self._react(side, box, int(self._masks[side]))
         if self.faults is not None:
             self.faults.judge()
         for side, box in enumerate(self.boxes):
@@ -162,6 +164,15 @@ class SimulatedCell:
             if not box.desires_torque:  # what holds the arm is nobody's command
                 self._tau_J_d[side] = 0.0
 
+    def _react(self, side: int, box: ControlBox, mask: int) -> None:
+        """Stop at what the state shows; in a reflex only what gets worse counts."""
+        if box.mode == RobotMode.MOVE and mask:
+            box.trip(mask)
+            if mask & reflexes.POSITION_LIMITS:
+                self._judged[side]["q_stopped"], self._judged[side]["beyond"] = self.states[side]["q"], 1
+        elif box.mode == RobotMode.REFLEX and mask & reflexes.WRONG_DIRECTION:
+            box.trip(reflexes.WRONG_DIRECTION)
+
     def recover(self, side: int) -> None:
         """Clear the reflex of arm 0 (left) or 1 (right). Raises RecoveryRefused while its cause persists."""
         box, causes = self.boxes[side], int(self._masks[side])
@@ -169,10 +180,14 @@ class SimulatedCell:
             raise RecoveryRefused(f"the user stop of the {SIDES[side]} arm is pressed; release it first")
         if self.faults is not None:
             causes |= self.faults.causes(side)
+        if box.errors & causes & BASE_READING:  # a recovery measures gravity anew
+            box.trip(BASE_START)
+            causes |= BASE_START
         persisting = error_names(box.errors & causes)
         if persisting:
             raise RecoveryRefused(f"the cause persists: {', '.join(persisting)}; move the {SIDES[side]} arm back first")
         box.recover()
+        self._judged[side]["beyond"] = 0
 
     def as_cell(self, name: str) -> Cell:
         """Return the cell as hal knows it. `name` is the kind as the command line spells it."""

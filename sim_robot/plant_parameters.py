@@ -7,6 +7,7 @@ from pathlib import Path
 from sim_robot.strict_toml import read_record
 
 Joints = tuple[float, float, float, float, float, float, float]
+Vector3 = tuple[float, float, float]
 ZEROS: Joints = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -100,18 +101,27 @@ class TrackerParameters:
 class ReflexParameters:
     """What the robot tolerates: factor on the torque range, rad/s over the velocity limit, ms unanswered.
 
-    first_command_timeout_ms: unanswered from Move to the first command of the motion, while the arm is held.
+    first_command_timeout_ms: unanswered from Move to the first command of the motion, while the arm is held. walls: of
+    the end effector, m along the base's axes; largest_speed: of it, m/s; largest_power: W; swing: a joint's, rad/s, Hz.
     """
 
     tau_J_overload: float
     velocity_tolerance: float
     communication_timeout_ms: int
     first_command_timeout_ms: int
+    walls_lower: Vector3
+    walls_upper: Vector3
+    largest_speed: float
+    largest_power: float
+    swing_velocity: float
+    swing_rate_hz: float
 
     def __post_init__(self) -> None:
-        _check(
-            self, ("tau_J_overload", "communication_timeout_ms", "first_command_timeout_ms"), ("velocity_tolerance",)
-        )
+        timeouts, swing = ("communication_timeout_ms", "first_command_timeout_ms"), ("swing_velocity", "swing_rate_hz")
+        positive = ("tau_J_overload", *timeouts, "largest_speed", "largest_power", *swing)
+        _check(self, positive, ("velocity_tolerance",))
+        if any(low >= high for low, high in zip(self.walls_lower, self.walls_upper, strict=True)):
+            raise ValueError(f"walls_lower must lie below walls_upper: {self.walls_lower}, {self.walls_upper}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,8 +23,27 @@ COMMUNICATION = error_bit("communication_constraints_violation")
 POSITION_LIMITS = error_bit("joint_position_limits_violation")
 VELOCITY = error_bit("joint_velocity_violation")
 TORQUE_RANGE = error_bit("tau_j_range_violation")
-# what the state alone can show, and what therefore can persist
-STATE_ERRORS = POSITION_LIMITS | VELOCITY | TORQUE_RANGE
+CARTESIAN_POSITION = error_bit("cartesian_position_limits_violation")
+CARTESIAN_VELOCITY = error_bit("cartesian_velocity_violation")
+POWER = error_bit("power_limit_violation")
+INSTABILITY = error_bit("instability_detected")
+WRONG_DIRECTION = error_bit("joint_move_in_wrong_direction")
+# after the error of a position limit, further out than this a joint is pushed in the wrong direction, rad: farther than
+# an arm comes that brakes
+_FURTHER_OUT = 5e-3
+_SWING_MEMORY_S = 0.1  # in this time what a joint's swings are counted with forgets them
+_SWINGS_PER_HZ = 2.0 * _SWING_MEMORY_S  # the velocity reverses twice a period
+
+JUDGED_RECORD = np.dtype(
+    [
+        ("swing_sign", "f8", JOINTS),  # of the last velocity beyond the threshold
+        ("swings", "f8", JOINTS),  # how often it has changed, older ones counting less
+        ("q_stopped", "f8", JOINTS),  # where a position limit's error came
+        ("beyond", "i8"),  # 1: that error has not been cleared
+    ]
+)
+_NUMBERS = ("overload", "velocity", "speed", "power", "swing_velocity", "swings")
+_TOLERANCE_RECORD = np.dtype([*((name, "f8") for name in _NUMBERS), ("walls", "f8", (2, 3))])
 
 # the limit is met exactly by who limits the rate to it: rounding must not trip it
 _LARGEST_STEP = FR3.tau_rate_max * CONTROL_PERIOD_S + 1e-6
@@ -43,20 +62,46 @@ def _take(tau_last, largest, error, tau):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _judge(states, limits, overload, spare, position, velocity, torque, masks):
-    any_mask = 0
+def _judge(states, kinematics, judged, limits, tolerances, masks):
+    any_mask, tolerance = 0, tolerances[0]
     for arm in range(2):
-        state, mask = states[arm], 0
+        state, mask, body, memory = states[arm], 0, kinematics[arm], judged[arm]
+        power, speed = 0.0, 0.0
         for j in range(JOINTS):
             q, dq = state.q[j], state.dq[j]
-            if q < limits[0, j] or q > limits[1, j]:
-                mask |= position
+            beyond = q < limits[0, j] or q > limits[1, j]
+            if beyond:
+                mask |= POSITION_LIMITS
             above = sqrt(2.0 * limits[4, j] * max(limits[1, j] - q, 0.0)) - limits[3, j]
             below = sqrt(2.0 * limits[4, j] * max(q - limits[0, j], 0.0)) - limits[3, j]
-            if dq - spare > min(limits[2, j], max(0.0, above)) or -dq - spare > min(limits[2, j], max(0.0, below)):
-                mask |= velocity
-            if abs(state.tau_J[j]) > overload * limits[5, j]:
-                mask |= torque
+            upper, lower = min(limits[2, j], max(0.0, above)), min(limits[2, j], max(0.0, below))
+            if dq - tolerance.velocity > upper or -dq - tolerance.velocity > lower:
+                mask |= VELOCITY
+            if abs(state.tau_J[j]) > tolerance.overload * limits[5, j]:
+                mask |= TORQUE_RANGE
+            power += state.tau_J_d[j] * dq
+            memory.swings[j] *= 1.0 - CONTROL_PERIOD_S / _SWING_MEMORY_S
+            if abs(dq) > tolerance.swing_velocity:
+                sign = 1.0 if dq > 0.0 else -1.0
+                if memory.swing_sign[j] == -sign:
+                    memory.swings[j] += 1.0
+                memory.swing_sign[j] = sign
+            if memory.swings[j] > tolerance.swings:
+                mask |= INSTABILITY
+            further = (q - memory.q_stopped[j]) * (1.0 if q > limits[1, j] else -1.0)
+            if memory.beyond != 0 and beyond and further > _FURTHER_OUT:
+                mask |= WRONG_DIRECTION
+        if power > tolerance.power:
+            mask |= POWER
+        for r in range(3):
+            velocity = 0.0
+            for j in range(JOINTS):
+                velocity += body.J[r, j] * state.dq[j]
+            speed += velocity * velocity
+            if not tolerance.walls[0, r] <= body.T[r, 3] <= tolerance.walls[1, r]:
+                mask |= CARTESIAN_POSITION
+        if speed > tolerance.speed * tolerance.speed:
+            mask |= CARTESIAN_VELOCITY
         masks[arm] = mask
         any_mask |= mask
     return any_mask
@@ -71,12 +116,21 @@ def judge_of_commands(tau_last: Array) -> Callable[[Array], int]:
 
 
 def judge_of_states(
-    states: NDArray[np.void], tolerances: ReflexParameters, masks: NDArray[np.int64]
+    states: NDArray[np.void],
+    kinematics: NDArray[np.void],
+    judged: NDArray[np.void],
+    tolerances: ReflexParameters,
+    masks: NDArray[np.int64],
 ) -> Callable[[], int]:
-    """Return who judges both states (2,): the errors (position, velocity, torque beyond limits) go into masks (2,).
+    """Return who judges both states (2,), once a ms: the errors go into masks (2,); it returns either's.
 
-    It returns either's. The velocity limit shrinks to zero towards the position limits, as hal.limits says, and may be
-    passed by `velocity_tolerance`. Torque trips at `tau_J_overload` times the range.
+    kinematics: the sensors' KINEMATICS_RECORDs (2,); judged: JUDGED_RECORDs (2,), what is remembered from ms to ms. The
+    velocity limit shrinks to zero towards the position limits, as hal.limits says.
     """
-    overload, spare = tolerances.tau_J_overload, tolerances.velocity_tolerance
-    return bound(_judge, states, _LIMITS, overload, spare, POSITION_LIMITS, VELOCITY, TORQUE_RANGE, masks)
+    record = np.zeros(1, _TOLERANCE_RECORD)
+    record["overload"], record["velocity"] = tolerances.tau_J_overload, tolerances.velocity_tolerance
+    record["speed"], record["power"] = tolerances.largest_speed, tolerances.largest_power
+    record["swing_velocity"] = tolerances.swing_velocity
+    record["swings"] = _SWINGS_PER_HZ * tolerances.swing_rate_hz
+    record["walls"] = tolerances.walls_lower, tolerances.walls_upper
+    return bound(_judge, states, kinematics, judged, _LIMITS, record, masks)

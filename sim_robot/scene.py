@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from hal.errors import ObjectOutOfReach, UnknownObject
+from sim_robot.plant_parameters import Vector3
 from sim_robot.strict_toml import read_record
 
 NO_OBJECT = "none"  # in an object's place: an empty cell
 
 Vector2 = tuple[float, float]
-Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Joints = tuple[float, float, float, float, float, float, float]
 

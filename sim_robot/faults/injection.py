@@ -5,12 +5,26 @@ import numpy as np
 from hal.robot_errors import error_bit
 from hal.state import RobotMode
 from sim_robot.control_box import ControlBox
-from sim_robot.faults.kinds import Fault, Reflex, StateFrozen, StateNan, TimeBack, TrackerFrozen, TrackerLost, UserStop
+from sim_robot.faults.kinds import (
+    BaseShaken,
+    Fault,
+    Reflex,
+    StateFrozen,
+    StateNan,
+    TimeBack,
+    TrackerFrozen,
+    TrackerLost,
+    UserStop,
+)
 from sim_robot.faults.plant import PlantFaults
 from sim_robot.faults.schedule import Schedule
 from sim_robot.faults.tracker import FaultyTracker
 from sim_robot.plant import Plant
 from sim_robot.tracker import SimulatedTracker
+
+BASE_READING = error_bit("base_acceleration_invalid_reading")
+BASE_START = error_bit("base_acceleration_initialization_timeout")
+_STEADY = 1.0  # m/s^2: more than this beside gravity is no base at rest. The vendor publishes no number.
 
 
 class Injection:
@@ -69,7 +83,13 @@ class Injection:
         mask = 0
         for effect in self.schedule.effects(Reflex, side):
             mask |= error_bit(effect.error)
+        if np.linalg.norm(self.base_shaken(side)) > _STEADY:
+            mask |= BASE_READING
         return mask
+
+    def base_shaken(self, side: int) -> np.ndarray:
+        """Return what is added to the reading of gravity in the arm's base, (3,) m/s^2."""
+        return np.sum([np.zeros(3), *(e.acceleration for e in self.schedule.effects(BaseShaken, side))], axis=0)
 
     def distort(self, side: int, state: np.ndarray, time: str, millisecond: int) -> None:
         """Make of this arm's state, (1,), what the faults show. time: the field of its stamp, in which one ms is

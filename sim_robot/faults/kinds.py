@@ -11,6 +11,7 @@
 | friction_change  | friction_factor | the friction of the arm's joints, times this                                    |
 | tau_sensor_bias  | bias_Nm         | added to the joint torque sensors, (7,) Nm; the torque loop believes it         |
 | reflex           | error           | the vendor's error of that name; recovery is refused for `duration_s`           |
+| base_shaken      | acceleration    | added to what the accelerometer in the arm's base reads, (3,) m/s^2             |
 | user_stop        | -               | the external activation device is pressed: the arm brakes, and refuses Move     |
 | state_frozen     | -               | the same state again and again, under rising time                               |
 | state_nan        | field           | this value of the state is no number: q, dq, tau_J, ... (all of its elements)   |
@@ -48,6 +49,7 @@ LARGEST_FACTOR = 100.0
 SMALLEST_MASS_FACTOR = 0.01
 LARGEST_TILT_DEG = 20.0  # steeper, it would slide off its wedge
 LARGEST_STALL_MS = 60_000.0
+LARGEST_ACCELERATION = 100.0  # m/s^2
 
 
 def _within(name: str, values: tuple[float, ...], lowest: float, largest: float) -> None:
@@ -115,6 +117,16 @@ class Reflex:
     def __post_init__(self) -> None:
         if self.error not in ROBOT_ERRORS:
             raise ValueError(f"error {self.error!r} is none of the vendor's: see hal/robot_errors.py")
+
+
+@dataclass(frozen=True, slots=True)
+class BaseShaken:
+    """What the arm stands on is shaken, or the accelerometer in its base is broken."""
+
+    acceleration: Vector3
+
+    def __post_init__(self) -> None:
+        _within("acceleration", self.acceleration, -LARGEST_ACCELERATION, LARGEST_ACCELERATION)
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,8 +221,9 @@ class TrackerFrozen:
 
 
 Effect = (
-    Push | JointPush | Slip | FrictionChange | TauSensorBias | Reflex | Stall | ObjectLost | ObjectMass | ObjectTilted
-    | UserStop | StateFrozen | StateNan | TimeBack | StatesLost | AnswersLost | Disconnect | TrackerLost | TrackerFrozen
+    Push | JointPush | Slip | FrictionChange | TauSensorBias | Reflex | BaseShaken | Stall | ObjectLost | ObjectMass
+    | ObjectTilted | UserStop | StateFrozen | StateNan | TimeBack | StatesLost | AnswersLost | Disconnect | TrackerLost
+    | TrackerFrozen
 )  # fmt: skip
 
 KINDS: dict[str, type[Effect]] = {
@@ -223,6 +236,7 @@ KINDS: dict[str, type[Effect]] = {
     "friction_change": FrictionChange,
     "tau_sensor_bias": TauSensorBias,
     "reflex": Reflex,
+    "base_shaken": BaseShaken,
     "user_stop": UserStop,
     "state_frozen": StateFrozen,
     "state_nan": StateNan,

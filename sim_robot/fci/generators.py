@@ -46,6 +46,7 @@ _JOINTS = np.array(
     [FR3.q_lower, FR3.q_upper, FR3.dq_max, FR3.velocity_offset, FR3.deceleration, FR3.ddq_max, FR3.dddq_max]
 )
 
+VIA_PLANNING = error_bit("joint_via_motion_generator_planning_joint_limit_violation")
 JMG_START = error_bit("joint_position_motion_generator_start_pose_invalid")
 JMG_POSITION = error_bit("joint_motion_generator_position_limits_violation")
 JMG_VELOCITY = error_bit("joint_motion_generator_velocity_limits_violation")
@@ -252,7 +253,7 @@ def take_target(motion, command):
     """Take a target of an asynchronous motion; return the errors, and change nothing when there are any."""
     for j in range(JOINTS):
         if not _JOINTS[0, j] <= command.q_c[j] <= _JOINTS[1, j]:
-            return JMG_POSITION
+            return VIA_PLANNING
     for j in range(JOINTS):
         motion.target[j] = command.q_c[j]
     return 0

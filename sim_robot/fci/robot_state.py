@@ -42,6 +42,7 @@ MOTION_RECORD = np.dtype(
         ("velocity_last", "f8", (6, 3)),  # of the joints' origins, for the accelerometers
         ("acceleration", "f8", (6, 3)),
         ("started", "i8"),
+        ("base_shaken", "f8", 3),  # what the base's accelerometer reads beside gravity, m/s^2
     ]
 )
 # result of `fill_states`, as a mask
@@ -150,7 +151,7 @@ def fill_states(states, measured, desired, settings, motions, motors, wires, col
             wire.I_ee[i], wire.I_load[i] = setting.I_ee[i], setting.I_load[i]
         for i in range(3):
             wire.F_x_Cee[i], wire.F_x_Cload[i] = setting.F_x_Cee[i], setting.F_x_Cload[i]
-            wire.O_ddP_O[i] = GRAVITY_ACCELERATION if i == 2 else 0.0
+            wire.O_ddP_O[i] = motion.base_shaken[i] + (GRAVITY_ACCELERATION if i == 2 else 0.0)
         wire.elbow[0], wire.elbow[1] = state.q[2], elbow_sign(state.q[3])
 
         # what is desired, and what the client commands

@@ -98,6 +98,9 @@ class Server:
     def advance(self) -> None:
         """Advance the plant by 1 ms with the commands that have arrived, and judge what it shows."""
         self.cell.next_state()
+        if self.cell.faults is not None:
+            for side in range(2):
+                self._motions[side]["base_shaken"] = self.cell.faults.base_shaken(side)
         self._fill()
         self._proximity.update()
         for side, station in enumerate(self.stations):

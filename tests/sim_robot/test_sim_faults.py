@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from test_sim_grip import SpringGrip
 
 from hal.errors import CommandRejected, RecoveryRefused
-from hal.robot_errors import ROBOT_ERRORS
+from hal.robot_errors import ROBOT_ERRORS, error_names
 from hal.state import ArmState, RobotMode
 from sim_robot.cell import SimulatedCell, simulated_cell
 from sim_robot.faults.file import FaultNeedsLink, faults_in, load_faults
@@ -80,6 +80,19 @@ def test_pushes_add_up() -> None:
     both = [at("push", arm="both", force_N=[2.0, 0.0, 0.0]), at("push", arm="right", force_N=[3.0, 0.0, 0.0])]
     wrench = hold(faulty_cell(*both), 400)["O_F_ext_hat_K"][250:, :, 0].mean(axis=0)
     assert wrench == pytest.approx([-2.0, -5.0], abs=0.4)
+
+
+def test_a_base_that_is_shaken_has_no_gravity_to_go_by() -> None:
+    cell = faulty_cell(at("base_shaken", duration_s=0.2, acceleration=[0.0, 3.0, 0.0]))
+    errors = carry_on(cell, 200)["current_errors"]
+    assert error_names(int(errors[99, 0])) == ()
+    assert error_names(int(errors[-1, 0])) == ("base_acceleration_invalid_reading",)
+    assert errors[-1, 1] == 0
+    with pytest.raises(RecoveryRefused, match="base_acceleration_initialization_timeout"):
+        cell.left.recover()
+    carry_on(cell, 200)
+    cell.left.recover()
+    assert cell.left.read().current_errors == 0
 
 
 def test_more_friction_makes_a_joint_slower() -> None:

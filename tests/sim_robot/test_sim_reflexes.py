@@ -1,6 +1,7 @@
 """What the robot refuses: each reflex latches, says its name, leaves the rest running, and recovers."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from sim_rigid_arm import RigidArm
 from hal.errors import CommandRejected, ConnectionLost, RecoveryRefused
 from hal.state import RobotMode
 from sim_robot.cell import SimulatedCell, simulated_cell
+from sim_robot.plant_parameters import load_plant_parameters
 from sim_robot.scene import load_scene
 
 NO_TORQUE = np.zeros(7)
@@ -154,6 +156,69 @@ def test_a_joint_torque_beyond_its_range_is_stopped_and_stays_refused_while_it_i
         with pytest.raises(CommandRejected):
             cell.left.read()
     assert_recovers(cell)
+
+
+def strict_cell(**reflexes: object) -> SimulatedCell:
+    """A moving cell with other tolerances."""
+    parameters = load_plant_parameters()
+    parameters = replace(parameters, reflexes=replace(parameters.reflexes, **reflexes))
+    cell = simulated_cell("none", 0.0, seed=9, parameters=parameters)
+    for arm in (cell.left, cell.right):
+        arm.read()
+        arm.write(NO_TORQUE)
+    return cell
+
+
+def turn(tick: int) -> np.ndarray:
+    return np.array([min(tick, 30.0), 0, 0, 0, 0, 0, 0])
+
+
+@pytest.mark.parametrize(
+    ("reflexes", "name"),
+    [
+        ({"largest_speed": 0.05}, "cartesian_velocity_violation"),
+        ({"largest_power": 5.0}, "power_limit_violation"),
+    ],
+)
+def test_an_arm_beyond_a_limit_of_its_own_is_stopped(reflexes: dict, name: str) -> None:
+    cell = strict_cell(**reflexes)
+    assert run_until_rejected(cell, turn) == (name,)
+    assert_latched(cell, name)
+    assert_recovers(cell)
+
+
+def test_an_end_effector_beyond_a_virtual_wall_is_stopped_and_stays_refused() -> None:
+    y = float(strict_cell().states["O_T_EE"][0, 1, 3])
+    cell = strict_cell(walls_lower=(-10.0, y - 1e-3, -10.0))
+    assert run_until_rejected(cell, lambda tick: -turn(tick)) == ("cartesian_position_limits_violation",)
+    assert_latched(cell, "cartesian_position_limits_violation")
+    with pytest.raises(RecoveryRefused, match="cartesian_position_limits_violation"):
+        cell.left.recover()
+
+
+def test_a_joint_that_swings_is_an_instability() -> None:
+    cell = strict_cell()
+    law = lambda tick: np.array([0, 0, 0, 0, 0, 4.0 * np.sin(2.0 * np.pi * 38.0e-3 * tick), 0])  # noqa: E731
+    assert run_until_rejected(cell, law) == ("instability_detected",)
+    assert_latched(cell, "instability_detected")
+    assert_recovers(cell)
+
+
+def test_a_joint_that_is_pushed_further_beyond_its_limit_moves_in_the_wrong_direction() -> None:
+    cell = strict_cell()
+    cell.left.read()
+    cell.plant.data.qpos[6] += 3.03 - cell.plant.data.qpos[6]
+    for name in ("theta", "theta_hold"):
+        cell.plant.motors[0][name][6] += 3.03 - cell.plant.motors[0][name][6]
+    errors = run_until_rejected(cell, lambda tick: NO_TORQUE)
+    assert "joint_position_limits_violation" in errors
+    assert "joint_move_in_wrong_direction" not in errors
+    cell.plant.motors[0]["theta_hold"][6] += 0.02  # as a hand that pushes it outwards
+    for _ in range(200):
+        with pytest.raises(CommandRejected):
+            cell.left.read()
+    with pytest.raises(CommandRejected, match="joint_move_in_wrong_direction"):
+        cell.left.read()
 
 
 def test_a_bad_first_command_is_a_reflex_of_an_arm_that_never_moved() -> None:
