@@ -12,6 +12,7 @@ from citation import papers  # noqa: E402
 from command_line import command_line_page  # noqa: E402
 from concept_figures import concept_figures  # noqa: E402
 from example_pages import examples_page  # noqa: E402
+from fidelity import fidelity_commands, fidelity_errors, fidelity_fields  # noqa: E402
 from http_api import http_api_page  # noqa: E402
 from log_topics import log_topics  # noqa: E402
 from mkdocs.structure.files import File, Files  # noqa: E402
@@ -24,7 +25,13 @@ PAGES = {
 }
 TOP_PAGES = ("ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md")
 _VERSION = re.compile(r"\{\{ version\(\"([^\"]+)\"\) \}\}")
-FILLED = {"{{ log_topics }}": log_topics, "{{ papers }}": papers}
+FILLED = {
+    "{{ log_topics }}": log_topics,
+    "{{ papers }}": papers,
+    "{{ fidelity_fields }}": fidelity_fields,
+    "{{ fidelity_errors }}": fidelity_errors,
+    "{{ fidelity_commands }}": fidelity_commands,
+}
 RUNBOOK = ROOT / "docs/runbook"
 
 

@@ -3,16 +3,9 @@
 Source: libfranka's public headers (research_interface/robot), held by the tests against a real pylibfranka client.
 Transforms are column-major on the wire.
 
-Of the 41 errors (hal.robot_errors) this robot raises 27 by itself; a faults file raises any. The other 14 never come:
-- of functions that the interface does not reach (force control, the vendor's own motions, guiding by hand):
-  force_control_safety_violation, force_controller_desired_force_tolerance_violation, start_elbow_sign_inconsistent,
-  cartesian_velocity_profile_safety_violation, cartesian_spline_motion_generator_violation,
-  joint_p2p_insufficient_torque_for_planning, joint_via_motion_generator_planning_joint_limit_violation,
-  joint_move_in_wrong_direction;
-- of what this cell has not: virtual walls (cartesian_position_limits_violation), an accelerometer that fails
-  (base_acceleration_initialization_timeout, base_acceleration_invalid_reading);
-- for want of a published limit: cartesian_velocity_violation (what is published, 3 m/s and 2.5 rad/s, binds commands,
-  see generators.py, while joint 7 alone may turn at 5.26 rad/s), power_limit_violation, instability_detected.
+Which fields are filled by what, which errors come from what, and which replies each request can get is a table of the
+documentation, docs/reference/simulated_robot.md. It is made from docs/generate/fidelity.toml, which the tests compare
+with this module.
 """
 
 import struct

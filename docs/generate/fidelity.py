@@ -1,0 +1,44 @@
+"""The tables of what the simulated robot does: fields of its state, errors, replies; from fidelity.toml beside this."""
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+TABLES = Path(__file__).with_name("fidelity.toml")
+
+
+def read_tables() -> dict[str, dict[str, dict[str, Any]]]:
+    """Return fields, errors and commands: what stands for each name."""
+    return tomllib.loads(TABLES.read_text())
+
+
+def fidelity_fields() -> str:
+    """Return the table of RobotState's fields, in Markdown."""
+    rows = [f"| `{name}` | {entry['by']} | {_test(entry)} |" for name, entry in read_tables()["fields"].items()]
+    return "\n".join(["| field | what fills it | shown by |", "|---|---|---|", *rows])
+
+
+def fidelity_errors() -> str:
+    """Return the table of the 41 errors, in Markdown, under how many of them can come."""
+    errors = read_tables()["errors"]
+    raised = [entry for entry in errors.values() if "by" in entry]
+    head = f"{len(raised)} of {len(errors)} come from physics or from the wire; a faults file (`reflex`) raises any."
+    rows = []
+    for name, entry in errors.items():
+        what = f"{entry['by']} | {_test(entry)}" if "by" in entry else f"never: {entry['never']} | "
+        rows.append(f"| `{name}` | {what} |")
+    return "\n".join([head, "", "| error | what raises it | shown by |", "|---|---|---|", *rows])
+
+
+def fidelity_commands() -> str:
+    """Return the table of requests and their replies, in Markdown."""
+    rows = [
+        f"| {name} | {'; '.join(f'{reply}: {when}' for reply, when in entry['replies'].items())} | {_test(entry)} |"
+        for name, entry in read_tables()["commands"].items()
+    ]
+    return "\n".join(["| request | replies | shown by |", "|---|---|---|", *rows])
+
+
+def _test(entry: dict[str, Any]) -> str:
+    file, _, function = entry["test"].partition("::")
+    return f"`{Path(file).stem}`" + (f" `{function}`" if function else "")
