@@ -99,6 +99,7 @@ def cell_xml(scene: Scene, object_name: str, placement: ObjectPlacement, arms: t
     option = SubElement(root, "option", timestep=repr(TIMESTEP_S), integrator="implicitfast", cone="elliptic")
     option.set("gravity", f"0 0 {-GRAVITY}")
     option.set("impratio", repr(scene.contact.friction_ratio))
+    option.set("jacobian", "dense")  # MuJoCo 4.0.0's Newton solver has a wrong Hessian for sparse ones (mujoco#3767)
     # a simulation that diverges must stop, not start again in silence; islands cost more than they save here
     SubElement(option, "flag", autoreset="disable", island="disable")
     world = SubElement(root, "worldbody")
