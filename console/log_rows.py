@@ -42,6 +42,8 @@ class LogRow:
     recording: bool
     title: str
     decision: str | None
+    displacement_x_mm: float | None
+    yaw_deg: float | None
 
 
 def log_path(catalogue: Catalogue, log_id: str) -> Path | None:
@@ -91,6 +93,8 @@ def log_row(entry: LogEntry, being_written: str | None) -> LogRow:
         recording=_is_plan(entry) or (success is True and _may_be_followed(entry.kind, acceptance)),
         title=acceptance.name if acceptance is not None else "",
         decision=str(acceptance.verdict) if acceptance is not None else None,
+        displacement_x_mm=_number(values.get("displacement_x_mm")),
+        yaw_deg=_number(values.get("yaw_deg")),
     )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.cell import Cell
+from hal.displacement import Displacement
 from hal.errors import CommandRejected, ConnectionLost, ObjectOutOfReach, RecoveryRefused
 from hal.robot_errors import error_names
 from hal.state import ArmState, RobotMode
@@ -21,6 +22,7 @@ from sim_robot.control_box import ControlBox
 from sim_robot.faults.file import refuse_link_faults, tilt_of
 from sim_robot.faults.injection import BASE_READING, BASE_START, Injection
 from sim_robot.faults.kinds import Fault
+from sim_robot.lab_objects import with_lab_objects
 from sim_robot.model import SIDES
 from sim_robot.plant import Plant
 from sim_robot.plant_parameters import PlantParameters, load_plant_parameters
@@ -209,10 +211,11 @@ class SimulatedCell:
 
 def simulated_cell(
     object_name: str,
-    displacement_m: float,
+    displacement: Displacement | float,
     seed: int,
     *,
     scene: Path | None = None,
+    cell_file: Path | None = None,
     parameters: PlantParameters | None = None,
     clock: Clock | None = None,
     box_kind: type[ControlBox] = ControlBox,
@@ -220,28 +223,31 @@ def simulated_cell(
     on_the_wire: bool = False,
     arms_seed: int | None = None,
 ) -> SimulatedCell:
-    """Build the cell with this object, `displacement_m` along the world's y from its place; NO_OBJECT: an empty cell.
+    """Build the cell with this object, displaced from its place (a number: along y, m); NO_OBJECT: an empty cell.
 
-    Without a clock it is lockstep: nothing waits, and a seed gives bit-identical states. `on_the_wire`: an
-    FCI server stands in front, and carries out the faults of the link. arms_seed: of the arms alone, where the same
-    ones are to meet other noise. Raises UnknownObject, ObjectOutOfReach, BadParameterFile, FaultNeedsLink.
+    cell_file: a lab's own, for the objects that it adds (sim_robot.lab_objects). arms_seed: of the arms alone, where
+    the same ones are to meet other noise. Without a clock it is lockstep: nothing waits, and a seed gives bit-identical
+    states. `on_the_wire`: an FCI server stands in front, and carries out the faults of the link. Raises UnknownObject,
+    ObjectOutOfReach, BadParameterFile, FaultNeedsLink.
     """
     if not on_the_wire:
         refuse_link_faults(faults)
     layout = load_scene(scene)
+    if cell_file is not None:
+        layout = with_lab_objects(layout, cell_file)
     parameters = load_plant_parameters() if parameters is None else parameters
     empty = object_name == NO_OBJECT
-    if empty and displacement_m != 0.0:
+    if empty and Displacement.of(displacement) != Displacement():
         raise ObjectOutOfReach(f"an empty cell (object {NO_OBJECT!r}) has nothing that could be displaced")
     name = next(iter(layout.objects)) if empty else object_name
-    plant = Plant(layout, parameters, name, displacement_m, seed, arms_seed, tilt_of(faults))
+    plant = Plant(layout, parameters, name, displacement, seed, arms_seed, tilt_of(faults))
     return SimulatedCell(plant, layout, parameters, seed, clock, box_kind, faults, empty)
 
 
 def nominal_cell(
-    object_name: str, displacement_m: float = 0.0, parameters: PlantParameters | None = None
+    object_name: str, displacement: Displacement | float = 0.0, parameters: PlantParameters | None = None
 ) -> SimulatedCell:
     """Return a cell without scatter, noise or quantisation, in lockstep. For tests of what is exact."""
     layout = load_scene()
     parameters = (load_plant_parameters() if parameters is None else parameters).nominal()
-    return SimulatedCell(Plant.nominal(layout, parameters, object_name, displacement_m), layout, parameters, seed=0)
+    return SimulatedCell(Plant.nominal(layout, parameters, object_name, displacement), layout, parameters, seed=0)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from sim_robot.arm_description import JOINTS, ArmDescription
 from sim_robot.contact import set_contacts
-from sim_robot.scene import ArmPlacement, GraspObject, ObjectPlacement, Platform, Scene
+from sim_robot.scene import GraspObject, ObjectPlacement, Platform, Scene
 
 Array = NDArray[np.float64]
 SIDES = ("left", "right")
@@ -60,7 +60,8 @@ def _collides(geom: Element, what: str) -> None:
     geom.set("conaffinity", str(conaffinity))
 
 
-def _add_arm(world: Element, side: str, place: ArmPlacement, arm: ArmDescription, scene: Scene) -> None:
+def _add_arm(world: Element, side: str, arm: ArmDescription, scene: Scene, friction: float) -> None:
+    place = scene.left if side == "left" else scene.right
     body = SubElement(world, "body", name=f"{side}_link0", pos=_text(place.T_world_base_position))
     body.set("quat", _text(place.T_world_base_wxyz))
     for index, link in enumerate(arm.links):
@@ -86,7 +87,7 @@ def _add_arm(world: Element, side: str, place: ArmPlacement, arm: ArmDescription
     body = SubElement(body, "body", name=f"{side}_pad", pos=_text(centre))
     geom = SubElement(body, "geom", name=f"{side}_pad", type="box", size=_text(np.array(pad.size) / 2.0))
     geom.set("mass", repr(pad.mass))
-    geom.set("friction", f"{pad.friction!r} 0 0")
+    geom.set("friction", f"{friction!r} 0 0")
     geom.set("priority", "1")  # the pad's friction and stiffness count, not the larger of the two
     _collides(geom, side)
 
@@ -94,6 +95,7 @@ def _add_arm(world: Element, side: str, place: ArmPlacement, arm: ArmDescription
 def cell_xml(scene: Scene, object_name: str, placement: ObjectPlacement, arms: tuple[ArmDescription, ...]) -> str:
     """Return the MJCF of the cell with this object. `arms` are the drawn descriptions (left, right)."""
     thing, table = scene.find(object_name), scene.table
+    pad_friction, table_friction = scene.frictions(object_name)
     root = Element("mujoco", model=scene.name)
     SubElement(root, "compiler", angle="radian", autolimits="false")
     option = SubElement(root, "option", timestep=repr(TIMESTEP_S), integrator="implicitfast", cone="elliptic")
@@ -103,21 +105,21 @@ def cell_xml(scene: Scene, object_name: str, placement: ObjectPlacement, arms: t
     # a simulation that diverges must stop, not start again in silence; islands cost more than they save here
     SubElement(option, "flag", autoreset="disable", island="disable")
     world = SubElement(root, "worldbody")
-    for side, place, arm in zip(SIDES, (scene.left, scene.right), arms, strict=True):
-        _add_arm(world, side, place, arm, scene)
+    for side, arm in zip(SIDES, arms, strict=True):
+        _add_arm(world, side, arm, scene, pad_friction)
     geom = SubElement(world, "geom", name="table", type="box", pos=_text((*table.centre_xy, table.top_z / 2.0)))
     geom.set("size", _text((table.size_xy[0] / 2.0, table.size_xy[1] / 2.0, table.top_z / 2.0)))
-    geom.set("friction", f"{table.friction!r} 0 0")
+    geom.set("friction", f"{table_friction!r} 0 0")
     _collides(geom, "table")
     if scene.platform is not None:
         _add_platform(world, scene.platform)
     if placement.on_wedge:
-        _add_wedge(world, scene, thing, placement)
+        _add_wedge(world, table_friction, thing, placement)
     body = SubElement(world, "body", name="object", pos=_text(placement.position), quat=_text(placement.wxyz))
     SubElement(body, "freejoint", name="object")
     geom = SubElement(body, "geom", name="object", type="box", size=_text(np.array(thing.size) / 2.0))
     geom.set("mass", repr(thing.mass))
-    geom.set("friction", f"{table.friction!r} 0 0")
+    geom.set("friction", f"{table_friction!r} 0 0")
     _collides(geom, "object")
     return ElementTree.tostring(root, encoding="unicode")
 
@@ -132,7 +134,7 @@ def _add_platform(world: Element, platform: Platform) -> None:
     _collides(geom, "table")
 
 
-def _add_wedge(world: Element, scene: Scene, thing: GraspObject, placement: ObjectPlacement) -> None:
+def _add_wedge(world: Element, friction: float, thing: GraspObject, placement: ObjectPlacement) -> None:
     """Put a wedge under a tilted object: two thirds of its underside, from the edge on the table upwards."""
     R = np.zeros(9)
     mujoco.mju_quat2Mat(R, np.array(placement.wxyz))
@@ -143,7 +145,7 @@ def _add_wedge(world: Element, scene: Scene, thing: GraspObject, placement: Obje
     centre = np.array(placement.position) + R @ (0.0, low * half[1] / 3.0, -half[2] - size[2])
     geom = SubElement(world, "geom", name="wedge", type="box", pos=_text(centre), size=_text(size))
     geom.set("quat", _text(placement.wxyz))
-    geom.set("friction", f"{scene.table.friction!r} 0 0")
+    geom.set("friction", f"{friction!r} 0 0")
     _collides(geom, "table")
 
 

@@ -5,6 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.compilation import bound
+from hal.displacement import Displacement
 from hal.errors import HardwareError
 from hal.limits import FR3
 from sim_robot.arm_description import JOINTS, fr3_description
@@ -45,8 +46,8 @@ class Plant:
     """
 
     def __init__(
-        self, scene: Scene, parameters: PlantParameters, object_name: str, displacement_m: float, seed: int,
-        arms_seed: int | None = None, tilt_deg: float = 0.0,
+        self, scene: Scene, parameters: PlantParameters, object_name: str,
+        displacement: Displacement | float, seed: int, arms_seed: int | None = None, tilt_deg: float = 0.0,
     ) -> None:  # fmt: skip
         """Build the cell at rest, both arms held. arms_seed: whose arms these are, by default the seed's own.
 
@@ -57,16 +58,16 @@ class Plant:
         places = (scene.left, scene.right)
         faces_y = [float(pad_face(place, scene.pad.face_offset_z)[1]) for place in places]
         generator = np.random.default_rng(placement_seed)
-        placement = scene.place(object_name, displacement_m, (faces_y[0], faces_y[1]), generator, tilt_deg)
+        placement = scene.place(object_name, displacement, (faces_y[0], faces_y[1]), generator, tilt_deg)
         self._start(scene, parameters, object_name, placement, np.random.default_rng(arms))
 
     @classmethod
     def nominal(
-        cls, scene: Scene, parameters: PlantParameters, object_name: str, displacement_m: float = 0.0
+        cls, scene: Scene, parameters: PlantParameters, object_name: str, displacement: Displacement | float = 0.0
     ) -> "Plant":
         """Return a plant without any scatter, the object exactly in its place. For tests."""
         faces_y = [float(pad_face(place, scene.pad.face_offset_z)[1]) for place in (scene.left, scene.right)]
-        placement = scene.place(object_name, displacement_m, (faces_y[0], faces_y[1]), None)
+        placement = scene.place(object_name, displacement, (faces_y[0], faces_y[1]), None)
         plant = cls.__new__(cls)
         plant._start(scene, parameters.nominal(), object_name, placement, np.random.default_rng(0))
         return plant

@@ -2,16 +2,18 @@
 
 from dataclasses import dataclass
 from importlib.resources import as_file, files
-from math import cos, pi, sin
+from math import cos, degrees, pi, radians, sin
 from pathlib import Path
 
 import numpy as np
 
+from hal.displacement import Displacement
 from hal.errors import ObjectOutOfReach, UnknownObject
 from sim_robot.plant_parameters import Vector3
 from sim_robot.strict_toml import read_record
 
 NO_OBJECT = "none"  # in an object's place: an empty cell
+FURTHEST_YAW_DEG = 45.0  # beyond it the pads meet other faces
 
 Vector2 = tuple[float, float]
 Quaternion = tuple[float, float, float, float]
@@ -113,16 +115,30 @@ class PlacementScatter:
 
 @dataclass(frozen=True, slots=True)
 class GraspObject:
-    """A box: mass kg, size m along world x, y, z; the stiffness N/m of its wall and a damping ratio."""
+    """A box: mass kg, size m along world x, y, z; the stiffness N/m of its wall and a damping ratio.
+
+    pad_friction, table_friction: of a pad and of the table on it, where they are not the scene's.
+    """
 
     mass: float
     size: Vector3
     stiffness: float
     damping_ratio: float
+    pad_friction: float | None = None
+    table_friction: float | None = None
 
     def __post_init__(self) -> None:
         _positive(size_x=self.size[0], size_y=self.size[1], size_z=self.size[2], mass=self.mass)
         _positive(stiffness=self.stiffness, damping_ratio=self.damping_ratio)
+        for name in ("pad_friction", "table_friction"):
+            if (friction := getattr(self, name)) is not None:
+                _positive(**{name: friction})
+
+    def footprint(self, yaw_rad: float) -> Vector2:
+        """Half of its extent along the world's x and y, m, where it is turned about z."""
+        c, s = abs(cos(yaw_rad)), abs(sin(yaw_rad))
+        x, y = self.size[0] / 2.0, self.size[1] / 2.0
+        return c * x + s * y, s * x + c * y
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,12 +179,28 @@ class Scene:
         """Return the object of this name. Raises UnknownObject."""
         if object_name not in self.objects:
             known = ", ".join(sorted(self.objects))
-            raise UnknownObject(f"unknown object '{object_name}'; this cell has: {known}; {NO_OBJECT}: an empty cell")
+            raise UnknownObject(
+                f"unknown object '{object_name}'; this cell has: {known}; {NO_OBJECT}: an empty cell. "
+                f"Define another one as [objects.{object_name}] in a cell's file, and give it with --cell-file"
+            )
         return self.objects[object_name]
 
-    def displacement_range(self, object_name: str, pad_faces_y: Vector2) -> Vector2:
+    def frictions(self, object_name: str) -> Vector2:
+        """Return the coefficients of a pad and of the table on this object."""
+        thing = self.find(object_name)
+        pad = self.pad.friction if thing.pad_friction is None else thing.pad_friction
+        return pad, self.table.friction if thing.table_friction is None else thing.table_friction
+
+    def x_range(self, object_name: str, yaw_rad: float = 0.0) -> Vector2:
+        """Return the smallest and largest displacement along x, m: on the table, the pads' middle on the faces."""
+        thing = self.find(object_name)
+        half, face = thing.footprint(yaw_rad)[0], cos(yaw_rad) * thing.size[0] / 2.0
+        middle, table_half = self.table.centre_xy[0] - self.object_position_xy[0], self.table.size_xy[0] / 2.0
+        return max(middle - table_half + half, -face), min(middle + table_half - half, face)
+
+    def displacement_range(self, object_name: str, pad_faces_y: Vector2, yaw_rad: float = 0.0) -> Vector2:
         """Return the smallest and largest displacement along y, m, for pads that start at y (left, right)."""
-        half = self.find(object_name).size[1] / 2.0
+        half = self.find(object_name).footprint(yaw_rad)[1]
         y0, table_half = self.object_position_xy[1], self.table.size_xy[1] / 2.0
         left, right = pad_faces_y
         upper = min(left - self.pad_clearance, self.table.centre_xy[1] + table_half) - half - y0
@@ -178,39 +210,52 @@ class Scene:
     def place(
         self,
         object_name: str,
-        displacement_m: float,
+        displacement: Displacement | float,
         pad_faces_y: Vector2,
         generator: np.random.Generator | None,
         tilt_deg: float = 0.0,
     ) -> ObjectPlacement:
-        """Put the object on the table, `displacement_m` along y from its place; scattered with a generator.
+        """Put the object on the table, displaced from its place (a number: along y, m); scattered with a generator.
 
         tilt_deg: about the world's x, one lower edge on the table and a wedge under the rest.
 
         Raises UnknownObject, and ObjectOutOfReach naming the allowed range.
         """
         thing = self.find(object_name)
-        lower, upper = self.displacement_range(object_name, pad_faces_y)
-        if not lower <= displacement_m <= upper:
+        displacement = Displacement.of(displacement)
+        yaw = displacement.yaw_rad
+        if not abs(yaw) <= radians(FURTHEST_YAW_DEG):
             raise ObjectOutOfReach(
-                f"{object_name} cannot stand {1e3 * displacement_m:+.0f} mm from its place along y: "
-                f"allowed are {1e3 * lower:+.0f} to {1e3 * upper:+.0f} mm (table edge and pads)"
+                f"{object_name} cannot be turned by {degrees(yaw):+.0f} deg: allowed are {-FURTHEST_YAW_DEG:+.0f} to "
+                f"{FURTHEST_YAW_DEG:+.0f} deg (beyond, the pads meet other faces)"
             )
+        ranges = (self.x_range(object_name, yaw), self.displacement_range(object_name, pad_faces_y, yaw))
+        for axis, metres, (lower, upper) in zip("xy", (displacement.x_m, displacement.y_m), ranges, strict=True):
+            if lower > upper:
+                raise ObjectOutOfReach(
+                    f"{object_name} is too long along {axis} for the table, or to stand between the pads"
+                )
+            if not lower <= metres <= upper:
+                raise ObjectOutOfReach(
+                    f"{object_name} cannot stand {1e3 * metres:+.0f} mm from its place along {axis}: "
+                    f"allowed are {1e3 * lower:+.0f} to {1e3 * upper:+.0f} mm (table edge and pads)"
+                )
+        width = 2.0 * thing.footprint(yaw)[1]
         x, y = self.object_position_xy
-        yaw = 0.0
+        x += displacement.x_m
         if generator is not None:
             scatter = 1e-3 * self.placement_scatter.position_mm * generator.standard_normal(2)
             x, y = x + float(scatter[0]), y + float(scatter[1])
-            yaw = self.placement_scatter.yaw_deg * pi / 180.0 * float(generator.standard_normal())
+            yaw += self.placement_scatter.yaw_deg * pi / 180.0 * float(generator.standard_normal())
         z = self.table.top_z + thing.size[2] / 2.0
         w, s = cos(yaw / 2.0), sin(yaw / 2.0)
         if tilt_deg == 0.0:
-            return ObjectPlacement((x, y + displacement_m, z), (w, 0.0, 0.0, s))
+            return ObjectPlacement((x, y + displacement.y_m, z), (w, 0.0, 0.0, s))
         tilt = tilt_deg * pi / 180.0
-        z = self.table.top_z + (thing.size[2] * cos(tilt) + thing.size[1] * abs(sin(tilt))) / 2.0
+        z = self.table.top_z + (thing.size[2] * cos(tilt) + width * abs(sin(tilt))) / 2.0
         c, t = cos(tilt / 2.0), sin(tilt / 2.0)
         # first the yaw, then the tilt about the world's x
-        return ObjectPlacement((x, y + displacement_m, z), (c * w, t * w, -t * s, c * s), on_wedge=True)
+        return ObjectPlacement((x, y + displacement.y_m, z), (c * w, t * w, -t * s, c * s), on_wedge=True)
 
 
 def load_scene(path: Path | None = None) -> Scene:

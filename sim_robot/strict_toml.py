@@ -17,12 +17,16 @@ class BadParameterFile(ValueError):
 
 def read_record(kind: type[Record], path: Path) -> Record:
     """Read the file at `path` into the dataclass `kind`. Raises BadParameterFile, OSError without a file."""
+    return record_from_table(kind, read_table(path), str(path))
+
+
+def read_table(path: Path) -> dict[str, Any]:
+    """Read the file at `path`. Raises BadParameterFile, OSError without a file."""
     try:
         with path.open("rb") as file:
-            table = tomllib.load(file)
-    except tomllib.TOMLDecodeError as error:
+            return tomllib.load(file)
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise BadParameterFile(f"{path}: not valid TOML: {error}") from error
-    return record_from_table(kind, table, str(path))
 
 
 def record_from_table(kind: type[Record], table: Any, where: str) -> Record:

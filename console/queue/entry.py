@@ -8,7 +8,7 @@ from typing import Annotated
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from rtstack.live.protocol import DisplacementMm, ObjectName, Seed, TrialRequest
+from rtstack.live.protocol import DisplacementMm, ObjectName, Seed, TrialRequest, YawDeg
 from rtstack.messages import MESSAGE, NUMBER, StrictFloat
 from rtstack.samples import Reaction
 from rtstack.trials.specification import Controller
@@ -18,14 +18,16 @@ MAX_REPETITIONS = 200
 
 @checked(frozen=True, slots=True, config=MESSAGE)
 class TrialOrder:
-    """One trial. `reference` is the id of an accepted recording or of a plan; displacement along the world's y, mm;
-    `reaction`: to an impact that was not meant.
+    """One trial. `reference` is the id of an accepted recording or of a plan; displacement along the world's y and x,
+    mm, and about z; `reaction`: to an impact that was not meant.
     """
 
     reference: Annotated[str, Field(min_length=1, max_length=128)]
     object: ObjectName
     controller: Controller = Controller.PROPOSED
     displacement_mm: DisplacementMm = 0.0
+    displacement_x_mm: DisplacementMm = 0.0
+    yaw_deg: YawDeg = 0.0
     seed: Seed = 0
     reaction: Reaction = Reaction.CONTINUE
 
@@ -36,6 +38,8 @@ class TrialOrder:
             controller=self.controller,
             object=self.object,
             displacement_mm=self.displacement_mm,
+            displacement_x_mm=self.displacement_x_mm,
+            yaw_deg=self.yaw_deg,
             seed=self.seed,
             reaction=self.reaction,
             operator=operator,

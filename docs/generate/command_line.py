@@ -35,7 +35,7 @@ def command_line_page() -> str:
         context = typer.Context(command, info_name=words)
         usage = " ".join(command.collect_usage_pieces(context))
         parts.append(f"## {words}\n\n{command.help}\n\n```text\n{words} {usage}\n```\n")
-        rows = [_row(parameter, context) for parameter in command.params]
+        rows = [_row(parameter, context) for parameter in command.params if not getattr(parameter, "hidden", False)]
         parts.append("\n".join(["| option | what |", "|---|---|", *rows]) + "\n")
     return "\n".join(parts)
 

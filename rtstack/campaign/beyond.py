@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from rtstack.campaign.claims import millimetres, shown
-from rtstack.campaign.evaluation import ALL_NAMES, FIGURE11, TABLE2, Evaluation
+from rtstack.campaign.evaluation import ALL_NAMES, FIGURE11, TABLE2, Evaluation, place_of
 from rtstack.campaign.statistics import Interval, stratified_mean
 from rtstack.campaign.store import Row
 from rtstack.trials.specification import Controller
@@ -90,7 +90,7 @@ def _pairs(rows: list[Row], value: Value) -> dict[tuple[object, ...], dict[str, 
     for row in rows:
         number = value(row)
         if number is not None:
-            key = row["experiment"], row["reference"], row["displacement_mm"], row["repetition"]
+            key = row["experiment"], row["reference"], place_of(row), row["repetition"]
             pairs[key][row["controller"]] = number
     return {key: pair for key, pair in pairs.items() if len(pair) == len(COMPARED)}
 

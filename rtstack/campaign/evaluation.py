@@ -95,7 +95,7 @@ class Evaluation:
         groups: dict[object, list[float]] = defaultdict(list)
         for row in rows:
             if row[name] is not None:
-                groups[row["experiment"], row["reference"], row["displacement_mm"]].append(row[name])
+                groups[row["experiment"], row["reference"], place_of(row)].append(row[name])
         interval = stratified_mean(groups)
         if interval is None or interval.low is not None:
             return interval
@@ -109,6 +109,11 @@ class Evaluation:
             if not row["success"]:
                 counts[kind_of(row["failure_reason"])][row["controller"]] += 1
         return {reason: dict(by) for reason, by in sorted(counts.items())}
+
+
+def place_of(row: Row) -> tuple[float, ...]:
+    """Return where the object was put: mm along y and x, degrees about z; a row of before knows of y alone."""
+    return row["displacement_mm"], row.get("displacement_x_mm", 0.0), row.get("yaw_deg", 0.0)
 
 
 def kind_of(reason: str) -> str:
@@ -130,10 +135,10 @@ def _lift(rows: list[Row], controller: Controller) -> Interval | None:
     heights: dict[object, list[float]] = defaultdict(list)
     for row in rows:
         if row["success"] and row["max_lift_mm"] is not None:
-            heights[row["reference"], row["displacement_mm"]].append(row["max_lift_mm"])
+            heights[row["reference"], place_of(row)].append(row["max_lift_mm"])
     groups: dict[object, list[float]] = defaultdict(list)
     for row in rows:
-        key = row["reference"], row["displacement_mm"]
+        key = row["reference"], place_of(row)
         if row["success"] and row["controller"] == controller and row["max_lift_mm"] is not None:
             groups[key].append(row["max_lift_mm"] - sum(heights[key]) / len(heights[key]))
     return stratified_mean(groups)

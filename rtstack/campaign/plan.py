@@ -6,13 +6,14 @@ import subprocess
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from importlib.resources import as_file, files
+from itertools import product
 from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from rtstack.campaign.trial import Reference, Trial, seed_of
+from rtstack.campaign.trial import Reference, Trial, seed_of, seeded
 from rtstack.configuration import STRICT, ConfigurationError, load_toml
 from rtstack.trials.errors import TrialError
 from rtstack.trials.scoring import SuccessCriterion
@@ -63,7 +64,10 @@ class Sample:
 
 @checked(frozen=True, slots=True, config=STRICT)
 class Experiment:
-    """References x displacements x repetitions x controllers, under each of the named conditions."""
+    """References x displacements x repetitions x controllers, under each of the named conditions.
+
+    Displacements along the world's y, and each of them with each along x and each turn about z.
+    """
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
     references: tuple[Annotated[str, Field(pattern=r"^[a-z0-9_]+/\d+$")], ...]
@@ -72,6 +76,13 @@ class Experiment:
     quick: Sample | None = None
     selected: Selection | None = None
     conditions: tuple[str, ...] = ("nominal",)
+    displacements_x_mm: Annotated[tuple[float, ...], Field(min_length=1)] = (0.0,)
+    yaws_deg: Annotated[tuple[float, ...], Field(min_length=1)] = (0.0,)
+
+    @property
+    def places(self) -> list[tuple[float, float, float]]:
+        """Where the object is put: mm along y and x, degrees about z."""
+        return list(product(self.displacements_mm, self.displacements_x_mm, self.yaws_deg))
 
 
 @checked(frozen=True, slots=True, config=STRICT)
@@ -108,7 +119,7 @@ class Plan:
 
     def _count(self, experiment: Experiment) -> int:
         references = len(experiment.references) + (experiment.selected.count if experiment.selected else 0)
-        repetitions = experiment.repetitions * len(experiment.displacements_mm) * len(experiment.conditions)
+        repetitions = experiment.repetitions * len(experiment.places) * len(experiment.conditions)
         return references * repetitions * len(self.controllers)
 
     def references(self) -> tuple[Reference, ...]:
@@ -133,14 +144,16 @@ class Plan:
                 conditions=conditions,
                 reference=replace(reference, speed_m_s=self.conditions[conditions].speed_m_s).name,
                 object=reference.object,
-                displacement_mm=displacement_mm,
+                displacement_mm=y_mm,
+                displacement_x_mm=x_mm,
+                yaw_deg=yaw_deg,
                 repetition=repetition,
                 controller=controller,
-                seed=seed_of(self.seed, experiment.name, reference.name, displacement_mm, repetition),
+                seed=seed_of(self.seed, experiment.name, reference.name, *seeded(y_mm, x_mm, yaw_deg), repetition),
             )
             for conditions in experiment.conditions
             for reference in references
-            for displacement_mm in experiment.displacements_mm
+            for y_mm, x_mm, yaw_deg in experiment.places
             for repetition in range(experiment.repetitions)
             for controller in self.controllers
         ]

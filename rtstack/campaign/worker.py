@@ -14,6 +14,7 @@ from pathlib import Path
 
 from hal.cell import Cell
 from hal.description import fr3_urdf
+from hal.displacement import Displacement
 from rtstack.campaign.archive import Archive
 from rtstack.campaign.measures import Measures, measure
 from rtstack.campaign.plan import Conditions
@@ -34,7 +35,7 @@ CELL = "direct"
 RECORDINGS = "references"
 LOGS = "logs"
 
-OpenCell = Callable[[str, float, int, Conditions], Cell]
+OpenCell = Callable[[str, Displacement, int, Conditions], Cell]
 Row = dict[str, object]
 
 
@@ -46,7 +47,7 @@ class WorkerMismatch(Exception):
 class Bench:
     """What all trials of a campaign have in common, as it is sent to the workers.
 
-    open_cell: object, displacement m, seed, conditions -> cell; sources: the files on which results depend, as the
+    open_cell: object, displacement, seed, conditions -> cell; sources: the files on which results depend, as the
     campaign's digest has them. Paths are absolute: workers on other machines need the same folders. elsewhere: where
     recordings and logs are, if not in `out`: an address that fsspec knows.
     """
@@ -110,7 +111,7 @@ def record(bench: Bench, reference: Reference, conditions: Conditions, seed: int
             path, metadata, common_attachments(bench.cell_file),
             frames(description, reference.object),
         )  # fmt: skip
-        cell = bench.open_cell(reference.object, 0.0, seed, conditions)
+        cell = bench.open_cell(reference.object, Displacement(), seed, conditions)
         try:
             return run_demonstration(specification, description, cell, Company(log)).failure_reason
         finally:
@@ -124,8 +125,9 @@ def run(bench: Bench, trial: Trial, conditions: Conditions) -> Row:
     prepared = _prepared(bench, reference)
     recording = Path(RECORDINGS) / reference.file
     specification = TrialSpecification(
-        str(recording), trial.controller, trial.object, trial.displacement_mm, trial.seed
-    )
+        str(recording), trial.controller, trial.object, trial.displacement_mm, trial.seed,
+        displacement_x_mm=trial.displacement_x_mm, yaw_deg=trial.yaw_deg,
+    )  # fmt: skip
     prepared = replace(prepared, specification=specification)
     campaign = {key: str(value) for key, value in asdict(trial).items()}
     campaign |= {"id": trial.id, "digest": bench.digest}
@@ -135,7 +137,7 @@ def run(bench: Bench, trial: Trial, conditions: Conditions) -> Row:
             path, metadata, common_attachments(bench.cell_file),
             frames(prepared.description, trial.object),
         )  # fmt: skip
-        cell = bench.open_cell(trial.object, trial.displacement_mm * 1e-3, trial.seed, conditions)
+        cell = bench.open_cell(trial.object, trial.displacement, trial.seed, conditions)
         try:
             result = run_trial(prepared, cell, Company(log), criterion=bench.criterion)
         finally:

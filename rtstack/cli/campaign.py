@@ -12,8 +12,8 @@ from rtstack.campaign.plan import GRAB_STUDY, Plan, PlanFile, load_plan, plan_fi
 from rtstack.campaign.store import Store, check_folder, check_place
 from rtstack.campaign.worker import Bench, digests
 from rtstack.cli import study, validation
-from rtstack.cli.campaign_cell import open_conditioned_cell, plant_files
-from rtstack.cli.cells import load_description
+from rtstack.cli.campaign_cell import LabCell, open_conditioned_cell, plant_files
+from rtstack.cli.cells import load_description, plant_difference
 from rtstack.cli.invocation import crew, end, run_counted
 from rtstack.impact_validation.plan import is_validation
 from rtstack.model.cell_description import CellDescription
@@ -25,18 +25,20 @@ INTERRUPTED = 1
 
 
 def campaign(
-    name: str, out: Path, quick: bool, workers: int | None, scheduler: str | None, resume: bool, logs: str | None = None
-) -> None:
+    name: str, out: Path, quick: bool, workers: int | None, scheduler: str | None, resume: bool,
+    logs: str | None = None, cell_file: Path | None = None,
+) -> None:  # fmt: skip
     """Run the campaign `name` in the folder `out`, or what is missing of it, and write its report.
 
     logs: where recordings and logs go, if not to `out`: an address that fsspec knows, such as s3://BUCKET/PREFIX.
+    cell_file: of a lab, with objects of its own.
     """
     if scheduler is not None and workers is not None:
         raise TrialError("--workers starts processes here, --scheduler has workers of its own: give one of them")
     if logs is not None and "://" not in logs:
         raise TrialError(f"--logs {logs} is no address such as s3://BUCKET/PREFIX; for a folder give --out alone")
     if name == GRAB_STUDY:
-        _refuse(logs, name)
+        _refuse(logs, cell_file, name)
         from rtstack.cli.grab_study import grab_study
 
         grab_study(out, quick, workers, scheduler, resume)
@@ -46,32 +48,39 @@ def campaign(
     at_once = workers or len(os.sched_getaffinity(0))
     kind = study_kind(file.path)
     if kind is not None:
-        _refuse(logs, name)
+        _refuse(logs, cell_file, name)
         prepared = study.prepare(kind, file, out, quick, resume)
         with resumable(_again(name, out, quick)):
             study.run_all(prepared, file, out, at_once, scheduler)
         return
     if is_validation(file.path):
-        _refuse(logs, name)
+        _refuse(logs, cell_file, name)
         plan, bench, described = validation.prepare(file, out, quick, resume)
         with resumable(_again(name, out, quick)):
             validation.run_all(plan, bench, described, file, at_once, scheduler)
         return
     plan = load_plan(file.path, quick)
-    description, cell_file = load_description(None)
-    for reference in plan.references():
-        check_object(reference.object, description)
+    given = cell_file is not None
+    description, cell_file = load_description(cell_file.resolve() if cell_file is not None else None)
+    for thing in dict.fromkeys(reference.object for reference in plan.references()):
+        check_object(thing, description)
+        if given and (other := plant_difference(cell_file, thing)):
+            print(f"rtstack: warning: {other}", file=sys.stderr)
     sources = [file.path, cell_file, *plant_files()]
     plan = plan.sealed([path.read_bytes() for path in sources])
     check_folder(out, plan, resume)
-    bench = Bench(out, cell_file, open_conditioned_cell, plan.criterion, plan.digest, digests(sources), logs)
+    open_cell = LabCell(cell_file) if given else open_conditioned_cell
+    bench = Bench(out, cell_file, open_cell, plan.criterion, plan.digest, digests(sources), logs)
     bench.archive.check()
     check_place(out, logs)
-    with resumable(_again(name, out, quick) + (f" --logs {logs}" if logs else "")):
+    again = _again(name, out, quick) + (f" --logs {logs}" if logs else "")
+    with resumable(again + (f" --cell-file {cell_file}" if given else "")):
         _run(bench, plan, file, description, at_once, scheduler)
 
 
-def _refuse(logs: str | None, name: str) -> None:
+def _refuse(logs: str | None, cell_file: Path | None, name: str) -> None:
+    if cell_file is not None:
+        raise TrialError(f"--cell-file is for campaigns that compare controllers: {name} has a cell of its own")
     if logs is not None:
         raise TrialError(f"--logs is for campaigns that compare controllers: {name} works in its folder alone")
 

@@ -1,7 +1,7 @@
 """The simulated cell of a campaign: its scene as the campaign has fixed it, scattered by the seed."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 
 from hal.cell import Cell
+from hal.displacement import Displacement
 from rtstack.campaign.plan import Conditions
 from sim_robot.cell import SimulatedCell
 from sim_robot.faults.file import faults_in, tilt_of
+from sim_robot.lab_objects import with_lab_objects
 from sim_robot.plant import Plant
 from sim_robot.plant_parameters import PlantParameters, load_plant_parameters
 from sim_robot.scene import PlacementScatter, Scene, load_scene
@@ -22,15 +24,16 @@ FRICTION_DRAW = 3  # beside 0 arms and placement, 1 sensors, 2 tracker (sim_robo
 
 
 def open_conditioned_cell(
-    object_name: str, displacement_m: float, seed: int, conditions: Conditions, script: Sequence[dict[str, Any]] = (),
-    wider_mm: float = 0.0,
+    object_name: str, displacement: Displacement | float, seed: int, conditions: Conditions,
+    script: Sequence[dict[str, Any]] = (), wider_mm: float = 0.0, *, cell_file: Path | None = None,
 ) -> Cell:  # fmt: skip
     """Open the cell in this process, in lockstep, with the object in its place. Raises HardwareError.
 
     script: what goes wrong, tables as in a faults file (sim_robot/faults/kinds.py). wider_mm: the object along y.
+    cell_file: a lab's own, for the objects that it adds.
     """
     faults = faults_in({"fault": list(script)}, "the campaign's script")
-    nominal, parameters = simulated_files()
+    nominal, parameters = simulated_files(cell_file)
     scene = conditioned(nominal, conditions, seed)
     if wider_mm:
         thing = scene.find(object_name)
@@ -38,8 +41,19 @@ def open_conditioned_cell(
         scene = replace(scene, objects={object_name: replace(thing, size=(x, y + 1e-3 * wider_mm, z))})
     sensors = replace(parameters.sensors, tau_ext_cutoff_hz=conditions.tau_ext_cutoff_hz)
     parameters = replace(parameters, sensors=sensors)
-    plant = Plant(scene, parameters, object_name, displacement_m, seed, tilt_deg=tilt_of(faults))
+    plant = Plant(scene, parameters, object_name, displacement, seed, tilt_deg=tilt_of(faults))
     return SimulatedCell(plant, scene, parameters, seed, faults=faults).as_cell("direct")
+
+
+@dataclass(frozen=True, slots=True)
+class LabCell:
+    """The conditioned cell with a lab's own objects; equal where the file is, so that a worker knows it again."""
+
+    cell_file: Path
+
+    def __call__(self, object_name: str, displacement: Displacement, seed: int, conditions: Conditions) -> Cell:
+        """See open_conditioned_cell."""
+        return open_conditioned_cell(object_name, displacement, seed, conditions, cell_file=self.cell_file)
 
 
 def plant_files() -> list[Path]:
@@ -52,17 +66,27 @@ def plant_files() -> list[Path]:
 
 
 @lru_cache(maxsize=1)
-def simulated_files() -> tuple[Scene, PlantParameters]:
-    """The simulated cell's files: read once, whatever the number of trials."""
-    return load_scene(), load_plant_parameters()
+def simulated_files(cell_file: Path | None = None) -> tuple[Scene, PlantParameters]:
+    """The simulated cell's files: read once, whatever the number of trials. cell_file: with a lab's own objects."""
+    scene = load_scene()
+    return scene if cell_file is None else with_lab_objects(scene, cell_file), load_plant_parameters()
 
 
 def conditioned(scene: Scene, conditions: Conditions, seed: int) -> Scene:
-    """Return the scene under these conditions; this seed's draw of both frictions."""
+    """Return the scene under these conditions; this seed's draw of both frictions, an object's own included."""
     draws = np.random.default_rng(np.random.SeedSequence([seed, FRICTION_DRAW])).standard_normal(2)
     pad, table = np.maximum(1.0 + conditions.friction_scatter * draws, SMALLEST_FACTOR).tolist()
+    objects = {
+        name: replace(
+            thing,
+            pad_friction=None if thing.pad_friction is None else thing.pad_friction * pad,
+            table_friction=None if thing.table_friction is None else thing.table_friction * table,
+        )
+        for name, thing in scene.objects.items()
+    }
     return replace(
         scene,
+        objects=objects,
         pad=replace(scene.pad, stiffness=conditions.pad_stiffness, friction=conditions.pad_friction * pad),
         table=replace(scene.table, friction=conditions.table_friction * table),
         placement_scatter=PlacementScatter(conditions.placement_mm, conditions.placement_yaw_deg),

@@ -1,10 +1,12 @@
 """Opens a cell by its address. The only module of rtstack that names the simulated robot."""
 
 import sys
+from dataclasses import replace
 from importlib.resources import as_file, files
 from pathlib import Path
 
 from hal.cell import Cell
+from hal.displacement import Displacement
 from hal.errors import HardwareError
 from hal.fci import FciPair, Tool, open_pair
 from hal.tracker_link import TrackerLink
@@ -29,30 +31,56 @@ def load_description(path: Path | None) -> tuple[CellDescription, Path]:
 
 
 def open_cell(
-    kind: str, object_name: str, displacement_m: float, seed: int, description: CellDescription | None = None,
-    faults: Path | None = None, noise_seed: int | None = None,
+    kind: str, object_name: str, displacement: Displacement | float, seed: int,
+    description: CellDescription | None = None, faults: Path | None = None, noise_seed: int | None = None,
+    cell_file: Path | None = None,
 ) -> Cell:  # fmt: skip
-    """Open a cell with the object in its place. Raises TrialError for an unknown kind, HardwareError from the cell.
+    """Open a cell with the object, displaced from its place (a number: along y, m).
+
+    Raises TrialError for an unknown kind, HardwareError from the cell.
 
     kind: direct (the plant in this process, deterministic); lockstep and realtime (a simulated robot in a process of
     its own, over the wire: it waits for answers, or keeps 1 kHz); fci:LEFT,RIGHT (robots at these addresses).
     object_name: empty for a cell without an object; at given addresses a person takes it away.
     faults: a script for a simulated robot, as for `rtstack sim --faults`. noise_seed: of placement and noise in the
-    direct cell, where the same arms are to be met again.
+    direct cell, where the same arms are to be met again. cell_file: where a simulated robot finds a lab's own objects.
     """
     description = description or load_description(None)[0]
     if kind == "direct":
-        return _direct_cell(object_name, displacement_m, seed, faults, noise_seed)
+        return _direct_cell(object_name, displacement, seed, faults, noise_seed, cell_file)
     if kind in ("lockstep", "realtime"):
-        return _simulator_cell(kind, object_name, displacement_m, seed, _tool(description), faults)
+        warning = plant_difference(cell_file, object_name)
+        simulator = Simulator(
+            object_name, Displacement.of(displacement), seed, lockstep=kind == "lockstep", faults=faults,
+            cell_file=cell_file,
+        )  # fmt: skip
+        return replace(_simulator_cell(kind, simulator, _tool(description)), warning=warning)
     if faults is not None:
         raise TrialError(f"cell {kind!r}: only a simulated robot has scripted faults: rtstack sim --faults")
     return _fci_cell(kind, description)
 
 
+def plant_difference(cell_file: Path | None, object_name: str) -> str:
+    """Return in one line where the simulated object is not what the cell's file describes, "" where it is.
+
+    Raises TrialError for a bad key of the plant's.
+    """
+    from sim_robot.lab_objects import difference, with_lab_objects
+    from sim_robot.scene import load_scene
+    from sim_robot.strict_toml import BadParameterFile
+
+    if cell_file is None:
+        return ""
+    try:
+        return difference(with_lab_objects(load_scene(), cell_file), cell_file, object_name) or ""
+    except BadParameterFile as error:
+        raise TrialError(str(error)) from None
+
+
 def _direct_cell(
-    object_name: str, displacement_m: float, seed: int, faults: Path | None, noise_seed: int | None
-) -> Cell:
+    object_name: str, displacement: Displacement | float, seed: int, faults: Path | None, noise_seed: int | None,
+    cell_file: Path | None,
+) -> Cell:  # fmt: skip
     from sim_robot.cell import simulated_cell
     from sim_robot.faults.file import load_faults
     from sim_robot.scene import NO_OBJECT
@@ -61,8 +89,10 @@ def _direct_cell(
     try:
         script = () if faults is None else load_faults(faults)
         noise = seed if noise_seed is None else noise_seed
-        cell = simulated_cell(object_name or NO_OBJECT, displacement_m, noise, faults=script, arms_seed=seed)
-        return cell.as_cell("direct")
+        cell = simulated_cell(
+            object_name or NO_OBJECT, displacement, noise, faults=script, arms_seed=seed, cell_file=cell_file
+        )
+        return replace(cell.as_cell("direct"), warning=plant_difference(cell_file, object_name))
     except BadParameterFile as error:
         raise TrialError(str(error)) from None
 
@@ -136,10 +166,7 @@ class _SimulatorLink:
             print(f"simulated robot: {self._simulator.report}", file=sys.stderr)
 
 
-def _simulator_cell(
-    kind: str, object_name: str, displacement_m: float, seed: int, tool: Tool, faults: Path | None
-) -> Cell:
-    simulator = Simulator(object_name, displacement_m, seed, lockstep=kind == "lockstep", faults=faults)
+def _simulator_cell(kind: str, simulator: Simulator, tool: Tool) -> Cell:
     try:
         pair = open_pair(simulator.left, simulator.right, tool, shared_clock=kind == "lockstep")
     except BaseException:
@@ -159,16 +186,22 @@ def live_source(description: Path, kind: str = "direct") -> CellSource:
     if kind != "direct":
         fci_addresses(kind)
 
-        def open_fci(object_name: str, displacement_m: float, seed: int) -> Cell:
+        def open_fci(object_name: str, displacement: Displacement, seed: int) -> Cell:
             return _fci_cell(kind, described)
 
         return CellSource(kind=kind, description=described, file=description, open_cell=open_fci)
 
-    def open_live(object_name: str, displacement_m: float, seed: int) -> Cell:
+    for name in described.objects:
+        plant_difference(description, name)  # a bad key of the plant's is found before anything is opened
+
+    def open_live(object_name: str, displacement: Displacement, seed: int) -> Cell:
         from sim_robot.cell import simulated_cell
         from sim_robot.clock import PacedLockstep
         from sim_robot.scene import NO_OBJECT
 
-        return simulated_cell(object_name or NO_OBJECT, displacement_m, seed, clock=PacedLockstep()).as_cell("direct")
+        cell = simulated_cell(
+            object_name or NO_OBJECT, displacement, seed, clock=PacedLockstep(), cell_file=description
+        )
+        return replace(cell.as_cell("direct"), warning=plant_difference(description, object_name))
 
     return CellSource(kind=kind, description=described, file=description, open_cell=open_live)

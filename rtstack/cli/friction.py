@@ -42,7 +42,9 @@ def identify_friction(output: Path, cell_kind: str, seed: int, cell_file: Path |
     logs.mkdir(exist_ok=True)
     with interruptible() as stop, progress_bar("friction identification", True) as progress:
         for k, run in enumerate(missing):
-            cell = open_cell(cell_kind, run.specification.object, 0.0, seed, description, noise_seed=_noise(run))
+            cell = open_cell(
+                cell_kind, run.specification.object, 0.0, seed, description, noise_seed=_noise(run), cell_file=source
+            )
             try:
                 reason = _make(identification, run, cell, cell_kind, description, source, logs, stop)
             finally:

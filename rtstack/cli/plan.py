@@ -40,7 +40,7 @@ def run(
     if watch is not None:
         from rtstack.cli.plan_monitor import plan_monitor
 
-        tuning, found = plan_monitor(planned, output.stem, description, watch, not json)
+        tuning, found = plan_monitor(planned, output.stem, description, watch, not json, source)
     write_plan(output, planned, description, source, tuning)
     if json:
         watched = None if found is None else {"runs": watch, "held_out": found.runs, "margin": found.smallest_margin}
@@ -51,7 +51,8 @@ def run(
     if found is not None:
         typer.echo(f"  monitor: from {watch} simulated runs, {found.runs} of them held out: no false alarm, smallest "
                    f"margin {found.smallest_margin:.2f}")  # fmt: skip
-    typer.echo(f"  follow it: rtstack trial --reference {output} --object {object_name}")
+    file = "" if cell_file is None else f" --cell-file {cell_file}"
+    typer.echo(f"  follow it: rtstack trial --reference {output} --object {object_name}{file}")
 
 
 def _lines(planned: PlannedMotion, output: Path) -> list[str]:

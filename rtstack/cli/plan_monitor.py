@@ -34,11 +34,17 @@ SENSITIVITY = 1.5  # as `rtstack tune-monitor` has it by default
 
 
 def plan_monitor(
-    planned: PlannedMotion, name: str, description: CellDescription, runs: int, shown: bool
+    planned: PlannedMotion,
+    name: str,
+    description: CellDescription,
+    runs: int,
+    shown: bool,
+    cell_file: Path | None = None,
 ) -> tuple[str, Check]:
     """Run the plan `runs` times, tune on two thirds of the runs, check on the others. Returns the tuning as TOML.
 
-    name: of the plan. Raises PlanError with one line where a run fails, or one that was held out is a false alarm.
+    name: of the plan; cell_file: of the description. Raises PlanError with one line where a run fails, or one that was
+    held out is a false alarm.
     """
     recording = planned.recording
     if recording.motion is not Motion.GRAB:
@@ -50,7 +56,7 @@ def plan_monitor(
             specification = TrialSpecification(
                 name, object=recording.object, displacement_mm=place_mm, seed=FIRST_SEED + k
             )
-            run = _run(planned, specification, description)
+            run = _run(planned, specification, description, cell_file)
             good.append(Recorded(run, recording.object, name, place_mm, specification.seed))
             if progress is not None:
                 progress((k + 1) / runs)
@@ -75,14 +81,16 @@ class _Samples(WholeRunLog):
             self.columns = self._history.columns()
 
 
-def _run(planned: PlannedMotion, specification: TrialSpecification, description: CellDescription) -> GoodRun:
+def _run(
+    planned: PlannedMotion, specification: TrialSpecification, description: CellDescription, cell_file: Path | None
+) -> GoodRun:
     """Run the plan once, on the plant in this process. Raises PlanError where it fails, KeyboardInterrupt."""
     thing, place_mm, seed = specification.object, specification.displacement_mm, specification.seed
     reference, parameters = planned.reference, cell_parameters(description)
     assert reference.impact is not None  # of a grab
     prepared = PreparedTrial(specification, description, parameters, reference, safety_limits(description))
     log = _Samples(Path(specification.reference), {}, [], frames(description, thing))
-    cell = open_cell("direct", thing, place_mm * 1e-3, seed, description)
+    cell = open_cell("direct", thing, place_mm * 1e-3, seed, description, cell_file=cell_file)
     try:
         with interruptible() as stop:
             result = run_trial(prepared, cell, Company(log, stop=stop, watchdogs=(Parent(),)))

@@ -9,13 +9,16 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
+from math import degrees
 from pathlib import Path
 
 import typer
 
+from hal.displacement import Displacement
 from hal.errors import HardwareError
 from hal.realtime import ANY_CPU, robot_cpu
 from hal.tracker_link import TrackerLink
+from rtstack.model.cell_description import load_cell_description
 from rtstack.trials.errors import TrialError
 
 _FCI_PORT = 1337
@@ -29,9 +32,12 @@ class Simulator:
     """A running simulated robot. `report` is what it said about its own pace, once it has been closed."""
 
     def __init__(
-        self, object_name: str, displacement_m: float, seed: int, *, lockstep: bool, faults: Path | None = None
-    ) -> None:
+        self, object_name: str, displacement: Displacement, seed: int, *, lockstep: bool,
+        faults: Path | None = None, cell_file: Path | None = None,
+    ) -> None:  # fmt: skip
         """Start it, and wait until it serves. object_name: empty for none; faults: a script of them.
+
+        cell_file: of a lab, with objects of its own.
 
         Raises HardwareError with what it says.
         """
@@ -45,7 +51,9 @@ class Simulator:
             command = [
                 sys.executable, "-m", "sim_robot.fci", "--tracker", f"{host}:{port}",
                 "--left", self.left, "--right", self.right, "--object", object_name or "none",
-                f"--displacement-mm={displacement_m * 1e3!r}", "--seed", str(seed),
+                f"--displacement-mm={displacement.y_m * 1e3!r}", f"--displacement-x-mm={displacement.x_m * 1e3!r}",
+                f"--yaw-deg={degrees(displacement.yaw_rad)!r}", "--seed", str(seed),
+                *([] if cell_file is None else ["--cell-file", str(cell_file)]),
                 *([] if faults is None else ["--faults", str(faults)]),
             ]  # fmt: skip
             # a group of its own: Ctrl-C is for the loop, which brakes first. If we are killed, the kernel ends it.
@@ -129,19 +137,30 @@ def chosen_cpu(cpu: int | None) -> int:
     return robot_cpu() if cpu is None else cpu
 
 
-def serve(arguments: list[str], left: str, right: str, object_name: str, displacement_mm: float) -> None:
-    """Serve in this process until Ctrl-C. arguments: further ones of `python -m sim_robot.fci`."""
+def serve(
+    arguments: list[str], left: str, right: str, object_name: str, displacement: dict[str, float],
+    cell_file: Path | None,
+) -> None:  # fmt: skip
+    """Serve in this process until Ctrl-C. arguments: further ones of `python -m sim_robot.fci`.
+
+    displacement: its options (displacement-mm and the like) with their values.
+    """
     signal.signal(signal.SIGINT, lambda number, frame: os._exit(0))  # the imports take seconds, and nothing runs yet
     from sim_robot.fci.__main__ import main
 
+    if cell_file is not None:
+        load_cell_description(cell_file)  # the other keys are the controller's: a mistake in them is one here, too
     cell = f"--cell fci:{left},{right}"
     thing = f" --object {object_name}" * (object_name != "rice_box")
-    shift = f" --displacement-mm={displacement_mm:g}" * (displacement_mm != 0.0)
-    trial = f"run a trial against it: rtstack trial --reference REC.mcap {cell}{thing}{shift}"
+    shift = "".join(f" --{option}={value:g}" for option, value in displacement.items() if value != 0.0)
+    file = "" if cell_file is None else f" --cell-file {cell_file}"
+    trial = f"run a trial against it: rtstack trial --reference REC.mcap {cell}{thing}{shift}{file}"
     if object_name == "none":
         trial = f"there is nothing to grab: play a log on it: rtstack play LOG.mcap {cell}"
     status = main(
-        [f"--left={left}", f"--right={right}", f"--object={object_name}", f"--displacement-mm={displacement_mm!r}"]
+        [f"--left={left}", f"--right={right}", f"--object={object_name}"]
+        + [f"--{option}={value!r}" for option, value in displacement.items()]
+        + [f"--cell-file={cell_file}"] * (cell_file is not None)
         + arguments,
         prog="rtstack sim",
         next_step=trial,

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import typer
 
+from hal.cell import Cell
+from hal.displacement import Displacement
 from rtstack.cli.cells import load_description, open_cell
 from rtstack.cli.interrupt import interruptible
 from rtstack.cli.progress import progress_bar
@@ -35,7 +37,8 @@ def teach(
     specification = DemonstrationSpecification(object_name, variation, seed, speed_m_s)
     check_object(object_name, description)
     check_log_path(output)
-    cell = open_cell(cell_kind, object_name, 0.0, seed, description)
+    cell = open_cell(cell_kind, object_name, 0.0, seed, description, cell_file=source)
+    _warn(cell)
     try:
         way = start_motion(cell, description, object_name)
         with interruptible() as stop, progress_bar("demonstration", not json and not cell.own_clocks) as progress:
@@ -51,7 +54,7 @@ def trial(
     reference: Path, controller: Controller, object_name: str | None, displacement_mm: float, seed: int,
     log_path: Path | None, cell_kind: str, cell_file: Path | None, json: bool, safety: Path | None = None,
     friction: Path | None = None, reaction: Reaction = Reaction.CONTINUE, monitor: Path | None = None,
-    faults: Path | None = None,
+    faults: Path | None = None, displacement_x_mm: float = 0.0, yaw_deg: float = 0.0,
 ) -> None:  # fmt: skip
     """Run a trial on the recording `reference`; without `log_path` nothing is written. safety: limits to tighten.
 
@@ -64,8 +67,9 @@ def trial(
     object_name = object_name or object_of(reference)
     tightening = load_tightening(safety) if safety is not None else ()
     specification = TrialSpecification(
-        str(reference), controller, object_name, displacement_mm, seed, tightening, reaction
-    )
+        str(reference), controller, object_name, displacement_mm, seed, tightening, reaction,
+        displacement_x_mm, yaw_deg,
+    )  # fmt: skip
     if log_path is not None:
         check_log_path(log_path)
     check_object(object_name, description)
@@ -73,9 +77,11 @@ def trial(
     prepared = prepare_trial(specification, description, monitor=tuning)
     if prepared.unwatched is not None:
         print(f"rtstack: not watched: {prepared.unwatched}", file=sys.stderr)
-    cell = open_cell(cell_kind, object_name, displacement_mm * 1e-3, seed, description, faults)
+    displacement = specification.displacement
+    cell = open_cell(cell_kind, object_name, displacement, seed, description, faults, cell_file=source)
+    _warn(cell)
     try:
-        way = start_motion(cell, description, object_name, displacement_mm * 1e-3, prepared.reference.ante[:, 0])
+        way = start_motion(cell, description, object_name, displacement, prepared.reference.ante[:, 0])
         with (
             interruptible() as stop,
             progress_bar(f"trial, {controller}", not json and not cell.own_clocks) as progress,
@@ -91,6 +97,11 @@ def trial(
     finally:
         cell.close()
     _report(result, json, _trial_line(result))
+
+
+def _warn(cell: Cell) -> None:
+    if cell.warning:
+        print(f"rtstack: warning: {cell.warning}", file=sys.stderr)
 
 
 def _report(result: TrialResult | DemonstrationResult, json: bool, line: str) -> None:
@@ -117,9 +128,10 @@ def _trial_line(result: TrialResult) -> str:
     if result.impact_kind is not None:
         verdict += f" ({result.impact_kind})"
     lift = "-" if result.max_lift_mm is None else f"{result.max_lift_mm:.0f} mm"
+    shift = Displacement.given(result.displacement_mm, result.displacement_x_mm, result.yaw_deg)
     norm = "-" if result.average_force_norm is None else f"{result.average_force_norm:.1f}"
     return (
-        f"{outcome} | {result.controller}, {result.object}, {result.displacement_mm:+g} mm, seed {result.seed} | "
+        f"{outcome} | {result.controller}, {result.object}, {shift.in_words}, seed {result.seed} | "
         f"impact {impact} (nominal {result.nominal_impact_time_s:.3f} s), {verdict} | mean force norm {norm} | "
         f"lift {lift} | compute p50 {result.compute_us_p50:.0f} us | {result.real_time_factor:.1f} x real time"
     )

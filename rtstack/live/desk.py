@@ -186,7 +186,8 @@ class Desk:
 
 def _title(request: JobRequest) -> str:
     if isinstance(request, TrialRequest):
-        return f"{request.controller}, {request.object}, {request.displacement_mm:+g} mm, seed {request.seed}"
+        place = request.specification().displacement.in_words
+        return f"{request.controller}, {request.object}, {place}, seed {request.seed}"
     if isinstance(request, PlaybackRequest):
         return f"{Path(request.source).name} at {request.speed:g}x"
     if isinstance(request, TeleoperationRequest):

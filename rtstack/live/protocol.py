@@ -30,6 +30,7 @@ MAX_LINE_BYTES = 1 << 20  # a request or an answer is far shorter: what is longe
 ObjectName = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_-]+$")]
 Seed = Annotated[int, Field(ge=0, le=2**31 - 1), NUMBER]
 DisplacementMm = Annotated[StrictFloat, Field(ge=-1000.0, le=1000.0)]
+YawDeg = Annotated[StrictFloat, Field(ge=-180.0, le=180.0)]
 # a person's or a program's name: one line without control characters, and no space around it
 Operator = Annotated[str, Field(min_length=1, max_length=40, pattern=r"^[^\p{C}\s]([^\p{C}]*[^\p{C}\s])?$")]
 
@@ -84,14 +85,16 @@ class DemonstrationRequest:
 class TrialRequest:
     """Ask for a trial, by the operator who has armed.
 
-    `reference` is the path of a recording or a plan, the displacement is along the world's y, mm; `reaction`: to an
-    impact that was not meant.
+    `reference` is the path of a recording or a plan; the displacement is along the world's y and x, mm, and about z;
+    `reaction`: to an impact that was not meant.
     """
 
     reference: Annotated[str, Field(min_length=1, max_length=4096)]
     controller: Controller = Controller.PROPOSED
     object: ObjectName = "rice_box"
     displacement_mm: DisplacementMm = 0.0
+    displacement_x_mm: DisplacementMm = 0.0
+    yaw_deg: YawDeg = 0.0
     seed: Seed = 0
     reaction: Reaction = Reaction.CONTINUE
     operator: Operator = field(kw_only=True)
@@ -104,6 +107,8 @@ class TrialRequest:
             controller=self.controller,
             object=self.object,
             displacement_mm=self.displacement_mm,
+            displacement_x_mm=self.displacement_x_mm,
+            yaw_deg=self.yaw_deg,
             seed=self.seed,
             reaction=self.reaction,
         )

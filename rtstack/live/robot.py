@@ -22,6 +22,7 @@ from queue import SimpleQueue
 import numpy as np
 
 from hal.cell import Cell
+from hal.displacement import Displacement
 from hal.errors import HardwareError, ObjectOutOfReach, RecoveryRefused, UnknownObject
 from hal.realtime import beside_realtime
 from hal.state import ARM_STATE
@@ -93,7 +94,7 @@ class Robot:
 
     def run(self) -> None:
         """Work until the desk says that it ends; leave both arms stopped."""
-        self._open(self._first_object, 0.0, 0)
+        self._open(self._first_object, Displacement(), 0)
         try:
             while not self._desk.ending:
                 self._watch()
@@ -132,20 +133,20 @@ class Robot:
     def _reopen(self) -> None:
         """Try again to reach a cell that was lost: it is read and shown, and the fault stays until it is recovered."""
         with contextlib.suppress(HardwareError):
-            self._open_or_raise(self._first_object, 0.0, 0)
+            self._open_or_raise(self._first_object, Displacement(), 0)
             self._idle.tell(Level.INFO, "the cell answers again")
 
     def _recover(self, recovery: "Future[None]") -> None:
         helm = self._desk.helm
         try:
-            cell = self._cell or self._open_or_raise(self._first_object, 0.0, 0)
+            cell = self._cell or self._open_or_raise(self._first_object, Displacement(), 0)
             _recover_both(cell)
             self._look_for_causes(cell)
         except HardwareError as error:
             reason = str(error)
             if self._source.kind == "direct" and self._cell is not None:  # nobody can move these arms by hand
                 self._close()
-                self._open(self._first_object, 0.0, 0)
+                self._open(self._first_object, Displacement(), 0)
                 reason += "; the simulated cell was set up anew: recover once more"
             helm.not_recovered(reason)
             recovery.set_exception(RecoveryRefused(reason))
@@ -186,7 +187,7 @@ class Robot:
             level = Level.INFO if result.success else Level.WARNING
             self._idle.tell(level, f"{order.verb} {state}: {reason or 'success'}")
         if self._cell is None and not self._desk.ending:
-            self._open(self._first_object, 0.0, 0)
+            self._open(self._first_object, Displacement(), 0)
 
     def _failed(self, order: JobRequest, reason: str, log: Path) -> None:
         stopped = self._mailbox.stop_requested
@@ -199,12 +200,12 @@ class Robot:
             return self._playback(order, log)
         description = self._source.description
         prepared = prepare_trial(order.specification(), description) if isinstance(order, TrialRequest) else None
-        displacement_m = order.displacement_mm * 1e-3 if isinstance(order, TrialRequest) else 0.0
+        displacement = order.specification().displacement if isinstance(order, TrialRequest) else Displacement()
         self._close()
-        cell = self._open_or_raise(order.object, displacement_m, order.seed)
+        cell = self._open_or_raise(order.object, displacement, order.seed)
         start = None if prepared is None else prepared.reference.ante[:, 0]
         practice = isinstance(order, TeleoperationRequest) and not order.recorded  # begins where the arms are
-        way = None if practice else start_motion(cell, description, order.object, displacement_m, start)
+        way = None if practice else start_motion(cell, description, order.object, displacement, start)
         if self._mailbox.stop_requested:
             raise TrialError("stopped by the operator before it began")
         attachments = () if prepared is None else (_reference(Path(prepared.specification.reference)),)
@@ -230,7 +231,7 @@ class Robot:
         description = self._source.description
         prepared = prepare_playback(order.specification(), description)
         self._close()
-        cell = self._open_or_raise(NO_OBJECT, 0.0, order.seed)
+        cell = self._open_or_raise(NO_OBJECT, Displacement(), order.seed)
         way = way_to_start(prepared, cell)
         if self._mailbox.stop_requested:
             raise TrialError("stopped by the operator before it began")
@@ -243,14 +244,14 @@ class Robot:
     def _company(self, log: TrialLog) -> Company:
         return Company(log, self._rings, self._mailbox, self._desk.progress, self._watchdogs, attendant=self)
 
-    def _open(self, object_name: str, displacement_m: float, seed: int) -> None:
+    def _open(self, object_name: str, displacement: Displacement, seed: int) -> None:
         try:
-            self._open_or_raise(object_name, displacement_m, seed)
+            self._open_or_raise(object_name, displacement, seed)
         except HardwareError as error:
             self._desk.helm.fault(str(error))
 
-    def _open_or_raise(self, object_name: str, displacement_m: float, seed: int) -> Cell:
-        self._cell = self._source.open_cell(object_name, displacement_m, seed)
+    def _open_or_raise(self, object_name: str, displacement: Displacement, seed: int) -> Cell:
+        self._cell = self._source.open_cell(object_name, displacement, seed)
         self._desk.opened(object_name)
         return self._cell
 

@@ -7,16 +7,17 @@ from pathlib import Path
 from typing import Protocol
 
 from hal.cell import Cell
+from hal.displacement import Displacement
 from rtstack.model.cell_description import CellDescription
 
 
 class OpenCell(Protocol):
-    """Open a cell with an object in it, displaced along the world's y, m; without a name: with none.
+    """Open a cell with an object in it, displaced from its place; without a name: with none.
 
     Each call gives a fresh cell; the caller closes it. Raises hal.errors.HardwareError with one clear line.
     """
 
-    def __call__(self, object_name: str, displacement_m: float, seed: int) -> Cell: ...
+    def __call__(self, object_name: str, displacement: Displacement, seed: int) -> Cell: ...
 
 
 @dataclass(frozen=True, slots=True)

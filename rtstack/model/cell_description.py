@@ -18,6 +18,7 @@ from rtstack.safety.body import Base, Tool
 from rtstack.safety.limits import HARDWARE
 
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+Friction = Annotated[float, Field(gt=0.0, le=2.0, allow_inf_nan=False)]
 # at most twice the paper's, N/m and Nm/rad: what nobody has tried is no gain for two real arms
 Stiffness = Annotated[float, Field(ge=0.0, le=4000.0, allow_inf_nan=False)]
 TurningStiffness = Annotated[float, Field(ge=0.0, le=40.0, allow_inf_nan=False)]
@@ -54,10 +55,17 @@ class Table:
 
 @checked(frozen=True, slots=True, config=STRICT)
 class ObjectDescription:
-    """An object as a person would measure it: mass kg, outer size m. It stands on the table at the world's origin."""
+    """An object as a person would measure it: mass kg, outer size m. It stands on the table at the world's origin.
+
+    pad_friction, table_friction: of a pad and of the table on it, where they are not the cell's. plant: what a
+    simulated robot has instead (sim_robot.lab_objects); nothing that controls or plans looks at it.
+    """
 
     mass: Positive
     size: tuple[Positive, Positive, Positive]
+    pad_friction: Friction | None = None
+    table_friction: Friction | None = None
+    plant: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
 
 
 @checked(frozen=True, slots=True, config=STRICT)
@@ -99,8 +107,8 @@ class TorqueFilter:
 class ContactFriction:
     """Coefficients of friction, as a dynamometer shows them: of a pad on an object, and of an object on the table."""
 
-    pad: Annotated[float, Field(gt=0.0, le=2.0, allow_inf_nan=False)] = 0.9
-    table: Annotated[float, Field(gt=0.0, le=2.0, allow_inf_nan=False)] = 0.4
+    pad: Friction = 0.9
+    table: Friction = 0.4
 
 
 @checked(frozen=True, slots=True, config=STRICT)
@@ -137,6 +145,13 @@ class CellDescription:
     gains: Gains = field(default_factory=Gains)
     safety: dict[str, Any] = field(default_factory=dict)
     joint_friction: Path | None = None
+
+    def about(self, object_name: str) -> "CellDescription":
+        """Return the description with the contact friction of this object, where it has its own."""
+        thing = self.objects[object_name]
+        own = {"pad": thing.pad_friction, "table": thing.table_friction}
+        own = {what: friction for what, friction in own.items() if friction is not None}
+        return replace(self, contact_friction=replace(self.contact_friction, **own))
 
 
 @dataclass(frozen=True, slots=True)

@@ -37,7 +37,10 @@ LOOK_TICKS = 10
 def object_named(description: CellDescription, name: str) -> ObjectDescription:
     """Return the cell's object. Raises PlanError for an unknown one."""
     if name not in description.objects:
-        raise PlanError(f"unknown object {name!r}: the cell {description.name} has {', '.join(description.objects)}")
+        raise PlanError(
+            f"unknown object {name!r}: the cell {description.name} has {', '.join(description.objects)}; define "
+            f"another one as [objects.{name}] in the cell's file (--cell-file)"
+        )
     return description.objects[name]
 
 

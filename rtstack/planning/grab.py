@@ -31,6 +31,7 @@ def plan_grab(description: CellDescription, object_name: str, plan: GrabPlan | N
     plan = plan or GrabPlan()
     control = cell_parameters(description).control
     thing = object_named(description, object_name)
+    description = description.about(object_name)
     check_place(description, object_name, plan.height)
     period_s, top = control.period_s, description.table.top_z
     place = np.array([0.0, 0.0, top + thing.size[2] / 2])

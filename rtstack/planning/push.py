@@ -28,6 +28,7 @@ def plan_push(description: CellDescription, object_name: str, plan: PushPlan | N
     plan = plan or PushPlan()
     control = cell_parameters(description).control
     thing = object_named(description, object_name)
+    description = description.about(object_name)
     check_place(description, object_name, plan.height)
     period_s, top, joint = control.period_s, description.table.top_z, control.posture_joint
     place = np.array([0.0, 0.0, top + thing.size[2] / 2])

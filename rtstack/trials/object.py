@@ -13,7 +13,10 @@ def check_object(name: str, description: CellDescription) -> None:
     """Raise TrialError for an object that the cell does not have."""
     if name not in description.objects:
         known = ", ".join(description.objects)
-        raise TrialError(f"unknown object {name!r}: the cell {description.name} has {known}")
+        raise TrialError(
+            f"unknown object {name!r}: the cell {description.name} has {known}; define another one as "
+            f"[objects.{name}] in the cell's file (--cell-file)"
+        )
 
 
 def object_of(reference: Path) -> str:

@@ -58,6 +58,8 @@ class TrialResult(Result):
     impact_kind: str | None = None
     impact_margin: float | None = None
     impact_verdict_time_s: float | None = None
+    displacement_x_mm: float = 0.0
+    yaw_deg: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

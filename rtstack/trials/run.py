@@ -99,6 +99,8 @@ class Run:
             cell, controller, judges, publisher, self._plan, self._company.stop, self._between_ticks,
             self._description.torque_filter.cutoff_hz, self._watchdogs,
         )  # fmt: skip
+        if cell.warning:
+            self.remark(Remark(Level.WARNING, "cell", cell.warning))
         if self._log is not None:
             self._log.wait_ready()
         with realtime_thread() if cell.own_clocks or cell.paced else nullcontext():

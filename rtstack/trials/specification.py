@@ -4,6 +4,7 @@ from dataclasses import asdict, dataclass
 from enum import StrEnum
 from typing import Any
 
+from hal.displacement import Displacement
 from rtstack.samples import Reaction
 
 # names of rtstack.safety.limits.SafetyLimits, each with its value
@@ -25,8 +26,9 @@ class Controller(StrEnum):
 class TrialSpecification:
     """One trial. `reference` is the path of a recording, `displacement_mm` the object's shift along the world's y.
 
-    safety: the judge's limits that this trial tightens besides the cell's (rtstack.trials.tightening). reaction: to an
-    impact that was not meant.
+    The shift along x and the turn about z are the plant's too: no controller learns of any of them. safety: the judge's
+    limits that this trial tightens besides the cell's (rtstack.trials.tightening). reaction: to an impact that was not
+    meant.
     """
 
     reference: str
@@ -36,6 +38,13 @@ class TrialSpecification:
     seed: int = 0
     safety: Tightening = ()
     reaction: Reaction = Reaction.CONTINUE
+    displacement_x_mm: float = 0.0
+    yaw_deg: float = 0.0
+
+    @property
+    def displacement(self) -> Displacement:
+        """Where the object is put."""
+        return Displacement.given(self.displacement_mm, self.displacement_x_mm, self.yaw_deg)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the specification as JSON-ready values."""

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.cell import Cell
+from hal.displacement import Displacement
 from hal.joint_path import JointPath, JointSpeed
 from hal.limits import FR3
 from rtstack.control.tick import ArmController
@@ -43,19 +44,20 @@ class StartMotion:
 
 
 def start_motion(
-    cell: Cell, description: CellDescription, object_name: str, displacement_m: float = 0.0,
-    start: NDArray[np.void] | None = None,
+    cell: Cell, description: CellDescription, object_name: str,
+    displacement: Displacement | float = 0.0, start: NDArray[np.void] | None = None,
 ) -> StartMotion | None:  # fmt: skip
     """Return the way of an open cell's arms to the points start (2,) of POINT, by default to the description's home.
 
     None where they are there already, or begin there anyway (the plant in this process). Raises TrialError with one
-    line where the way must not be gone, or where the tracker sees the object elsewhere than `displacement_m` along the
-    world's y from its place; HardwareError from the arms.
+    line where the way must not be gone, or where the tracker sees the object elsewhere than where it was put;
+    HardwareError from the arms.
     """
     if cell.link is None:
         return None
     limits = description.start_motion
-    place = _object_place(description, object_name, displacement_m)
+    displacement = Displacement.of(displacement)
+    place = _object_place(description, object_name, displacement)
     pose = cell.tracker.latest()
     if place is not None and pose.record["seen"][0]:
         away = pose.position - place
@@ -85,7 +87,8 @@ def start_motion(
         raise TrialError(f"the start pose is beyond the limit of joint {joint + 1} of the {SIDES[arm]} arm")
     limit = JointSpeed(limits.speed_rad_s, limits.acceleration_rad_s2)
     path = JointPath.between(now, goal, limit)
-    _look_along(path, arms, description, None if place is None else _box(place, description.objects[object_name]))
+    thing = None if place is None else _box(place, displacement.yaw_rad, description.objects[object_name])
+    _look_along(path, arms, description, thing)
     return StartMotion(path, limit)
 
 
@@ -125,14 +128,16 @@ def _pad_box(arm: ArmController, q: Array, size: tuple[float, float, float]) -> 
     return np.stack([centre - reach, centre + reach])
 
 
-def _object_place(description: CellDescription, name: str, displacement_m: float) -> Array | None:
+def _object_place(description: CellDescription, name: str, put: Displacement) -> Array | None:
     """Return where the object's centre is to be, (3,) m: standing on the table. None for no object."""
     thing = description.objects.get(name)
-    return None if thing is None else np.array([0.0, displacement_m, description.table.top_z + thing.size[2] / 2.0])
+    return None if thing is None else np.array([put.x_m, put.y_m, description.table.top_z + thing.size[2] / 2.0])
 
 
-def _box(centre: Array, thing: ObjectDescription) -> Array:
-    half = np.array(thing.size) / 2.0
+def _box(centre: Array, yaw_rad: float, thing: ObjectDescription) -> Array:
+    """Return the lowest and the highest corner (2, 3), m, of its upright bounding box."""
+    c, s = abs(np.cos(yaw_rad)), abs(np.sin(yaw_rad))
+    half = np.array([[c, s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ np.array(thing.size) / 2.0
     return np.stack([centre - half, centre + half])
 
 

@@ -145,6 +145,8 @@ def _result(prepared: PreparedTrial, cell: str, outcome: SessionOutcome, values:
         controller=str(specification.controller),
         object=specification.object,
         displacement_mm=specification.displacement_mm,
+        displacement_x_mm=specification.displacement_x_mm,
+        yaw_deg=specification.yaw_deg,
         seed=specification.seed,
         cell=cell,
         nominal_impact_time_s=prepared.reference.nominal_impact_s,

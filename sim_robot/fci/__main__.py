@@ -11,6 +11,7 @@ from pathlib import Path
 from types import FrameType
 from typing import NoReturn
 
+from hal.displacement import Displacement
 from hal.errors import HardwareError
 from hal.realtime import ANY_CPU, Obtained, realtime_thread
 from sim_robot.cell import simulated_cell
@@ -20,6 +21,7 @@ from sim_robot.fci.lockstep import Lockstep
 from sim_robot.fci.realtime import Realtime, RightClock
 from sim_robot.fci.server import Server
 from sim_robot.fci.tracker_feed import TrackerFeed
+from sim_robot.lab_objects import difference, with_lab_objects
 from sim_robot.plant_parameters import load_plant_parameters
 from sim_robot.scene import load_scene
 from sim_robot.strict_toml import BadParameterFile
@@ -83,7 +85,10 @@ def _options(arguments: list[str] | None, prog: str) -> tuple[argparse.Namespace
     parser.add_argument("--left", default="127.0.0.11", help="address of the left arm")
     parser.add_argument("--right", default="127.0.0.12", help="address of the right arm")
     parser.add_argument("--object", default="rice_box")
-    parser.add_argument("--displacement-mm", type=float, default=0.0)
+    parser.add_argument("--cell-file", type=Path, help="a cell's TOML, for the objects that it adds")
+    parser.add_argument("--displacement-mm", type=float, default=0.0, help="shift of the object along y")
+    parser.add_argument("--displacement-x-mm", type=float, default=0.0, help="shift of the object along x")
+    parser.add_argument("--yaw-deg", type=float, default=0.0, help="turn of the object about z")
     parser.add_argument("--seed", type=_whole(0), default=0)
     parser.add_argument("--lockstep", action="store_true", help="wait for every moving arm's answer")
     parser.add_argument("--phase-us", type=float, default=0.0, help="how much later the right arm's clock ticks")
@@ -110,10 +115,15 @@ def _open(options: argparse.Namespace) -> Server:
     """Build the cell and listen. Raises HardwareError, BadParameterFile, OSError."""
     scene = _scene_file(options.scene)
     faults = load_faults(options.faults) if options.faults is not None else ()
+    displacement = Displacement.given(options.displacement_mm, options.displacement_x_mm, options.yaw_deg)
     cell = simulated_cell(
-        options.object, 1e-3 * options.displacement_mm, options.seed,
-        scene=scene, box_kind=DrivenBox, faults=faults, on_the_wire=True,
+        options.object, displacement, options.seed,
+        scene=scene, cell_file=options.cell_file, box_kind=DrivenBox, faults=faults, on_the_wire=True,
     )  # fmt: skip
+    if options.cell_file is not None:
+        layout = with_lab_objects(load_scene(scene), options.cell_file)
+        if other := difference(layout, options.cell_file, options.object):
+            print(f"warning: {other}", file=sys.stderr, flush=True)
     server = Server(cell, load_scene(scene), load_plant_parameters(), (options.left, options.right))
     if options.tracker is not None:
         host, port = options.tracker

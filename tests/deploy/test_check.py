@@ -37,7 +37,7 @@ def test_an_arm_that_does_not_answer_and_a_bad_cell_fail(tmp_path, command_line)
     with socket.socket() as arm:  # something listens at one address only
         arm.bind(("127.0.97.41", 1337))
         arm.listen()
-        done = command_line("check", "--left", "127.0.97.41", "--right", "127.0.97.42", "--cell", cell)
+        done = command_line("check", "--left", "127.0.97.41", "--right", "127.0.97.42", "--cell-file", cell)
     assert done.returncode == 1
     lines = done.stdout.splitlines()
     assert any(line.startswith("pass  left arm") for line in lines)
@@ -82,7 +82,7 @@ def test_a_file_is_no_folder_of_logs(tmp_path):
     assert (disk.verdict, disk.value) == ("fail", f"{tmp_path / 'logs'} is no folder")
 
 
-@pytest.mark.parametrize("arguments", [("--left", "127.0.97.41"), ("--cell",)])
+@pytest.mark.parametrize("arguments", [("--left", "127.0.97.41"), ("--cell-file",), ("--cell", "lab.toml")])
 def test_bad_input_is_one_line(command_line, arguments):
     done = command_line("check", *arguments)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)

@@ -114,9 +114,9 @@ def _mjcf(scene, problem):
     solver = f'solref="{-1e-9} {-IMPEDANCE / DT}" solimp="{IMPEDANCE} {IMPEDANCE} 0.001 0.5 2"'
     return (
         f'<mujoco><compiler angle="radian" autolimits="false"/><option timestep="{DT}" gravity="0 0 0" cone="elliptic" '
-        f'jacobian="dense" solver="Newton" tolerance="1e-15" iterations="{ITERATIONS}" ls_iterations="100"/><default><geom contype="0" '
-        f'conaffinity="0" mass="0"/><pair {solver}/></default><worldbody>{tree}</worldbody><contact>{pairs}</contact>'
-        "</mujoco>"
+        f'jacobian="dense" solver="Newton" tolerance="1e-15" iterations="{ITERATIONS}" ls_iterations="100"/><default>'
+        f'<geom contype="0" conaffinity="0" mass="0"/><pair {solver}/></default><worldbody>{tree}</worldbody>'
+        f"<contact>{pairs}</contact></mujoco>"
     )
 
 

@@ -149,7 +149,7 @@ def test_the_plan_of_another_object_is_not_followed(cell, files):
         (["--momentum-s", "0.3"], "momentum_s"),
         (["--travel", "0.1"], "--travel does not belong to a grab"),
         (["--object", "brick"], "unknown object 'brick'"),
-        (["--cell", "nowhere.toml"], "nowhere.toml: cannot be read"),
+        (["--cell-file", "nowhere.toml"], "nowhere.toml: cannot be read"),
     ],
 )
 def test_what_is_refused_writes_nothing(tmp_path, arguments, said):

@@ -5,9 +5,11 @@ from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from sim_rigid_arm import RigidArm
 
+from hal.displacement import Displacement
 from hal.errors import ObjectOutOfReach, UnknownObject
 from sim_robot.cell import simulated_cell
 from sim_robot.plant_parameters import load_plant_parameters
@@ -87,7 +89,7 @@ def test_every_object_stands_still_on_the_table_and_touches_nothing_else(name: s
 
 
 def test_an_unknown_object_is_answered_with_the_known_names() -> None:
-    with pytest.raises(UnknownObject, match=r"'brick'.*bottles.*rice_box"):
+    with pytest.raises(UnknownObject, match=r"'brick'.*bottles.*rice_box.*\[objects.brick\].*--cell-file"):
         simulated_cell("brick", 0.0, seed=0)
 
 
@@ -104,6 +106,50 @@ def test_an_object_off_the_table_is_out_of_reach(tmp_path: Path) -> None:
     )
     with pytest.raises(ObjectOutOfReach, match=re.escape("allowed are -50 to +50 mm")):
         simulated_cell("rice_box", 0.051, seed=0, scene=narrow)
+
+
+@pytest.mark.parametrize(
+    ("displacement", "said"),
+    [
+        (Displacement(x_m=0.11), "+110 mm from its place along x: allowed are -100 to +100 mm"),
+        (Displacement(x_m=float("nan")), "along x"),
+        (Displacement(y_m=0.19, yaw_rad=0.1), "along y: allowed are -181 to +181 mm"),
+        (Displacement(yaw_rad=0.8), "+46 deg: allowed are -45 to +45 deg"),
+        (Displacement(yaw_rad=float("nan")), "allowed are -45 to +45 deg"),
+    ],
+)
+def test_an_object_that_is_shifted_or_turned_too_far_is_out_of_reach(displacement: Displacement, said: str) -> None:
+    with pytest.raises(ObjectOutOfReach, match=re.escape(said)):
+        simulated_cell("rice_box", displacement, seed=0)
+
+
+def test_an_object_stands_where_it_is_shifted_and_turned_to() -> None:
+    plain, moved = (
+        simulated_cell("rice_box", place, seed=5).object_truth()
+        for place in (Displacement(y_m=-0.02), Displacement(0.01, -0.02, np.radians(5.0)))
+    )
+    assert moved[0] - plain[0] == pytest.approx((0.01, 0.0, 0.0), abs=1e-12)
+    turn = [2.0 * np.arctan2(wxyz[3], wxyz[0]) for _, wxyz in (plain, moved)]
+    assert np.degrees(turn[1] - turn[0]) == pytest.approx(5.0)
+    assert moved[1][1:3] == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("tilt_deg", [0.0, 8.0])
+def test_a_number_is_a_shift_along_y_to_the_bit(tilt_deg: float) -> None:
+    scene, faces = load_scene(), (0.35, -0.35)
+    one, other = (
+        scene.place("rice_box", place, faces, np.random.default_rng(1), tilt_deg)
+        for place in (-0.03, Displacement(y_m=-0.03))
+    )
+    assert one == other
+
+
+def test_a_turned_and_tilted_object_stays_above_the_table() -> None:
+    scene = load_scene()
+    place = scene.place("rice_box", Displacement(yaw_rad=0.5), (0.35, -0.35), None, tilt_deg=8.0)
+    rotation = pin.Quaternion(*place.wxyz).toRotationMatrix()
+    corners = np.array([[a, b, c] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1)]) * np.array([0.1, 0.15, 0.1])
+    assert (corners @ rotation.T)[:, 2].min() + place.position[2] == pytest.approx(scene.table.top_z, abs=1e-9)
 
 
 def test_placement_scatters_by_about_a_millimetre_with_the_seed() -> None:

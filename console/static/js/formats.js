@@ -1,6 +1,8 @@
 // How numbers, names, sizes and times are written in tables.
 
 export const number = (value, digits) => (value === null ? "" : value.toFixed(digits));
+// Where a trial's object stood: mm along y, and what else there is; older logs know of no more than that.
+export const shift = (trial) => [number(trial.displacement_mm, 0), trial.displacement_x_mm && `x ${number(trial.displacement_x_mm, 0)}`, trial.yaw_deg && `${number(trial.yaw_deg, 1)}\u00b0`].filter(Boolean).join(", ");
 export const plain = (value) => (value === null ? "" : String(value).replaceAll("_", " "));
 
 export function size(bytes) {

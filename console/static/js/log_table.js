@@ -3,7 +3,7 @@
 
 import { get } from "./api.js";
 import { showError } from "./errors.js";
-import { number, plain, size, when } from "./formats.js";
+import { number, plain, shift, size, when } from "./formats.js";
 import { save } from "./review/saving.js";
 
 const REFRESH_MS = 5000;
@@ -52,7 +52,7 @@ const COLUMNS = {
   controller: (row, log) => cell(row, plain(log.controller)),
   object: (row, log) => cell(row, plain(log.object)),
   title: (row, log) => cell(row, log.title || plain(log.object)),
-  displacement_mm: (row, log) => cell(row, number(log.displacement_mm, 0), "number"),
+  displacement_mm: (row, log) => cell(row, shift(log), "number"),
   seed: (row, log) => cell(row, plain(log.seed), "number"),
   outcome,
   verdict: (row, log) => cell(row, plain(log.verdict)),

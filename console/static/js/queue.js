@@ -3,7 +3,7 @@
 import { get, post } from "./api.js";
 import { whyNot } from "./control.js";
 import { showError } from "./errors.js";
-import { number, plain } from "./formats.js";
+import { number, plain, shift } from "./formats.js";
 import { cell, link } from "./log_table.js";
 import { LOOKS } from "./scope.js";
 
@@ -128,7 +128,7 @@ export class Queue {
     cell(row, `${entry.followed}${many}`);
     cell(row, trial.reaction === "continue" ? plain(trial.controller) : `${plain(trial.controller)}, ${trial.reaction}`);
     cell(row, plain(trial.object));
-    cell(row, number(trial.displacement_mm, 0), "number");
+    cell(row, shift(trial), "number");
     cell(row, plain(trial.seed), "number");
     const took = entry.duration_s === null ? "" : `${number(entry.duration_s, 1)} s`;
     const log = row.insertCell();

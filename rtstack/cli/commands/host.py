@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from rtstack.cli.commands.options import Json, LeftArm, RightArm, StackCell
+from rtstack.cli.commands.options import CellFile, Json, LeftArm, RightArm
 
 commands = typer.Typer()
 
@@ -14,7 +14,7 @@ commands = typer.Typer()
 def check(
     left: LeftArm = None,
     right: RightArm = None,
-    cell_file: StackCell = None,
+    cell_file: CellFile = None,
     logs: Annotated[Path, typer.Option(help="Where logs are to be written.")] = Path("logs"),
     json: Json = False,
 ) -> None:

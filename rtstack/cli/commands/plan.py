@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from rtstack.cli.commands.options import Json, ObjectName, StackCell
+from rtstack.cli.commands.options import CellFile, Json, ObjectName
 from rtstack.references.motion import Motion
 
 commands = typer.Typer()
@@ -52,7 +52,7 @@ def plan(
         int | None,
         typer.Option(metavar="RUNS", help="Make its monitor too, from so many simulated runs of it.", min=9, max=100),
     ] = None,
-    cell_file: StackCell = None,
+    cell_file: CellFile = None,
     json: Json = False,
 ) -> None:
     """Plan a reference without a demonstration: paths before and after the impact, joined by the impact map.

@@ -5,12 +5,11 @@ from typing import Annotated
 
 import typer
 
-from rtstack.cli.commands.options import CellKind, Displacement, Json, ObjectName, Seed
+from rtstack.cli.commands.options import CellFile, CellKind, Json, ObjectName, Seed, ShiftX, ShiftY, Yaw
 from rtstack.samples import Reaction
 from rtstack.trials.specification import Controller
 
 commands = typer.Typer()
-CellFile = Annotated[Path | None, typer.Option("--cell-file", help="TOML description of the cell.")]
 LogOut = Annotated[Path | None, typer.Option(metavar="OUT.mcap", help="The log to write.")]
 
 
@@ -43,7 +42,9 @@ def trial(
     object_name: Annotated[
         str | None, typer.Option("--object", help="An object of the cell; by default the reference's.")
     ] = None,
-    displacement_mm: Displacement = 0.0,
+    displacement_mm: ShiftY = 0.0,
+    displacement_x_mm: ShiftX = 0.0,
+    yaw_deg: Yaw = 0.0,
     seed: Seed = 0,
     log: LogOut = None,
     cell: CellKind = "direct",
@@ -70,7 +71,7 @@ def trial(
 
     run(
         reference, controller, object_name, displacement_mm, seed, log, cell, cell_file, json, safety, friction,
-        reaction, monitor, faults,
+        reaction, monitor, faults, displacement_x_mm, yaw_deg,
     )  # fmt: skip
 
 

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from rtstack.cli.commands.options import Displacement, LeftArm, RightArm, Seed, StackCell
+from rtstack.cli.commands.options import CellFile, LeftArm, OldCellFile, RightArm, Seed, ShiftX, ShiftY, Yaw
 
 commands = typer.Typer()
 LogsWritten = Annotated[Path, typer.Option(help="Where logs are written.")]
@@ -30,28 +30,30 @@ def recover_arms(
 def up(
     port: Port = 8080,
     logs: LogsWritten = Path("logs"),
-    cell_file: StackCell = None,
+    cell_file: CellFile = None,
     left: LeftArm = None,
     right: RightArm = None,
+    cell: OldCellFile = None,
 ) -> None:
     """Start the whole stack, with the arms at --left and --right or the simulated cell; Ctrl-C ends all of it."""
     from rtstack.cli.stack import up as run
 
-    run(port, logs, cell_file, left, right)
+    run(port, logs, cell_file or cell, left, right)
 
 
 @commands.command()
 def robot(
     run_folder: RunFolder = Path("/run/rtstack"),
     logs: LogsWritten = Path("logs"),
-    cell_file: StackCell = None,
+    cell_file: CellFile = None,
     left: LeftArm = None,
     right: RightArm = None,
+    cell: OldCellFile = None,
 ) -> None:
     """Run the robot process alone, as a service does: cell, loop and logs; disarmed, until somebody arms."""
     from rtstack.cli.service import robot as run
 
-    run(run_folder, logs, cell_file, left, right)
+    run(run_folder, logs, cell_file or cell, left, right)
 
 
 @commands.command()
@@ -59,14 +61,15 @@ def console(
     run_folder: RunFolder = Path("/run/rtstack"),
     port: Port = 8080,
     logs: LogsWritten = Path("logs"),
-    cell_file: StackCell = None,
+    cell_file: CellFile = None,
     left: LeftArm = None,
     right: RightArm = None,
+    cell: OldCellFile = None,
 ) -> None:
     """Run the console alone, beside `rtstack robot`, with the same options."""
     from rtstack.cli.service import console as run
 
-    run(run_folder, port, logs, cell_file, left, right)
+    run(run_folder, port, logs, cell_file or cell, left, right)
 
 
 @commands.command()
@@ -79,7 +82,10 @@ def sim(
     object_name: Annotated[
         str, typer.Option("--object", help="An object of the cell, or none: an empty cell, as a playback needs it.")
     ] = "rice_box",
-    displacement_mm: Displacement = 0.0,
+    displacement_mm: ShiftY = 0.0,
+    displacement_x_mm: ShiftX = 0.0,
+    yaw_deg: Yaw = 0.0,
+    cell_file: CellFile = None,
     faults: Annotated[
         Path | None, typer.Option(metavar="FILE", help="TOML script of what goes wrong, and when.")
     ] = None,
@@ -105,4 +111,5 @@ def sim(
         f"--cpu={chosen_cpu(cpu)}",
     ]
     arguments += ["--lockstep"] * lockstep + ([f"--faults={faults}"] if faults is not None else [])
-    run(arguments, left, right, object_name, displacement_mm)
+    shifts = {"displacement-mm": displacement_mm, "displacement-x-mm": displacement_x_mm, "yaw-deg": yaw_deg}
+    run(arguments, left, right, object_name, shifts, cell_file)

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from rtstack.cli.commands.options import Json
+from rtstack.cli.commands.options import CellFile, Json
 
 commands = typer.Typer()
 
@@ -26,11 +26,12 @@ def campaign(
         str | None,
         typer.Option(metavar="ADDRESS", help="Keep references and logs there, not in DIR: s3://BUCKET/PREFIX."),
     ] = None,
+    cell_file: CellFile = None,
 ) -> None:
     """Run many trials and write what they show: figures, tables, and each claim with a verdict."""
     from rtstack.cli.campaign import campaign as run
 
-    run(name, out, quick, workers, scheduler, resume, logs)
+    run(name, out, quick, workers, scheduler, resume, logs, cell_file)
 
 
 @commands.command("tune-monitor")

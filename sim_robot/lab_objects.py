@@ -1,0 +1,66 @@
+"""A lab's own objects: what the plant takes from the cell's file, in which the controller finds its own values.
+
+[objects.NAME] is what a person weighed and measured: mass, size and, where they are not the scene's, the frictions. For
+an object that the scene does not have the plant takes these, and the walls below. [objects.NAME.plant] is the plant's
+alone: any key of GraspObject, in the place of what the plant would have. An object of the scene stays what the scene
+says.
+"""
+
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+from sim_robot.scene import NO_OBJECT, GraspObject, Scene
+from sim_robot.strict_toml import BadParameterFile, read_table, record_from_table
+
+# cardboard that is backed by its filling: those of the grabbing scene's rice_box
+WALLS = {"stiffness": 1e5, "damping_ratio": 0.6}
+_UNITS = {"mass": " kg", "size": " m", "pad_friction": "", "table_friction": ""}  # what both sides may know
+
+
+def with_lab_objects(scene: Scene, cell_file: Path) -> Scene:
+    """Return the scene with the objects of a cell's file. Raises BadParameterFile, naming the key."""
+    objects = dict(scene.objects)
+    for name, described in _described(cell_file).items():
+        if name == NO_OBJECT:
+            continue
+        scenes = objects.get(name)
+        plants = described.get("plant", {})
+        if not isinstance(plants, dict):
+            raise BadParameterFile(f"{cell_file}: objects.{name}.plant: expected a table, got {plants!r}")
+        measured = WALLS | {key: described[key] for key in _UNITS if key in described}
+        known = measured if scenes is None else {k: v for k, v in asdict(scenes).items() if v is not None}
+        known = {k: list(v) if isinstance(v, tuple) else v for k, v in known.items()}
+        objects[name] = record_from_table(GraspObject, {**known, **plants}, f"{cell_file}: objects.{name}.plant")
+    return replace(scene, objects=objects)
+
+
+def difference(scene: Scene, cell_file: Path, name: str) -> str | None:
+    """Return in one line what the plant's object has and its description in the cell's file has not, None for nothing.
+
+    scene: with the objects of the cell's file. Where the two differ on purpose, that is what the line is for.
+    """
+    described = _described(cell_file).get(name)
+    if described is None or name not in scene.objects:
+        return None
+    counted = read_table(cell_file).get("contact_friction", {})
+    described = {f"{what}_friction": counted[what] for what in ("pad", "table") if what in counted} | described
+    plants: dict[str, Any] = asdict(scene.objects[name])
+    plants["pad_friction"], plants["table_friction"] = scene.frictions(name)
+    other = [
+        f"{key} {_text(plants[key])}{unit} (the controller: {_text(described[key])}{unit})"
+        for key, unit in _UNITS.items()
+        if key in described and _text(plants[key]) != _text(described[key])
+    ]
+    return f"the plant's {name} is not what the cell's file describes: {', '.join(other)}" if other else None
+
+
+def _described(cell_file: Path) -> dict[str, dict[str, Any]]:
+    table = read_table(cell_file).get("objects", {})
+    if not isinstance(table, dict) or not all(isinstance(value, dict) for value in table.values()):
+        raise BadParameterFile(f"{cell_file}: objects: expected a table for each object")
+    return table
+
+
+def _text(value: Any) -> str:
+    return " x ".join(f"{float(part):g}" for part in value) if isinstance(value, list | tuple) else f"{float(value):g}"
