@@ -72,6 +72,8 @@ BAD_TRIALS = [
     (["--object", "anvil"], ["anvil", "rice_box"]),
     (["--displacement-mm", "900"], ["900"]),
     (["--displacement-mm", "nan"], ["nan"]),
+    (["--displacement-x-mm", "500"], ["+500 mm", "along x: allowed are -100 to +100 mm"]),
+    (["--yaw-deg", "60"], ["+60 deg", "-45 to +45 deg"]),
     (["--controller", "best"], ["proposed"]),
     (["--seed", "-1"], ["seed"]),
     (["--log", "missing/t.mcap"], ["missing"]),

@@ -58,6 +58,11 @@ def refusal(capsys: pytest.CaptureFixture[str]) -> Iterator[Callable[..., str]]:
         (["--lockstep", "--drift-ppm", "50"], ["in lockstep there is no clock"]),
         (["--object", "anvil"], ["anvil", "rice_box", "none: an empty cell"]),
         (["--object", "none", "--displacement-mm", "5"], ["empty cell", "displaced"]),
+        (["--object", "none", "--yaw-deg", "5"], ["empty cell", "displaced"]),
+        (["--displacement-x-mm", "101"], ["along x", "-100 to +100 mm"]),
+        (["--yaw-deg", "-46"], ["-46 deg", "-45 to +45 deg"]),
+        (["--object", "anvil"], ["[objects.anvil]", "--cell-file"]),
+        (["--cell-file", "missing.toml"], ["missing.toml"]),
         (["--priority", "100"], ["--priority"]),
         (["--seed", "-1"], ["--seed"]),
     ],
@@ -142,7 +147,7 @@ def test_ctrl_c_before_it_serves() -> None:
     process = subprocess.Popen(
         [sys.executable, "-c", "import os, signal\nfrom rtstack.cli import simulator\n"
          "import threading\nthreading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()\n"
-         "simulator.serve([], 'nowhere.invalid', '', 'rice_box', 0.0)"],
+         "simulator.serve([], 'nowhere.invalid', '', 'rice_box', {}, None)"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     out, err = process.communicate(timeout=60)
