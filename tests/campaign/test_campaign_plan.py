@@ -2,9 +2,12 @@
 
 import re
 from collections import Counter
+from dataclasses import replace
+from math import radians
 
 import pytest
 
+from hal.displacement import Displacement
 from rtstack.campaign.evaluation import NAMES
 from rtstack.campaign.plan import load_plan, plan_file, plan_names
 from rtstack.campaign.runner import select
@@ -46,6 +49,17 @@ def test_a_trial_has_one_name_and_one_seed_for_ever(plan):
     repetitions = {(t.experiment, t.reference, t.displacement_mm, t.repetition): t.seed for t in trials}
     assert len(set(repetitions.values())) == len(repetitions)  # another repetition has another seed
     assert all(t.seed == repetitions[t.experiment, t.reference, t.displacement_mm, t.repetition] for t in trials)
+
+
+def test_places_along_x_and_about_z_have_names_and_seeds_of_their_own(plan):
+    plain = plan.experiments[0]
+    turned = replace(plain, displacements_x_mm=(0.0, 10.0), yaws_deg=(0.0, -5.0))
+    trials = {trial.id: trial for trial in plan.trials(turned)}
+    assert len(trials) == 4 * len(plan.trials(plain)) == replace(plan, experiments=(turned,)).size()
+    assert {trial.id: trial for trial in plan.trials(plain)}.items() <= trials.items()
+    assert len({trial.seed for trial in trials.values()}) == len(trials) / len(plan.controllers)
+    one = trials["table2.nominal.rice_box-0.-30mm+10mmx-5deg.0.no_reference_spreading"]
+    assert one.displacement == Displacement(0.01, -0.03, radians(-5.0))
 
 
 def test_quick_is_a_part_of_it(plan):
