@@ -15,9 +15,10 @@ from typing import Any
 from uuid import uuid4
 
 from hal.description import fr3_urdf
-from rtstack.log.frames import CellFrames, FrameTree
+from rtstack.log.frames import CellFrames
 from rtstack.log.ring import Rings
-from rtstack.log.sink import TRANSFORMS, encoded, topic_schemas
+from rtstack.log.scenery import ROBOT_DESCRIPTION, Scenery, scenery_schemas
+from rtstack.log.sink import encoded, message_encoding, topic_schemas
 from rtstack.samples import SIDES, TOPICS
 
 SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
@@ -42,11 +43,13 @@ class Feed:
 
     def __init__(self, rings: Rings, frames: CellFrames) -> None:
         self._schemas = topic_schemas()
+        del self._schemas[ROBOT_DESCRIPTION]  # said once in a log, and /scene says the same again and again
+        self._made = self._schemas.keys() & scenery_schemas().keys()
         self._topics = dict(enumerate(self._schemas, start=1))
         self._readers = {topic: rings.reader(topic) for topic in TOPICS}
         self._seen = dict.fromkeys(TOPICS, 0)
         self._frames = frames
-        self._tree = FrameTree(frames, fr3_urdf())
+        self._scenery = Scenery(frames, fr3_urdf())
         self._now_ns = 0
         self._subscribed: dict[int, str] = {}
 
@@ -56,9 +59,9 @@ class Feed:
             {
                 "id": number,
                 "topic": topic,
-                "encoding": "protobuf",
+                "encoding": message_encoding(self._schemas[topic]),
                 "schemaName": self._schemas[topic].name,
-                "schemaEncoding": "protobuf",
+                "schemaEncoding": self._schemas[topic].encoding,
                 "schema": base64.b64encode(self._schemas[topic].data).decode(),
             }
             for number, topic in self._topics.items()
@@ -87,15 +90,15 @@ class Feed:
         earlier, clock = self._clock(records[_CLOCK]["t_ns"].tolist())
         poses, arms = records["/object/pose"], {side: records[f"/{side}/arm"] for side in SIDES}
         if earlier is not None:
-            self._tree = FrameTree(self._frames, fr3_urdf())  # its transforms are due by a clock that goes on
+            self._scenery = Scenery(self._frames, fr3_urdf())  # its transforms are due by a clock that goes on
             poses = poses[poses["t_ns"] <= clock[-1]]
             arms = {side: samples[samples["t_ns"] <= clock[-1]] for side, samples in arms.items()}
         wanted = set(subscribed.values())
         messages: dict[str, list[tuple[int, bytes]]] = {}
-        for topic in wanted - {TRANSFORMS}:
+        for topic in wanted - self._made:
             messages[topic] = list(zip(records[topic]["t_ns"].tolist(), encoded(topic, records[topic]), strict=True))
-        if TRANSFORMS in wanted:
-            messages[TRANSFORMS] = self._tree.update(arms, poses)
+        if wanted & self._made:
+            messages |= {topic: [] for topic in self._made} | self._scenery.update(arms, poses)
         due = [
             (t_ns, _MESSAGE.pack(1, number, max(0, t_ns)) + data)
             for number, topic in subscribed.items()

@@ -60,6 +60,12 @@ class Cell:
     paced: bool = False
     warning: str = ""
 
+    @property
+    def waits(self) -> bool:
+        """Whether the arms are of one robot on the wire that waits for its answer, and was idle before for so long as it
+        happened to be."""
+        return self.link is not None and not self.own_clocks
+
     def start(self) -> None:
         """Take torque control, where it has to be asked for. Raises CommandRejected, ConnectionLost."""
         if self.link is not None:

@@ -13,6 +13,7 @@ from hal.fci.motion import move
 from hal.fci.setup import CollisionBehaviour, Tool
 from hal.fci.watch import StateWatch
 from hal.joint_path import JointSpeed
+from hal.state import RobotMode
 
 # A robot without commands stops itself after 20 ms; five times that without a state is no hiccup of a network any more.
 STALE_S = 0.1
@@ -75,13 +76,18 @@ class FciPair:
         return tuple(done)
 
     def _meet(self) -> None:
-        """Leave both arms with the same state to be read: a robot that waits repeats it until it is answered."""
-        t_ns = [arm.read().t_ns for arm in (self.left, self.right)]
+        """Leave both arms with the same state to be read: a robot that waits repeats it until it is answered.
+
+        An arm may have shown that state while it was still idle: then it is read once more.
+        """
+        arms = (self.left, self.right)
+        states = [arm.read() for arm in arms]
         for _ in range(MOST_REPEATS):
-            if t_ns[0] == t_ns[1]:
+            idle = [k for k, state in enumerate(states) if state.robot_mode is not RobotMode.MOVE]
+            if not idle and states[0].t_ns == states[1].t_ns:
                 break
-            behind = int(t_ns[1] < t_ns[0])
-            t_ns[behind] = (self.left, self.right)[behind].read().t_ns
+            behind = idle[0] if idle else int(states[1].t_ns < states[0].t_ns)
+            states[behind] = arms[behind].read()
         self.left.unread = self.right.unread = True
 
     def wait(self) -> int:

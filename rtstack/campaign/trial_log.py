@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from hal.description import fr3_urdf
 from rtstack.log.batches import BatchWriter
-from rtstack.log.frames import CellFrames, FrameTree
+from rtstack.log.frames import CellFrames
 from rtstack.log.job import Attachment
 from rtstack.log.ring import Rings
+from rtstack.log.scenery import Scenery
 from rtstack.log.sink import McapSink
 from rtstack.loop.history import Columns, History
 from rtstack.samples import SIDES
@@ -68,7 +69,7 @@ class WholeRunLog(TrialLog):
                 for attachment in self._attachments:
                     sink.attach(attachment.name, attachment.media_type, attachment.data)
                 values = {key: value if isinstance(value, str) else json.dumps(value) for key, value in result.items()}
-                writer = BatchWriter(sink, FrameTree(self._frames, fr3_urdf()))
+                writer = BatchWriter(sink, Scenery(self._frames, fr3_urdf()))
                 if self._history is not None:
                     self.columns = self._history.columns()
                     writer.write(_batches(self.columns, self._history))

@@ -4,8 +4,8 @@ import json
 
 from numpy.typing import NDArray
 
-from rtstack.log.frames import FrameTree
 from rtstack.log.job import Evidence
+from rtstack.log.scenery import Messages, Scenery
 from rtstack.log.sink import McapSink
 from rtstack.samples import SIDES
 
@@ -13,25 +13,25 @@ from rtstack.samples import SIDES
 class BatchWriter:
     """Writes batches of records, a topic each, and what stands at the end of a log."""
 
-    def __init__(self, sink: McapSink, frames: FrameTree | None) -> None:
+    def __init__(self, sink: McapSink, scenery: Scenery | None) -> None:
         self._sink = sink
-        self._frames = frames
+        self._scenery = scenery
 
     @property
     def messages(self) -> int:
-        """Number of messages that were written, /tf included."""
+        """Number of messages that were written, those for viewers included."""
         return sum(self._sink.messages.values())
 
     def write(self, batches: dict[str, NDArray]) -> None:
         """Write all of them, in order of robot's time."""
         if any(len(records) for records in batches.values()):
-            self._sink.write(batches, self._transforms(batches))
+            self._sink.write(batches, self._made(batches))
 
-    def _transforms(self, batches: dict[str, NDArray]) -> list[tuple[int, bytes]]:
-        if self._frames is None:
-            return []
+    def _made(self, batches: dict[str, NDArray]) -> Messages:
+        if self._scenery is None:
+            return {}
         poses = batches["/object/pose"]
-        return self._frames.update({side: batches[f"/{side}/arm"] for side in SIDES}, poses[poses["seen"] != 0])
+        return self._scenery.update({side: batches[f"/{side}/arm"] for side in SIDES}, poses[poses["seen"] != 0])
 
     def finish(self, result: dict[str, str], ended: str, evidence: Evidence | None, lost: dict[str, int]) -> None:
         """Write result, evidence and the account of what was lost, by topic, and finish the file."""

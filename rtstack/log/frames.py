@@ -1,8 +1,8 @@
-"""The /tf topic: frames of both arms, their pads and the object, at 50 Hz of the robot's time.
+"""The /tf topic: frames of both arms, their pads, table and object, at 50 Hz of the robot's time.
 
-world -> left_base -> left_link1 -> ... -> left_link8, left_base -> left_pad (from O_T_EE), the same on the
-right, and world -> object. A link is given relative to the link before it: its joint's placement turned by
-the joint's angle, so that no forward kinematics is needed here.
+world -> left_base -> left_link0 -> left_link1 -> ... -> left_link8, left_base -> left_pad (from O_T_EE), the same on
+the right, world -> table, and world -> object: the links of rtstack.log.cell_urdf. A link is given relative to the link
+before it: its joint's placement turned by the joint's angle, so that no forward kinematics is needed here.
 """
 
 import xml.etree.ElementTree as ElementTree
@@ -12,12 +12,12 @@ import numpy as np
 from foxglove.messages import FrameTransform, FrameTransforms, Quaternion, Timestamp, Vector3
 from numpy.typing import NDArray
 
-from rtstack.samples import SIDES
+from rtstack.log.instants import OBJECT, Instants
 
-PERIOD_NS = 20_000_000
 WORLD = "world"
-OBJECT = "object"
-_NS = 1_000_000_000
+TABLE = "table"
+BASE_LINK = "link0"  # of the arm's URDF
+_UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 
 Array = NDArray[np.float64]
 
@@ -30,6 +30,8 @@ class CellFrames:
     T_world_base_right: Array
     pad_size_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     object_size_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    table_centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    table_size_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def T_world_base(self, side: str) -> Array:
         """Mounting pose of the arm of `side` (left or right), (4, 4) row-major, m."""
@@ -59,7 +61,7 @@ def joint_placements(urdf: str) -> tuple[JointPlacement, ...]:
             JointPlacement(
                 child=child.attrib["link"],
                 position=_vector(place.get("xyz", "0 0 0")),
-                orientation_wxyz=_from_rpy(_vector(place.get("rpy", "0 0 0"))),
+                orientation_wxyz=from_rpy(_vector(place.get("rpy", "0 0 0"))),
                 axis=None if fixed or axis is None else _vector(axis.get("xyz", "1 0 0")),
             )
         )
@@ -70,7 +72,7 @@ def _vector(text: str) -> Array:
     return np.array([float(word) for word in text.split()])
 
 
-def _from_rpy(rpy: Array) -> Array:
+def from_rpy(rpy: Array) -> Array:
     """Quaternion wxyz of URDF's fixed-axis roll, pitch, yaw: R = Rz(yaw) Ry(pitch) Rx(roll)."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(rpy / 2.0), np.sin(rpy / 2.0)
     return np.array(
@@ -149,54 +151,41 @@ class _Track:
 
 
 class FrameTree:
-    """Makes the /tf messages of a run from batches of arm samples and object poses."""
+    """Makes the /tf messages of a run."""
 
     def __init__(self, cell: CellFrames, urdf: str) -> None:
         self._cell = cell
         self._joints = joint_placements(urdf)
-        self._next_ns: int | None = None
-        self._held: dict[str, NDArray] = {}  # of each arm, and of the object: the newest record of the batches so far
 
-    def update(self, arms: dict[str, NDArray], poses: NDArray) -> list[tuple[int, bytes]]:
-        """Return the messages that are due in a batch, as (t_ns, FrameTransforms).
-
-        arms: the batch's ARM_SAMPLE records of each side; poses: its OBJECT_POSE records. The first side that
-        has samples sets the times; everything else is the newest that was seen until then.
-        """
-        leader = next((arms[side] for side in SIDES if len(arms[side])), arms[SIDES[0]])
-        due = np.array(self._due(leader["t_ns"]), np.int64)
-        frames: list[list[FrameTransform]] = [[] for _ in due]
-        for name, records in (*((side, arms[side]) for side in SIDES), (OBJECT, poses)):
-            held = self._held.get(name, records[:0])
-            known = np.concatenate([held, records]) if len(held) else records
-            self._held[name] = known[-1:].copy()
-            count = np.maximum(np.searchsorted(known["t_ns"], due, side="right"), len(held))
-            seen = np.flatnonzero(count)
-            if not len(seen):
-                continue
-            stamps = [Timestamp(t // _NS, t % _NS) for t in due[seen].tolist()]
-            newest = known[count[seen] - 1]
-            for track in self._object(newest) if name == OBJECT else self._arm(name, newest):
-                for row, transform in zip(seen.tolist(), track.transforms(stamps), strict=True):
-                    frames[row].append(transform)
+    def transforms(self, instants: Instants) -> list[tuple[int, bytes]]:
+        """Return a message for each of the instants, as (t_ns, FrameTransforms)."""
+        frames: list[list[FrameTransform]] = [[] for _ in instants.t_ns]
+        if any(self._cell.table_size_m):
+            everywhere = np.arange(len(frames))
+            self._add(
+                frames, instants, everywhere, [_Track(WORLD, TABLE, np.array(self._cell.table_centre_m), _UPRIGHT)]
+            )
+        for name, known in instants.known.items():
+            tracks = self._object(known.records) if name == OBJECT else self._arm(name, known.records)
+            self._add(frames, instants, known.rows, tracks)
         return [
             (t, FrameTransforms(transforms=transforms).encode())
-            for t, transforms in zip(due.tolist(), frames, strict=True)
+            for t, transforms in zip(instants.t_ns.tolist(), frames, strict=True)
         ]
 
-    def _due(self, t_ns: NDArray[np.int64]) -> list[int]:
-        """Return the times at which a message is due."""
-        times = []
-        for t in t_ns.tolist():
-            if self._next_ns is None or t >= self._next_ns:
-                times.append(t)
-                self._next_ns = (t // PERIOD_NS + 1) * PERIOD_NS
-        return times
+    def _add(
+        self, frames: list[list[FrameTransform]], instants: Instants, rows: NDArray[np.intp], tracks: "list[_Track]"
+    ) -> None:
+        stamps = instants.stamps(rows)
+        for track in tracks:
+            for row, transform in zip(rows.tolist(), track.transforms(stamps), strict=True):
+                frames[row].append(transform)
 
     def _arm(self, side: str, samples: NDArray) -> list[_Track]:
         base = f"{side}_base"
         tracks = [_Track(WORLD, base, *_poses_of(self._cell.T_world_base(side)[None]))]
-        parent, angles = base, iter(0.5 * samples["q"].T)
+        parent, angles = f"{side}_{BASE_LINK}", iter(0.5 * samples["q"].T)
+        tracks.append(_Track(base, parent, np.zeros(3), _UPRIGHT))
         for joint in self._joints:
             turned = joint.orientation_wxyz
             if joint.axis is not None:

@@ -15,26 +15,28 @@ from numpy.typing import NDArray
 
 from hal.description import fr3_urdf
 from rtstack.log.batches import BatchWriter
-from rtstack.log.frames import FrameTree
 from rtstack.log.job import Evidence, LogJob, get_job, get_result
 from rtstack.log.ring import LogState, Rings
+from rtstack.log.scenery import Scenery
 from rtstack.log.schema import TOPIC_MESSAGES
 from rtstack.log.sink import McapSink
 from rtstack.samples import TOPICS
 
 POLL_S = 0.04  # forty records a topic at 1 kHz: enough for a batch, little for a ring, a tenth of what may be lost
 _FAR_FUTURE_NS = np.iinfo(np.int64).max
+_NOTHING_YET_NS = np.iinfo(np.int64).min
 
 
 class RingDrain:
     """Moves what is in the rings into the file, a batch at a time."""
 
-    def __init__(self, rings: Rings, sink: McapSink, frames: FrameTree | None) -> None:
+    def __init__(self, rings: Rings, sink: McapSink, scenery: Scenery | None) -> None:
         self._rings = rings
         self._sink = sink
-        self._writer = BatchWriter(sink, frames)
+        self._writer = BatchWriter(sink, scenery)
         self._readers = {topic: rings.log_reader(topic) for topic in TOPICS}
         self._held = {topic: np.zeros(0, record) for topic, record in TOPICS.items()}
+        self._newest = dict.fromkeys(TOPIC_MESSAGES, _NOTHING_YET_NS)
 
     def step(self, final: bool = False) -> None:
         """Read every ring and write what was in it, in order of robot's time; `final` holds nothing back."""
@@ -44,17 +46,20 @@ class RingDrain:
         self._sink.flush_if_due()
 
     def _settled(self, batches: dict[str, NDArray], final: bool) -> dict[str, NDArray]:
-        """Hold back, for one step, what is newer than the newest tick that every topic has told about.
+        """Hold back whatever is not older than the newest tick that every topic has told about.
 
-        The rings are read one after the other while the loop goes on: without this the file is not in order.
+        What a tick says, it says before the next tick's samples: what is older is complete, and the file does not
+        depend on when the rings are read.
         """
-        newest = [int(batches[topic]["t_ns"][-1]) for topic in TOPIC_MESSAGES if len(batches[topic])]
-        limit = _FAR_FUTURE_NS if final else min(newest, default=_FAR_FUTURE_NS)
+        for topic in TOPIC_MESSAGES:
+            if len(batches[topic]):
+                self._newest[topic] = int(batches[topic]["t_ns"][-1])
+        limit = _FAR_FUTURE_NS if final else min(self._newest.values())
         ready = {}
         for topic, records in batches.items():
-            settled = records["t_ns"] <= limit
-            ready[topic] = np.concatenate([self._held[topic], records[settled]])
-            self._held[topic] = records[~settled]
+            known = np.concatenate([self._held[topic], records])
+            settled = known["t_ns"] < limit
+            ready[topic], self._held[topic] = known[settled], known[~settled]
         return ready
 
     def finish(self, result: dict[str, str], ended: str, evidence: Evidence | None = None) -> None:
@@ -75,7 +80,7 @@ def run(job_descriptor: int, log_descriptor: int, parent: int) -> None:
             for attachment in job.attachments:
                 sink.attach(attachment.name, attachment.media_type, attachment.data)
             sink.flush()
-            drain = RingDrain(rings, sink, FrameTree(job.cell, fr3_urdf()) if job.cell else None)
+            drain = RingDrain(rings, sink, Scenery(job.cell, fr3_urdf()) if job.cell else None)
             rings.state = LogState.READY
             while not rings.closing and os.getppid() == parent:
                 drain.step()

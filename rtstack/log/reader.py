@@ -30,6 +30,7 @@ from rtstack.log.container import (
 from rtstack.log.decoding import TopicDecoder
 from rtstack.log.errors import LogError
 from rtstack.log.job import Attachment
+from rtstack.log.scenery import scenery_schemas
 from rtstack.log.schema import PACKAGE
 from rtstack.samples import TOPICS, Level
 
@@ -226,7 +227,7 @@ def read_log(path: Path, truncated: bool = False) -> Log:
         schema = contents.schemas.get(channel.schema_id)
         if channel.topic == _NEEDED_TOPIC and schema is not None and schema.name == _NEEDED_SCHEMA:
             return Log(path, contents, complete)
-    if {"log", "trial"} & contents.metadata.keys() and topics <= {*TOPICS, "/tf"}:
+    if {"log", "trial"} & contents.metadata.keys() and topics <= {*TOPICS, *scenery_schemas()}:
         return Log(path, contents, complete)  # ours, of a run that ended before its first tick
     raise LogError(f"{path} is an MCAP file but not a log of ours: topic {_NEEDED_TOPIC} is missing")
 

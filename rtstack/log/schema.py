@@ -38,6 +38,10 @@ ENUM_FIELDS: dict[str, type[IntEnum]] = {
     "pair_verdict": Verdict,
     "pair_reason": VerdictReason,
 }
+# what the host's clock measures: all else of a direct or lockstep run is the same again for the same command and seed
+HOST_CLOCK_FIELDS: dict[str, tuple[str, ...]] = {
+    "/timing": ("period_us", "compute_us", "lateness_us", "pair_skew_us"),
+}
 ERRORS_FIELD = "current_errors"  # a bit mask in the record, the vendor's names on the wire
 COLUMN_MAJOR_FIELD = "O_T_EE"  # row-major in the record, column-major on the wire, as libfranka has it
 

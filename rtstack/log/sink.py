@@ -8,26 +8,25 @@ import foxglove
 import numpy as np
 from foxglove.mcap import MCAPCompression, MCAPWriteOptions
 from foxglove.messages import (
-    FrameTransforms,
     Log,
     LogLevel,
     Pose,
     PoseInFrame,
     Quaternion,
-    Timestamp,
     Vector3,
 )
 from numpy.typing import NDArray
 
 from rtstack.log.encoding import wire_format
 from rtstack.log.frames import WORLD
+from rtstack.log.instants import stamp
+from rtstack.log.ros_messages import ENCODING, MESSAGE_ENCODING
+from rtstack.log.scenery import Messages, scenery_schemas
 from rtstack.log.schema import PACKAGE, TOPIC_MESSAGES, sample_descriptors
 from rtstack.samples import TOPICS, Level
 
-TRANSFORMS = "/tf"
 # a killed writer loses at most 0.5 s (contract); the other half is for reading the rings and compressing
 FLUSH_NS = 250_000_000
-_NS = 1_000_000_000
 _LEVELS: dict[int, LogLevel] = {
     Level.DEBUG: LogLevel.Debug,
     Level.INFO: LogLevel.Info,
@@ -77,10 +76,11 @@ class McapSink:
             compression=MCAPCompression.Lz4, disable_seeking=True, chunk_size=None, compression_threads=0
         )
         self._writer = foxglove.open_mcap(self._file, context=context, writer_options=options)
-        schemas = topic_schemas()
         self._channels = {
-            topic: foxglove.Channel(topic, schema=schema, message_encoding="protobuf", context=context).base
-            for topic, schema in schemas.items()
+            topic: foxglove.Channel(
+                topic, schema=schema, message_encoding=message_encoding(schema), context=context
+            ).base
+            for topic, schema in topic_schemas().items()
         }
         self.messages = dict.fromkeys(self._channels, 0)
         self._flushed_wall_ns = time.monotonic_ns()
@@ -99,8 +99,8 @@ class McapSink:
             )
         )
 
-    def write(self, batches: dict[str, NDArray], transforms: list[tuple[int, bytes]]) -> None:
-        """Write records of all topics and the /tf messages that belong to them, in order of robot's time."""
+    def write(self, batches: dict[str, NDArray], made: Messages) -> None:
+        """Write records of all topics and the messages that were made from them, in order of robot's time."""
         times: list[NDArray[np.int64]] = []
         writes: list[Callable[[bytes, int], None]] = []
         messages: list[bytes] = []
@@ -109,8 +109,9 @@ class McapSink:
             said = records[records["seen"] != 0] if topic == "/object/pose" else records
             times.append(np.maximum(said["t_ns"], 0))
             self._take(topic, encoded(topic, said), writes, messages)
-        times.append(np.array([t for t, _ in transforms], np.int64))
-        self._take(TRANSFORMS, [message for _, message in transforms], writes, messages)
+        for topic, each in made.items():
+            times.append(np.array([t for t, _ in each], np.int64))
+            self._take(topic, [message for _, message in each], writes, messages)
         all_times = np.concatenate(times)
         order = np.argsort(all_times, kind="stable")
         due_ns = -1 if self._flushed_log_ns is None else self._flushed_log_ns + FLUSH_NS
@@ -155,7 +156,7 @@ class McapSink:
 
 
 def topic_schemas() -> dict[str, foxglove.Schema]:
-    """Return the schema of every topic of a log, /tf included."""
+    """Return the schema of every topic of a log."""
     descriptors = sample_descriptors()
     schemas = {
         topic: foxglove.Schema(name=f"{PACKAGE}.{name}", encoding="protobuf", data=descriptors)
@@ -163,8 +164,12 @@ def topic_schemas() -> dict[str, foxglove.Schema]:
     }
     schemas["/object/pose"] = PoseInFrame.get_schema()
     schemas["/events"] = Log.get_schema()
-    schemas[TRANSFORMS] = FrameTransforms.get_schema()
-    return schemas
+    return schemas | scenery_schemas()
+
+
+def message_encoding(schema: foxglove.Schema) -> str:
+    """Return how the messages of a schema are encoded."""
+    return MESSAGE_ENCODING if schema.encoding == ENCODING else schema.encoding
 
 
 def encoded(topic: str, records: NDArray) -> list[bytes]:
@@ -176,21 +181,16 @@ def encoded(topic: str, records: NDArray) -> list[bytes]:
     return [_event(record) for record in records]
 
 
-def _stamp(t_ns: int) -> Timestamp:
-    t_ns = max(t_ns, 0)
-    return Timestamp(t_ns // _NS, t_ns % _NS)
-
-
 def _pose(record: np.void) -> bytes:
     x, y, z = record["position"].tolist()
     qw, qx, qy, qz = record["orientation_wxyz"].tolist()
     pose = Pose(position=Vector3(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
-    return PoseInFrame(timestamp=_stamp(int(record["t_ns"])), frame_id=WORLD, pose=pose).encode()
+    return PoseInFrame(timestamp=stamp(int(record["t_ns"])), frame_id=WORLD, pose=pose).encode()
 
 
 def _event(record: np.void) -> bytes:
     return Log(
-        timestamp=_stamp(int(record["t_ns"])),
+        timestamp=stamp(int(record["t_ns"])),
         level=_LEVELS.get(int(record["level"]), LogLevel.Unknown),
         name=bytes(record["name"]).decode("utf-8", "replace"),
         message=bytes(record["text"]).decode("utf-8", "replace"),

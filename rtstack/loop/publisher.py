@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.tracker import ObjectTracker
+from hal.tracker import OBJECT_POSE, ObjectPose, ObjectTracker
 from rtstack.log.push import push_all
 from rtstack.log.ring import Rings
 from rtstack.loop.history import History
@@ -25,22 +25,37 @@ class Publisher:
         self._left: tuple[NDArray, NDArray] | None = None
         self._right: tuple[NDArray, NDArray] | None = None
         self._rows = np.zeros((0, 5), np.int64)
-        self._pose: NDArray | None = None
+        self._pose = self._last_pose = ObjectPose.empty().record
+        self._moved_pose = np.zeros(1, OBJECT_POSE)
         self._stamp = self._seen = np.zeros(1, np.int64)
         self._pose_t_ns = -1
         self._pose_pushers = [ring.pusher("/object/pose").push for ring in rings]
         self._event_pushers = [ring.pusher("/events").push for ring in rings]
 
-    def tick(self, left: tuple[NDArray, NDArray], right: tuple[NDArray, NDArray], tracker: ObjectTracker) -> None:
+    def look(self, tracker: ObjectTracker, origin_ns: int = 0) -> None:
+        """Take the object's pose for the next `tick`. origin_ns: robot's time that the log counts from; what was seen
+        before it does not belong to the run.
+
+        A robot that waits for its answer is asked before it has got one: afterwards its next pose may be there already.
+        """
+        seen = tracker.latest().record
+        if not origin_ns:
+            self._pose = seen
+        elif seen["t_ns"][0] > origin_ns:
+            self._moved_pose[:] = seen
+            self._moved_pose["t_ns"] -= origin_ns
+            self._pose = self._moved_pose
+
+    def tick(self, left: tuple[NDArray, NDArray], right: tuple[NDArray, NDArray]) -> None:
         """Publish the arm and control records (1,) of both arms, the timing, and the object's pose where it is new."""
         if left is not self._left or right is not self._right:
             self._bind(left, right)
         push_all(self._rows)
         if self._history is not None:
             self._history.append(left, right, self.timing)
-        pose = tracker.latest().record
-        if pose is not self._pose:
-            self._pose, self._stamp, self._seen = pose, pose["t_ns"], pose["seen"]
+        pose = self._pose
+        if pose is not self._last_pose:
+            self._last_pose, self._stamp, self._seen = pose, pose["t_ns"], pose["seen"]
         t_ns = self._stamp.item()
         if t_ns != self._pose_t_ns and self._seen[0]:
             self._pose_t_ns = t_ns

@@ -149,7 +149,7 @@ class Session:
             judge.bind(sample, residual)
         self._last_index = plan.ticks
         self._own_clocks = cell.own_clocks
-        self._time = Timeline(publisher.timing, cell.own_clocks)
+        self._time = Timeline(publisher.timing, cell.own_clocks, cell.waits)
         self._compute_us = publisher.timing["compute_us"]
         self._overrun = TickOverrun()
         self._watchdogs = (*watchdogs, self._overrun) if cell.own_clocks else tuple(watchdogs)
@@ -201,6 +201,8 @@ class Session:
         self._take_time(sides, began_ns)
         status = self._ask_for_torques(sides)
         self._judge(sides, status)
+        if not self._own_clocks:
+            self._publisher.look(self._cell.tracker, self._time.origin_ns)
         for k in sides:
             self._arms[k].write(self._torques[k])
         self._look_at_judges(status)
@@ -301,7 +303,9 @@ class Session:
         both = served | self._unpublished == LEFT | RIGHT
         if both or (served & self._unpublished and self._time.both_begun):
             self._unpublished = 0
-            self._publisher.tick(self._records[0], self._records[1], self._cell.tracker)
+            if self._own_clocks:
+                self._publisher.look(self._cell.tracker)
+            self._publisher.tick(self._records[0], self._records[1])
         else:
             self._unpublished |= served
 

@@ -11,9 +11,12 @@ class Timeline:
 
     own_clocks: two control boxes that count from anywhere. The right one's stamps are moved onto the left one's
     time line by the difference of their first states. `skew_ns`: the largest distance of the arms' newest states since.
+
+    from_zero: both arms are of one robot that waits for its answer. How long it was idle before is the host's doing, so
+    that stamps are moved to count from the first state.
     """
 
-    def __init__(self, timing: NDArray[np.void], own_clocks: bool) -> None:
+    def __init__(self, timing: NDArray[np.void], own_clocks: bool, from_zero: bool = False) -> None:
         """timing: the TIMING_SAMPLE (1,) to keep."""
         self.start_ns = -1  # robot's time of the first state
         self.t_ns = 0  # robot's time of the newest state
@@ -24,11 +27,16 @@ class Timeline:
             timing[name] for name in ("t_ns", "period_us", "lateness_us", "missed_deadlines", "pair_skew_us")
         )
         self._arrived_ns = [0, 0]
-        self._own_clocks = own_clocks
+        self._own_clocks, self._from_zero = own_clocks, from_zero
         self._starts = [0, 0]
         self._offsets = [0, 0]
         self._missed = [0, 0]
         self._host_start_ns = self._host_ns = 0
+
+    @property
+    def origin_ns(self) -> int:
+        """Robot's time that the stamps count from: 0 where they are the robot's own."""
+        return -self._offsets[0] if self._from_zero else 0
 
     @property
     def now_ns(self) -> int:
@@ -59,12 +67,14 @@ class Timeline:
         elif last_ns == 0 and not self._own_clocks:
             # a robot that waits for us may have shown its first state several times before our first answer
             self._starts[side] = t_ns - TICK_NS
-            self.start_ns = self._starts[0]
+            self._note_start()
         elapsed_ns = self.elapsed_ns[side] = t_ns - self._starts[side]
         if last_ns >= 0 and elapsed_ns - last_ns > TICK_NS:
             self._missed[side] += max(0, round((elapsed_ns - last_ns) / TICK_NS) - 1)
         if self._own_clocks:
             self._take_own(side, stamps, t_ns, host_ns)
+        elif self._from_zero:
+            stamps[0] = elapsed_ns
         if side == 0:
             self._keep_up(t_ns, last_ns >= 0, host_ns)
 
@@ -83,6 +93,13 @@ class Timeline:
             self._host_start_ns = self._host_ns = host_ns
         if self._own_clocks:
             self._offsets[side] = self.start_ns - t_ns
+        elif self._from_zero:
+            self._note_start()
+
+    def _note_start(self) -> None:
+        self.start_ns = 0 if self._from_zero else self._starts[0]
+        if self._from_zero:
+            self._offsets[0] = -self._starts[0]
 
     def _keep_up(self, t_ns: int, going: bool, host_ns: int) -> None:
         self.t_ns = t_ns + self._offsets[0]

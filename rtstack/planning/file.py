@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from hal.description import fr3_urdf
 from hal.tracker import OBJECT_POSE
 from rtstack.log.errors import LogError
-from rtstack.log.frames import FrameTree, quaternions_of
+from rtstack.log.frames import quaternions_of
 from rtstack.log.job import Attachment
+from rtstack.log.scenery import Scenery
 from rtstack.log.sink import McapSink
 from rtstack.model.cell_description import CellDescription
 from rtstack.planning.planned import PlannedMotion
@@ -38,7 +39,7 @@ def write_plan(
         "git_commit": git_commit(),
     }  # fmt: skip
     batches = _records(planned)
-    tree = FrameTree(frames(description, planned.recording.object), fr3_urdf())
+    scenery = Scenery(frames(description, planned.recording.object), fr3_urdf())
     arms = {side: batches[f"/{side}/arm"] for side in SIDES}
     attachments = [
         Attachment("cell.toml", "application/toml", cell_file.read_bytes()),
@@ -53,7 +54,7 @@ def write_plan(
             sink.write_metadata(PLAN, values)
             for attachment in attachments:
                 sink.attach(attachment.name, attachment.media_type, attachment.data)
-            sink.write(batches, tree.update(arms, batches["/object/pose"]))
+            sink.write(batches, scenery.update(arms, batches["/object/pose"]))
             sink.close()
         os.replace(partial, path)
     except OSError as error:

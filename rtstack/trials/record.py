@@ -197,4 +197,8 @@ def frames(description: CellDescription, object_name: str) -> CellFrames:
         T[:3, 3] = frame.translation
         mounts.append(T)
     thing = description.objects.get(object_name)
-    return CellFrames(mounts[0], mounts[1], description.pad.size, thing.size if thing else (0.0, 0.0, 0.0))
+    table = description.table
+    return CellFrames(
+        mounts[0], mounts[1], description.pad.size, thing.size if thing else (0.0, 0.0, 0.0),
+        (*table.centre_xy, 0.5 * table.top_z), (*table.size_xy, table.top_z),
+    )  # fmt: skip

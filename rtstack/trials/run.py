@@ -132,7 +132,7 @@ class Run:
         way = self._way
         if way is None or cell.link is None:
             return None
-        t_ns = cell.left.read().t_ns
+        t_ns = 0 if cell.waits else cell.left.read().t_ns
         publisher.event(t_ns, Level.INFO, "start", way.summary)
         trip = Trip(End.STOP_REQUESTED, "on the way to the start pose", Level.WARNING)
         found: list[Trip] = []
