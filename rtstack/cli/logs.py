@@ -6,8 +6,11 @@ from pathlib import Path
 import typer
 
 from rtstack.cli.progress import progress_bar
+from rtstack.log.errors import LogError
+from rtstack.log.reader import read_log
 from rtstack.log.recover import recover as recover_log
 from rtstack.trials.review import Review, review_log
+from rtstack.viewers.rerun_view import missing, show, write_recording
 
 
 def review(path: Path, json: bool) -> None:
@@ -18,6 +21,26 @@ def review(path: Path, json: bool) -> None:
         return
     for line in _lines(found):
         typer.echo(line)
+
+
+def review_in_rerun(path: Path, rrd: Path | None) -> None:
+    """Open a log in Rerun's viewer, or write it to `rrd` for one elsewhere. Raises LogError with one line."""
+    if lacking := missing():
+        raise LogError(lacking)
+    read_log(path)  # says what is wrong with it
+    if rrd is None:
+        try:
+            show(path)
+        except RuntimeError as error:
+            raise LogError(f"Rerun's viewer does not start: {str(error).splitlines()[0]}; try --rrd OUT.rrd") from None
+        return
+    if rrd.suffix != ".rrd":
+        raise LogError(f"{rrd}: a recording for Rerun ends in .rrd")
+    try:
+        write_recording(path, rrd)
+    except OSError as error:
+        raise LogError(f"cannot write {rrd}: {error.strerror}") from None
+    typer.echo(f"wrote {rrd}: open it with rerun {rrd}")
 
 
 def _lines(found: Review) -> list[str]:

@@ -1,6 +1,5 @@
 """`rtstack tune-monitor`: recorded good runs into the monitor's parameters, with a check on runs that were held out."""
 
-import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,13 +10,14 @@ import typer
 
 from rtstack.cli.cells import load_description
 from rtstack.cli.progress import progress_bar
-from rtstack.log.reader import Log, read_log
+from rtstack.log.reader import read_log
 from rtstack.monitor.pair import PairParameters
 from rtstack.references.impact import ExpectedImpact
 from rtstack.references.recording import ReferenceError
 from rtstack.references.source import load_reference
 from rtstack.trials.assembly import arm_controllers, cell_parameters
 from rtstack.trials.errors import TrialError
+from rtstack.trials.followed import followed_file
 from rtstack.trials.review import log_columns
 from rtstack.trials.tuning import HELD_OUT, Check, GoodRun, check, tune
 
@@ -86,7 +86,7 @@ def _good_runs(paths: Sequence[Path], progress) -> list[Recorded]:
         thing = str(specification["object"])
         if runs and thing != runs[0].object:
             raise TrialError(f"{path}: a run of {thing}, others are of {runs[0].object}: a tuning is of one object")
-        digest, content = _reference(log, path, specification["reference"])
+        digest, content = followed_file(log, specification["reference"])
         if digest not in expected:
             with TemporaryDirectory() as folder:
                 copy = Path(folder) / "reference.mcap"
@@ -105,19 +105,6 @@ def _good_runs(paths: Sequence[Path], progress) -> list[Recorded]:
         if progress is not None:
             progress((k + 1) / len(paths))
     return runs
-
-
-def _reference(log: Log, path: Path, name: str) -> tuple[str, bytes]:
-    """The recording that a trial has followed: attached to its log, or in the campaign's folder."""
-    attached = [attachment.data for attachment in log.attachments if attachment.name == "reference.mcap"]
-    for place in (path.parent.parent / name, Path(name)):
-        if attached:
-            break
-        if place.is_file():
-            attached = [place.read_bytes()]
-    if not attached:
-        raise TrialError(f"{path}: its reference {name} is neither attached nor there")
-    return hashlib.sha256(attached[0]).hexdigest(), attached[0]
 
 
 def tuning_toml(

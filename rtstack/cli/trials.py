@@ -11,11 +11,12 @@ from hal.displacement import Displacement
 from rtstack.cli.cells import load_description, open_cell
 from rtstack.cli.interrupt import interruptible
 from rtstack.cli.progress import progress_bar
-from rtstack.log.writer import Attachment, check_log_path
+from rtstack.log.writer import check_log_path
 from rtstack.loop.watchdogs import Parent
 from rtstack.samples import Reaction
 from rtstack.trials.company import Company
 from rtstack.trials.demonstration import run_demonstration
+from rtstack.trials.followed import Followed
 from rtstack.trials.monitoring import load_tuning
 from rtstack.trials.object import check_object, object_of
 from rtstack.trials.record import open_log
@@ -54,12 +55,13 @@ def trial(
     reference: Path, controller: Controller, object_name: str | None, displacement_mm: float, seed: int,
     log_path: Path | None, cell_kind: str, cell_file: Path | None, json: bool, safety: Path | None = None,
     friction: Path | None = None, reaction: Reaction = Reaction.CONTINUE, monitor: Path | None = None,
-    faults: Path | None = None, displacement_x_mm: float = 0.0, yaw_deg: float = 0.0,
+    faults: Path | None = None, displacement_x_mm: float = 0.0, yaw_deg: float = 0.0, whole_reference: bool = False,
 ) -> None:  # fmt: skip
     """Run a trial on the recording `reference`; without `log_path` nothing is written. safety: limits to tighten.
 
     object_name: by default what the reference is about. friction: the arms', instead of what the cell's file names.
     monitor: its parameters, by default those of the object. faults: what goes wrong in a simulated cell.
+    whole_reference: attach the reference's file to the log, which else only names it.
     """
     description, source = load_description(cell_file)
     if friction is not None:
@@ -88,10 +90,10 @@ def trial(
         ):
             log = None
             if log_path is not None:
-                recording = Attachment("reference.mcap", "application/octet-stream", reference.read_bytes())
                 log = open_log(
-                    log_path, specification, description, cell_kind, source, [recording], reference=prepared.reference
-                )
+                    log_path, specification, description, cell_kind, source, reference=prepared.reference,
+                    followed=Followed(reference, whole_reference),
+                )  # fmt: skip
             company = Company(log, stop=stop, progress=progress, watchdogs=(Parent(),))
             result = run_trial(prepared, cell, company, way=way)
     finally:

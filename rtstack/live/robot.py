@@ -39,7 +39,6 @@ from rtstack.live.service import Service
 from rtstack.live.source import CellSource, SourceError, load_source
 from rtstack.log.errors import LogError
 from rtstack.log.ring import Rings
-from rtstack.log.writer import Attachment
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox, MailboxError
 from rtstack.loop.watchdogs import CONSOLE_S, OPERATOR_S, Heartbeat
@@ -52,6 +51,7 @@ from rtstack.trials.attendant import Remark
 from rtstack.trials.company import Company
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.errors import TrialError
+from rtstack.trials.followed import Followed
 from rtstack.trials.record import TrialLog, open_log
 from rtstack.trials.result import PlaybackResult, Result
 from rtstack.trials.specification import DemonstrationSpecification, TeleoperationSpecification
@@ -208,12 +208,12 @@ class Robot:
         way = None if practice else start_motion(cell, description, order.object, displacement, start)
         if self._mailbox.stop_requested:
             raise TrialError("stopped by the operator before it began")
-        attachments = () if prepared is None else (_reference(Path(prepared.specification.reference)),)
+        followed = None if prepared is None else Followed(Path(prepared.specification.reference))
         reference = prepared.reference if prepared is not None else None
         by_hand = isinstance(order, TeleoperationRequest)
         specification = order.specification(self._desk.job_number) if by_hand else order.specification()
         opened = open_log(
-            log, specification, description, cell.name, self._source.file, attachments, reference=reference,
+            log, specification, description, cell.name, self._source.file, reference=reference, followed=followed,
             paced=cell.paced,
         )  # fmt: skip
         self._desk.started(log.name)
@@ -291,10 +291,6 @@ def _free_name(logs: Path, order: JobRequest) -> Path:
         path = logs / f"{stem}-{number}.mcap"
         number += 1
     return path
-
-
-def _reference(path: Path) -> Attachment:
-    return Attachment("reference.mcap", "application/octet-stream", path.read_bytes())
 
 
 def _end_by_signal(desk: Desk) -> None:

@@ -17,6 +17,7 @@ from rtstack.loop.history import History
 from rtstack.loop.watchdogs import Trip
 from rtstack.model.cell_description import CellDescription, base_frame
 from rtstack.references.spreading import ExtendedReference
+from rtstack.trials.followed import REFERENCE, Followed
 from rtstack.trials.provenance import git_commit, host_report, package_versions
 from rtstack.trials.specification import (
     FreeRunSpecification,
@@ -116,24 +117,32 @@ def open_log(
     attachments: Sequence[Attachment] = (),
     *,
     reference: ExtendedReference | None = None,
+    followed: Followed | None = None,
     overwrite: bool = False,
     paced: bool = False,
 ) -> TrialLog:
-    """Start the log of a trial, with its reference's times if it has one. Raises LogError.
+    """Start the log of a trial, with its reference's times and file if it has one. Raises LogError.
 
     paced: the cell is (hal.cell.Cell).
     """
     lockstep = cell_kind in LOCKSTEP_KINDS
+    metadata = {"trial": trial_metadata(specification, cell_kind, reference, paced)}
+    try:
+        attached = () if followed is None else followed.attachments()
+        metadata |= {} if followed is None else {REFERENCE: followed.record()}
+    except OSError as error:
+        raise LogError(f"cannot read the reference: {error.filename}: {error.strerror}") from None
     rings = Rings.create()
     try:
         process = LogProcess.start(
             path,
             rings,
-            {"trial": trial_metadata(specification, cell_kind, reference, paced)},
+            metadata,
             [
                 Attachment("cell.toml", "application/toml", cell_file.read_bytes()),
                 Attachment("fr3.urdf", "application/xml", fr3_urdf().encode()),
                 *attachments,
+                *attached,
             ],
             frames(description, specification.object),
             overwrite=overwrite,

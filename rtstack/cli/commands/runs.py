@@ -64,6 +64,9 @@ def trial(
     faults: Annotated[
         Path | None, typer.Option(metavar="FILE", help="TOML script of what goes wrong in a simulated cell.")
     ] = None,
+    whole_reference: Annotated[
+        bool, typer.Option("--whole-reference", help="Attach the reference to the log; else it is named by its digest.")
+    ] = False,
     json: Json = False,
 ) -> None:
     """Run one trial: follow a recording through the impact."""
@@ -71,7 +74,7 @@ def trial(
 
     run(
         reference, controller, object_name, displacement_mm, seed, log, cell, cell_file, json, safety, friction,
-        reaction, monitor, faults, displacement_x_mm, yaw_deg,
+        reaction, monitor, faults, displacement_x_mm, yaw_deg, whole_reference,
     )  # fmt: skip
 
 

@@ -1,0 +1,114 @@
+"""A log in Rerun: its own importer reads the file, and a blueprint says what stands where.
+
+Imports rerun, the optional package rerun-sdk; ask `missing` first.
+"""
+
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from rtstack.log.scenery import FORCE_LINES, JOINT_STATES
+from rtstack.samples import SIDES
+
+APPLICATION = "rtstack"
+TIMELINE = "message_log_time"  # the robot's time; publish_time is the same
+_CELL = "/cell/visual_geometries"  # where Rerun's importer puts the solids of a URDF named cell
+# name of the plot -> topic, message, and what of it, as Rerun's selectors spell it
+_PLOTS: dict[str, tuple[str, str, tuple[str, ...]]] = {
+    "external force, N, and torque, Nm": ("arm", "ArmSample", (".O_F_ext_hat_K[]",)),
+    "torque applied, Nm": ("arm", "ArmSample", (".tau_applied[]",)),
+    "force norm and margin": ("control", "ControlSample", (".force_norm", ".impact_margin")),
+}
+
+
+def missing() -> str:
+    """Return what to install, empty where Rerun is there."""
+    return "" if find_spec("rerun") else "Rerun is not installed: pip install rerun-sdk"
+
+
+def blueprint(moment_s: float | None = None) -> Any:
+    """Return the arrangement: scene and events beside the plots. moment_s: where the view stands still at first."""
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+    start: dict[str, Any] = {}
+    if moment_s is not None:
+        first_ns = round(moment_s * 1e9)
+        chosen = rr.AbsoluteTimeRange(first_ns, first_ns + 1_000_000_000)
+        start = {"time_selection": chosen, "loop_mode": "selection", "play_state": "paused"}
+    scene = rrb.Spatial3DView(
+        name="cell",
+        origin="/",
+        contents=[f"+ {_CELL}/**", f"+ {FORCE_LINES}/**"],
+        spatial_information=rrb.SpatialInformation(target_frame="world"),
+        eye_controls=rrb.EyeControls3D(
+            position=(1.5, -1.1, 1.2), look_target=(-0.1, 0.0, 0.35), eye_up=(0.0, 0.0, 1.0)
+        ),
+    )
+    legend = rrb.PlotLegend(visible=False)
+    joints = rrb.TimeSeriesView(name="joint positions, rad", origin=f"{JOINT_STATES}/position", plot_legend=legend)
+    plots = [_plot(name, *what) for name, what in _PLOTS.items()]
+    events = rrb.TextLogView(name="events", origin="/events")
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(scene, events, row_shares=[4, 1]), rrb.Vertical(*plots, joints), column_shares=[3, 2]
+        ),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(timeline=TIMELINE, state="collapsed", **start),
+        auto_views=False,
+    )
+
+
+def _plot(name: str, topic: str, message: str, selectors: tuple[str, ...]) -> Any:
+    import rerun as rr
+    import rerun.blueprint as rrb
+    from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
+
+    overrides = {
+        f"/{side}/{topic}": [
+            rr.SeriesLines.from_fields(names=[f"{side} {selector.strip('.[]')}"]).visualizer(
+                mappings=[
+                    VisualizerComponentMapping(
+                        "Scalars:scalars",
+                        ComponentSourceKind.SourceComponent,
+                        source_component=f"rtstack.{message}:message",
+                        selector=selector,
+                    )
+                ]
+            )
+            for selector in selectors
+        ]
+        for side in SIDES
+    }
+    contents = [f"+ {path}" for path in overrides]
+    legend = rrb.PlotLegend(visible=False)
+    return rrb.TimeSeriesView(name=name, origin="/", contents=contents, overrides=overrides, plot_legend=legend)
+
+
+def write_recording(log: Path, out: Path, moment_s: float | None = None) -> None:
+    """Write what Rerun makes of a log, with the blueprint, to an .rrd file that must not exist yet. Raises OSError."""
+    with open(out, "xb"):  # Rerun says of a file that cannot be written only that it cannot
+        pass
+    recording = _recording()
+    recording.save(out, default_blueprint=blueprint(moment_s))
+    _fill(recording, log)
+
+
+def show(log: Path) -> None:
+    """Open Rerun's viewer, a program of its own, with a log. Raises RuntimeError where it cannot be started."""
+    recording = _recording()
+    recording.spawn(default_blueprint=blueprint())
+    _fill(recording, log)
+
+
+def _recording() -> Any:
+    import rerun
+
+    return rerun.RecordingStream(APPLICATION)
+
+
+def _fill(recording: Any, log: Path) -> None:
+    recording.log_file_from_path(log)
+    recording.flush()
+    recording.disconnect()
