@@ -17,8 +17,8 @@ from uuid import uuid4
 from hal.description import fr3_urdf
 from rtstack.log.frames import CellFrames
 from rtstack.log.ring import Rings
-from rtstack.log.scenery import ROBOT_DESCRIPTION, Scenery, scenery_schemas
-from rtstack.log.sink import encoded, message_encoding, topic_schemas
+from rtstack.log.scenery import Scenery, scenery_schemas
+from rtstack.log.sink import encoded, topic_schemas
 from rtstack.samples import SIDES, TOPICS
 
 SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
@@ -42,8 +42,8 @@ class Feed:
     """What one client sees. `poll` from one thread at a time, `hear` from another one if need be."""
 
     def __init__(self, rings: Rings, frames: CellFrames) -> None:
-        self._schemas = topic_schemas()
-        del self._schemas[ROBOT_DESCRIPTION]  # said once in a log, and /scene says the same again and again
+        # without the messages of ROS: /scene and /tf say the same
+        self._schemas = {topic: schema for topic, schema in topic_schemas().items() if schema.encoding == "protobuf"}
         self._made = self._schemas.keys() & scenery_schemas().keys()
         self._topics = dict(enumerate(self._schemas, start=1))
         self._readers = {topic: rings.reader(topic) for topic in TOPICS}
@@ -59,9 +59,9 @@ class Feed:
             {
                 "id": number,
                 "topic": topic,
-                "encoding": message_encoding(self._schemas[topic]),
+                "encoding": "protobuf",
                 "schemaName": self._schemas[topic].name,
-                "schemaEncoding": self._schemas[topic].encoding,
+                "schemaEncoding": "protobuf",
                 "schema": base64.b64encode(self._schemas[topic].data).decode(),
             }
             for number, topic in self._topics.items()

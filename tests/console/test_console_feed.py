@@ -59,7 +59,7 @@ def test_it_says_the_same_as_the_sdk_and_its_messages_decode(served):
         assert channels["op"] == advertisement["op"]
         assert channels["channels"][0].keys() == advertisement["channels"][0].keys()
         by_topic = {one["topic"]: one for one in channels["channels"]}
-        assert by_topic.keys() == {*TOPICS, "/tf"}
+        assert by_topic.keys() == {*TOPICS, "/tf", "/scene", "/forces", "/forces/lines"}
         for nonsense in ("{", "[]", '{"op": "subscribe"}', '{"op": "subscribe", "subscriptions": [{"id": -1}]}'):
             client.send(nonsense)
         arm = by_topic["/left/arm"]

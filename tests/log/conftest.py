@@ -15,7 +15,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> WrittenLog:
     columns = {topic: random_records(topic, 5 if topic == "/events" else TICKS) for topic in TOPICS}
     left, right = np.eye(4), np.diag([-1.0, -1.0, 1.0, 1.0])
     left[:3, 3], right[:3, 3] = (0.0, 0.4, 0.1), (0.0, -0.4, 0.1)
-    cell = CellFrames(left, right)
+    cell = CellFrames(left, right, (0.1, 0.1, 0.03), (0.2, 0.3, 0.2), (0.08, 0.0, 0.1), (0.56, 0.8, 0.2))
     with Rings.create() as rings:
         attachments = [Attachment("cell.toml", "application/toml", b"name = 'grab'\n")]
         log = LogProcess.start(path, rings, {"trial": TRIAL}, attachments, cell)

@@ -15,21 +15,30 @@ from mcap_protobuf.decoder import DecoderFactory
 from hal.robot_errors import error_names
 from rtstack.log.errors import LogError
 from rtstack.log.reader import read_log
+from rtstack.log.scenery import scenery_schemas
 from rtstack.log.schema import sample_descriptors
 from rtstack.samples import TOPICS
 
+OF_ROS = ("/joint_states", "/robot_description")  # read by Rerun's importer in test_log_scenery
 RERUN = Path(sys.executable).with_name("rerun")
 
 
 def test_a_generic_reader_decodes_every_field_of_every_topic(written: WrittenLog) -> None:
-    seen = dict.fromkeys([*TOPICS, "/tf"], 0)
+    with open(written.path, "rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    encodings = {channel.topic: channel.message_encoding for channel in summary.channels.values()}
+    assert {topic for topic, encoding in encodings.items() if encoding != "protobuf"} == set(OF_ROS)
+    topics = [topic for topic in encodings if topic not in OF_ROS]
+    assert sorted(topics) == sorted({*TOPICS, *scenery_schemas()} - set(OF_ROS))
+    seen = dict.fromkeys(topics, 0)
     with open(written.path, "rb") as file:
         for _, channel, message, decoded in make_reader(
             file, decoder_factories=[DecoderFactory()]
-        ).iter_decoded_messages():
+        ).iter_decoded_messages(topics):
             row = seen[channel.topic]
             seen[channel.topic] += 1
-            if channel.topic == "/tf":
+            if channel.topic not in TOPICS:
                 continue
             record = written.columns[channel.topic][row]
             assert message.log_time == record["t_ns"]
@@ -53,7 +62,7 @@ def test_a_generic_reader_decodes_every_field_of_every_topic(written: WrittenLog
                         assert list(value) == record[name].tolist()
                     else:
                         assert value == record[name]
-    assert seen.pop("/tf") == pytest.approx(75, abs=1)
+    assert [seen.pop(topic) for topic in ("/tf", "/scene", "/forces", "/forces/lines")] == [76, 2, 76, 76]
     assert seen == {topic: len(records) for topic, records in written.columns.items()}
 
 
@@ -64,7 +73,7 @@ def test_another_projects_validator_accepts_the_log(written: WrittenLog, argumen
         [RERUN, "mcap", *arguments, written.path], capture_output=True, text=True, env=environment, check=False
     )
     assert checked.returncode == 0, checked.stderr
-    for topic in [*TOPICS, "/tf"]:
+    for topic in [*TOPICS, *scenery_schemas()]:
         line = next(line for line in checked.stdout.splitlines() if f" {topic} " in line)
         assert arguments == ["info"] or line.startswith("ok")
 

@@ -15,6 +15,7 @@ from rtstack.log.container import is_complete
 from rtstack.log.errors import LogError
 from rtstack.log.reader import read_log
 from rtstack.log.recover import recover
+from rtstack.log.scenery import scenery_schemas
 from rtstack.samples import TOPICS
 
 RERUN = Path(sys.executable).with_name("rerun")
@@ -41,7 +42,7 @@ def test_a_cut_log_is_recovered_to_the_last_record(tmp_path: Path, written: Writ
     assert log.metadata["trial"] == TRIAL
     assert log.metadata["recovery"]["source"] == "cut.mcap"
     assert [a.name for a in log.attachments] == [a.name for a in partly.attachments] == ["cell.toml"]
-    total = len(log.messages("/tf"))
+    total = sum(len(log.messages(topic)) for topic in scenery_schemas())
     for topic, records in written.columns.items():
         back = log.topic(topic)
         total += len(back)

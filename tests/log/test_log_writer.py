@@ -18,6 +18,7 @@ from rtstack.log.errors import LogError
 from rtstack.log.reader import read_log
 from rtstack.log.recover import recover
 from rtstack.log.ring import CAPACITY, LogState, Rings
+from rtstack.log.scenery import scenery_schemas
 from rtstack.log.writer import LogProcess, check_log_path
 from rtstack.samples import TOPICS
 
@@ -81,8 +82,8 @@ def test_every_record_of_every_topic_comes_back(written: WrittenLog) -> None:
         for name in records.dtype.names or ():
             np.testing.assert_array_equal(back[name], records[name], err_msg=f"{topic} {name}")
     assert written.summary.lost == 0
-    transforms = len(log.messages("/tf"))
-    assert written.summary.messages == sum(len(r) for r in written.columns.values()) + transforms
+    made = sum(len(log.messages(topic)) for topic in scenery_schemas())
+    assert written.summary.messages == sum(len(r) for r in written.columns.values()) + made
 
 
 def test_metadata_attachments_and_events_come_back(written: WrittenLog) -> None:

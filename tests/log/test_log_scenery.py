@@ -1,0 +1,208 @@
+"""What viewers make of a log by themselves: read by Rerun's own importer, and by nobody's code but protobuf's."""
+
+import json
+import os
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+from collections import Counter, defaultdict
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from log_samples import MS, WrittenLog
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+from hal.description import fr3_urdf
+from rtstack.log.cell_urdf import cell_urdf
+from rtstack.log.reader import read_log
+from rtstack.samples import SIDES
+
+FRAMES = {f"{side}_{name}" for side in SIDES for name in ("base", "pad", *(f"link{k}" for k in range(9)))}
+RERUN = Path(sys.executable).with_name("rerun")
+
+
+def decoded(path: Path, topic: str) -> list[tuple[int, object]]:
+    with open(path, "rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        return [(message.log_time, what) for _, _, message, what in reader.iter_decoded_messages(topics=[topic])]
+
+
+def test_every_link_of_the_urdf_is_a_frame_of_every_tf_message(written: WrittenLog) -> None:
+    urdf = cell_urdf(written.cell, fr3_urdf())
+    links = {link.attrib["name"] for link in ElementTree.fromstring(urdf).findall("link")}
+    assert links == FRAMES | {"world", "table", "object"}
+    transforms = decoded(written.path, "/tf")
+    for _, message in transforms:
+        assert {transform.child_frame_id for transform in message.transforms} == links - {"world"}
+    times = np.array([t_ns for t_ns, _ in transforms])
+    assert times[0] == 1 * MS
+    assert set(np.diff(times[1:])) == {20 * MS}
+    assert times[-1] + 20 * MS > written.columns["/left/arm"]["t_ns"][-1]
+
+
+def test_pinocchio_puts_the_urdfs_links_where_tf_has_them(written: WrittenLog) -> None:
+    model = pin.buildModelFromXML(cell_urdf(written.cell, fr3_urdf()))
+    data = model.createData()
+    for t_ns, message in decoded(written.path, "/tf")[:5]:
+        tree = {transform.child_frame_id: transform for transform in message.transforms}
+        q = pin.neutral(model)
+        for side in SIDES:
+            sample = written.columns[f"/{side}/arm"][t_ns // MS - 1]
+            for k in range(7):
+                q[model.joints[model.getJointId(f"{side}_joint{k + 1}")].idx_q] = sample["q"][k]
+        pin.framesForwardKinematics(model, data, q)
+        for side in SIDES:
+            T, frame = np.eye(4), f"{side}_link8"
+            while frame != "world":
+                p, r = tree[frame].translation, tree[frame].rotation
+                step = np.eye(4)
+                step[:3, :3] = pin.Quaternion(r.w, r.x, r.y, r.z).matrix()
+                step[:3, 3] = (p.x, p.y, p.z)
+                T, frame = step @ T, tree[frame].parent_frame_id
+            np.testing.assert_allclose(T, data.oMf[model.getFrameId(f"{side}_link8")].homogeneous, atol=1e-7)
+
+
+def test_the_scene_has_solids_in_every_frame_and_says_them_again_each_second(written: WrittenLog) -> None:
+    updates = decoded(written.path, "/scene")
+    assert [t_ns for t_ns, _ in updates] == [1 * MS, 1000 * MS]
+    for _, update in updates:
+        entities = {entity.id: entity for entity in update.entities}
+        assert entities.keys() == {f"{side}_link{k}" for side in SIDES for k in range(8)} | {
+            "left_pad", "right_pad", "table", "object",
+        }  # fmt: skip
+        assert all(entity.frame_locked and entity.frame_id == name for name, entity in entities.items())
+        size = entities["object"].cubes[0].size
+        assert (size.x, size.y, size.z) == written.cell.object_size_m
+        assert entities["left_pad"].cubes[0].pose.position.z == -0.5 * written.cell.pad_size_m[2]
+        assert len(entities["left_link5"].cylinders) == 2
+        assert len(entities["left_link5"].spheres) == 4
+
+
+def test_an_arrow_is_the_force_of_its_pad(written: WrittenLog) -> None:
+    updates = decoded(written.path, "/forces")
+    assert len(updates) == len(decoded(written.path, "/tf")) == len(decoded(written.path, "/forces/lines"))
+    shown = 0
+    for t_ns, update in updates:
+        for side, entity in zip(SIDES, update.entities, strict=True):
+            sample = written.columns[f"/{side}/arm"][t_ns // MS - 1]
+            T = written.cell.T_world_base(side)
+            force = T[:3, :3] @ sample["O_F_ext_hat_K"][:3]
+            assert entity.id == f"{side}_force"
+            assert len(entity.arrows) == (np.linalg.norm(force) >= 1.0)
+            for arrow in entity.arrows:
+                shown += 1
+                p, r = arrow.pose.position, arrow.pose.orientation
+                np.testing.assert_allclose((p.x, p.y, p.z), (T @ sample["O_T_EE"])[:3, 3], atol=1e-9)
+                along = pin.Quaternion(r.w, r.x, r.y, r.z).matrix()[:, 0]
+                np.testing.assert_allclose(along, force / np.linalg.norm(force), atol=1e-9)
+    assert shown > 50
+
+
+@pytest.fixture(scope="module")
+def in_rerun(written: WrittenLog) -> dict[str, list]:
+    """What Rerun's importer makes of the log: its chunks by entity."""
+    from rerun.chunk import McapReader
+
+    chunks = defaultdict(list)
+    for chunk in McapReader(written.path).stream():
+        chunks[chunk.entity_path].append(chunk.to_record_batch())
+    return chunks
+
+
+def columns(batches: list) -> set[str]:
+    return {name for batch in batches for name in batch.schema.names}
+
+
+def test_rerun_draws_arms_pads_table_and_object_as_solids(in_rerun: dict[str, list]) -> None:
+    solids: Counter[str] = Counter()
+    frames = set()
+    for entity, batches in in_rerun.items():
+        if entity.startswith("/cell/visual_geometries/"):
+            found = columns(batches)
+            kind = {name.partition("3D:")[0] for name in found} & {"Boxes", "Cylinders", "Ellipsoids"}
+            assert len(kind) == 1, entity
+            solids += Counter(kind)
+            assert "CoordinateFrame:frame" in found
+            frames.add(entity.split("/")[3])
+    assert solids == {"Boxes": 4, "Cylinders": 18, "Ellipsoids": 36}
+    assert frames == {f"{side}_link{k}" for side in SIDES for k in range(8)} | {
+        "left_pad", "right_pad", "table", "object",
+    }  # fmt: skip
+
+
+def test_rerun_moves_every_frame_at_every_instant(in_rerun: dict[str, list], written: WrittenLog) -> None:
+    children: Counter[str] = Counter()
+    for batch in in_rerun["/tf"]:
+        if "Transform3D:child_frame" in batch.schema.names:
+            for row in batch.column("Transform3D:child_frame").to_pylist():
+                children.update(row or [])
+    instants = len(read_log(written.path).messages("/tf"))
+    assert children == dict.fromkeys(FRAMES | {"table", "object"}, instants)
+
+
+def test_rerun_plots_the_joints_by_itself_and_has_the_forces_as_points(in_rerun: dict[str, list]) -> None:
+    instants = sum(batch.num_rows for batch in in_rerun["/forces/lines"] if "Points3D:positions" in batch.schema.names)
+    assert instants == 76
+    for what in ("position", "velocity", "effort"):
+        batches = [b for b in in_rerun[f"/joint_states/{what}"] if "Scalars:scalars" in b.schema.names]
+        values = [row for batch in batches for row in batch.column("Scalars:scalars").to_pylist() if row]
+        assert len(values) == instants
+        assert {len(row) for row in values} == {14}
+
+
+def test_rerun_reads_what_was_measured(in_rerun: dict[str, list], written: WrittenLog) -> None:
+    batches = [b for b in in_rerun["/joint_states/position"] if "Scalars:scalars" in b.schema.names]
+    first = next(row for batch in batches for row in batch.column("Scalars:scalars").to_pylist() if row)
+    expected = [written.columns[f"/{side}/arm"]["q"][0] for side in SIDES]
+    np.testing.assert_array_equal(first, np.concatenate(expected))
+
+
+def test_review_writes_a_recording_that_rerun_verifies(written: WrittenLog, tmp_path: Path, command_line) -> None:
+    out = tmp_path / "trial.rrd"
+    assert command_line("review", written.path, "--rrd", out).returncode == 0
+    environment = {**os.environ, "HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path)}
+    verified = subprocess.run(
+        [RERUN, "rrd", "verify", out], capture_output=True, text=True, env=environment, check=False
+    )
+    assert verified.returncode == 0, verified.stderr
+    printed = subprocess.run(
+        [RERUN, "rrd", "print", out], capture_output=True, text=True, env=environment, check=True
+    ).stdout
+    assert "Blueprint" in printed
+    assert "/cell/visual_geometries/left_link3/" in printed
+    again = command_line("review", written.path, "--rrd", out)
+    assert (again.returncode, again.stderr) == (2, f"rtstack: cannot write {out}: File exists\n")
+
+
+@pytest.mark.parametrize("option", ["--rerun", "--rrd"])
+def test_without_rerun_review_says_what_to_install(
+    option: str, written: WrittenLog, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, command_line
+) -> None:
+    monkeypatch.setattr("rtstack.viewers.rerun_view.find_spec", lambda name: None)
+    values = [tmp_path / "out.rrd"] if option == "--rrd" else []
+    said = command_line("review", written.path, option, *values)
+    assert (said.returncode, said.stderr) == (2, "rtstack: Rerun is not installed: pip install rerun-sdk\n")
+    assert not any(value.exists() for value in values)
+
+
+def test_the_foxglove_layout_names_topics_and_fields_of_the_log(written: WrittenLog) -> None:
+    layout = json.loads((files("rtstack.viewers") / "foxglove_layout.json").read_text())
+    panels = layout["configById"]
+    topics = set(read_log(written.path).topics)
+    assert panels["3D!cell"]["topics"].keys() <= topics
+    assert panels["RosOut!events"]["topicToRender"] in topics
+    paths = [path["value"] for name, panel in panels.items() if name.startswith("Plot!") for path in panel["paths"]]
+    for path in paths:
+        topic, _, field = path.partition(".")
+        name, _, index = field.partition("[")
+        assert np.ndim(written.columns[topic][name][0]) == bool(index)
+    assert len(paths) == 10
+
+    def leaves(node: object) -> set[str]:
+        return {node} if isinstance(node, str) else leaves(node["first"]) | leaves(node["second"])
+
+    assert leaves(layout["layout"]) == panels.keys()
