@@ -2,7 +2,7 @@
 
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto
 
-from rtstack.log.schema import COLUMN_MAJOR_FIELD, MESSAGES, TOPIC_MESSAGES, sample_file
+from rtstack.log.schema import COLUMN_MAJOR_FIELD, HOST_CLOCK_FIELDS, MESSAGES, TOPIC_MESSAGES, sample_file
 
 _KINDS = {
     FieldDescriptorProto.TYPE_DOUBLE: "double",
@@ -25,6 +25,13 @@ def log_topics() -> str:
             parts.append(f"| `{field.name}` | {_kind(message.name, field)} | {what} |")
         parts.append("")
     return "\n".join([*parts, *_enumerations(file)])
+
+
+def host_clock_fields() -> str:
+    """Return the fields that the host's clock fills, in one line."""
+    return "; ".join(
+        f"in `{topic}` " + ", ".join(f"`{n}`" for n in names) for topic, names in HOST_CLOCK_FIELDS.items()
+    )
 
 
 def _kind(message: str, field: FieldDescriptorProto) -> str:

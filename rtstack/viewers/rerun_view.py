@@ -27,15 +27,15 @@ def missing() -> str:
 
 
 def blueprint(moment_s: float | None = None) -> Any:
-    """Return the arrangement: scene and events beside the plots. moment_s: where the view stands still at first."""
+    """Return the arrangement: scene and events beside the plots. moment_s: what plays at first, for a picture."""
     import rerun.blueprint as rrb
     from rerun.blueprint.components import AbsoluteTimeRange
 
     start: dict[str, Any] = {}
     if moment_s is not None:
         first_ns = round(moment_s * 1e9)
-        chosen = AbsoluteTimeRange(first_ns, first_ns + 1_000_000_000)
-        start = {"time_selection": chosen, "loop_mode": "selection", "play_state": "paused"}
+        chosen = AbsoluteTimeRange(first_ns, first_ns + 200_000_000)
+        start = {"time_selection": chosen, "loop_mode": "selection", "play_state": "playing"}
     scene = rrb.Spatial3DView(
         name="cell",
         origin="/",

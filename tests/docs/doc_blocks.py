@@ -31,6 +31,7 @@ _TITLES = {
     "takes minutes": Use.SLOW,
     "in a terminal of its own": Use.BACKGROUND,
     "from a clone": Use.CHECKED,
+    "on a desktop": Use.CHECKED,
     "on the robot's PC": Use.CHECKED,
     "on several machines": Use.CHECKED,
     "in real time": Use.CHECKED,

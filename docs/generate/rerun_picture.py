@@ -1,0 +1,29 @@
+"""A picture of a log in Rerun's own viewer, without a screen. By hand: rerun_picture.py LOG.mcap OUT.png SECONDS
+
+Needs rerun-sdk, and of Debian xvfb and mesa-vulkan-drivers: a screen in memory, and Vulkan on the processor.
+"""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from rtstack.viewers.rerun_view import write_recording
+
+WINDOW = "1280x800"
+
+
+def main(log: Path, out: Path, seconds: float) -> None:
+    """Write the picture. Raises CalledProcessError where the viewer cannot start."""
+    rerun = Path(sys.executable).with_name("rerun")
+    with TemporaryDirectory() as folder:
+        recording = Path(folder) / "log.rrd"
+        write_recording(log, recording, seconds)
+        screen = ["xvfb-run", "-a", "-s", "-screen 0 1600x1000x24"]
+        viewer = [rerun, "--renderer", "vulkan", "--window-size", WINDOW, "--screenshot-to", out, recording]
+        subprocess.run([*screen, *viewer], check=True, env={**os.environ, "HOME": folder, "XDG_RUNTIME_DIR": folder})
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), Path(sys.argv[2]), float(sys.argv[3]))
