@@ -62,8 +62,7 @@ class Cell:
 
     @property
     def waits(self) -> bool:
-        """Whether the arms are of one robot on the wire that waits for its answer, and was idle before for so long as it
-        happened to be."""
+        """Whether the arms are of one robot on the wire that waits for its answer."""
         return self.link is not None and not self.own_clocks
 
     def start(self) -> None:

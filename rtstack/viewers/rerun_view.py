@@ -65,7 +65,7 @@ def _plot(name: str, topic: str, message: str, selectors: tuple[str, ...]) -> An
     import rerun.blueprint as rrb
     from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
 
-    overrides = {
+    overrides: Any = {
         f"/{side}/{topic}": [
             rr.SeriesLines.from_fields(names=[f"{side} {selector.strip('.[]')}"]).visualizer(
                 mappings=[
