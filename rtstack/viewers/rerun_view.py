@@ -26,16 +26,11 @@ def missing() -> str:
     return "" if find_spec("rerun") else "Rerun is not installed: pip install rerun-sdk"
 
 
-def blueprint(moment_s: float | None = None) -> Any:
-    """Return the arrangement: scene and events beside the plots. moment_s: what plays at first, for a picture."""
+def blueprint(following: bool = False) -> Any:
+    """Return the arrangement: scene and events beside the plots. following: the newest state is shown, not the first."""
     import rerun.blueprint as rrb
-    from rerun.blueprint.components import AbsoluteTimeRange
 
-    start: dict[str, Any] = {}
-    if moment_s is not None:
-        first_ns = round(moment_s * 1e9)
-        chosen = AbsoluteTimeRange(first_ns, first_ns + 200_000_000)
-        start = {"time_selection": chosen, "loop_mode": "selection", "play_state": "playing"}
+    start: dict[str, Any] = {"play_state": "following"} if following else {}
     scene = rrb.Spatial3DView(
         name="cell",
         origin="/",
@@ -86,12 +81,12 @@ def _plot(name: str, topic: str, message: str, selectors: tuple[str, ...]) -> An
     return rrb.TimeSeriesView(name=name, origin="/", contents=contents, overrides=overrides, plot_legend=legend)
 
 
-def write_recording(log: Path, out: Path, moment_s: float | None = None) -> None:
+def write_recording(log: Path, out: Path) -> None:
     """Write what Rerun makes of a log, with the blueprint, to an .rrd file that must not exist yet. Raises OSError."""
     with open(out, "xb"):  # Rerun says of a file that cannot be written only that it cannot
         pass
     recording = _recording()
-    recording.save(out, default_blueprint=blueprint(moment_s))
+    recording.save(out, default_blueprint=blueprint())
     _fill(recording, log)
 
 
