@@ -27,7 +27,7 @@ def missing() -> str:
 
 
 def blueprint(following: bool = False) -> Any:
-    """Return the arrangement: scene and events beside the plots. following: the newest state is shown, not the first."""
+    """Return the arrangement: scene and events beside the plots. following: what is shown is the newest state."""
     import rerun.blueprint as rrb
 
     start: dict[str, Any] = {"play_state": "following"} if following else {}
