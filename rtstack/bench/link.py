@@ -1,9 +1,10 @@
 """The link to the arms: how long a state takes to its answer and an answer to its state, and how many come in time.
 
-The arms are held with no torque of ours: the robot carries its own weight, as in libfranka's communication_test.
+The arms are held softly where they are (`bench/hold.py`): a robot should carry its own weight, and is not believed.
 """
 
 import time
+from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass
 
@@ -11,17 +12,20 @@ import numpy as np
 
 from hal.cell import Cell
 from hal.realtime import realtime_thread
+from rtstack.bench.hold import Hold
+from rtstack.samples import SIDES
 
 # libfranka, examples/communication_test.cpp: below the first many packets are lost, below the second it is not enough
 GOOD_SUCCESS, ENOUGH_SUCCESS = 0.95, 0.90
-_SIDES = ((), (0,), (1,), (0, 1))
+_MASKS = ((), (0,), (1,), (0, 1))
 _SETTLE = 100  # ticks: control_command_success_rate covers the last 100
 
 
 @dataclass(frozen=True, slots=True)
 class LinkBenchmark:
     """Per arm (left, right). answer_us: from reading a state to its answer being sent. round_trip_us: from an answer to
-    the arrival of the next state, in lockstep the wire, the robot and back; in real time what is left of a period."""
+    the arrival of the next state, in lockstep the wire, the robot and back; in real time what is left of a period.
+    hold_rad, hold_rad_s, hold_nm: how far, how fast and with how much torque any joint was held."""
 
     cell: str
     ticks: int
@@ -36,6 +40,9 @@ class LinkBenchmark:
     period_us_p50: float
     period_us_p99: float
     period_us_max: float
+    hold_rad: tuple[float, float]
+    hold_rad_s: tuple[float, float]
+    hold_nm: tuple[float, float]
 
     @property
     def verdict(self) -> str:
@@ -49,7 +56,10 @@ class LinkBenchmark:
 
 
 def bench_link(cell: Cell, ticks: int) -> LinkBenchmark:
-    """Hold both arms for `ticks` ms, and stop them. Raises HardwareError when the link breaks."""
+    """Hold both arms for `ticks` ms, and stop them.
+
+    Raises ArmMoved, with both arms stopped, where one does not stay; HardwareError when the link breaks.
+    """
     with realtime_thread() if cell.own_clocks else nullcontext() as obtained:
         try:
             return _run(cell, ticks, obtained.scheduler if obtained else "other")
@@ -60,15 +70,15 @@ def bench_link(cell: Cell, ticks: int) -> LinkBenchmark:
 
 def _run(cell: Cell, ticks: int, scheduler: str) -> LinkBenchmark:
     arms, clock = (cell.left, cell.right), time.perf_counter_ns
-    still = np.zeros(7)
+    holds = tuple(map(Hold, SIDES))
     count = [0, 0]
     stamps, arrived, answered, rates = (np.zeros((2, ticks)) for _ in range(4))
     cell.start()
     while min(count) < ticks:
-        for k in _SIDES[cell.link.wait()] if cell.own_clocks and cell.link is not None else (0, 1):
+        for k in _MASKS[cell.link.wait()] if cell.own_clocks and cell.link is not None else (0, 1):
             state = arms[k].read()
             now_ns = clock()
-            arms[k].write(still)
+            arms[k].write(holds[k].torque(state))
             n = count[k]
             if n < ticks:
                 arrived[k, n], answered[k, n] = now_ns, clock()
@@ -93,9 +103,12 @@ def _run(cell: Cell, ticks: int, scheduler: str) -> LinkBenchmark:
         period_us_p50=round(float(np.percentile(period_us, 50)), 1),
         period_us_p99=round(float(np.percentile(period_us, 99)), 1),
         period_us_max=round(float(period_us.max()), 1),
+        hold_rad=_pair([hold.rad for hold in holds]),
+        hold_rad_s=_pair([hold.rad_s for hold in holds]),
+        hold_nm=_pair([hold.nm for hold in holds]),
     )
 
 
-def _pair(values: np.ndarray) -> tuple[float, float]:
-    left, right = values.tolist()
-    return round(left, 4), round(right, 4)
+def _pair(values: Sequence[float] | np.ndarray) -> tuple[float, float]:
+    left, right = values
+    return round(float(left), 4), round(float(right), 4)

@@ -8,8 +8,9 @@ import typer
 
 from hal.cell import Cell
 from hal.errors import HardwareError
-from rtstack.bench.link import GOOD_SUCCESS, bench_link
-from rtstack.check.finding import Finding
+from rtstack.bench.hold import GOOD_RAD, ArmMoved
+from rtstack.bench.link import GOOD_SUCCESS, LinkBenchmark, bench_link
+from rtstack.check.finding import Finding, finding
 from rtstack.check.host import host_findings
 from rtstack.check.network import arm_finding, interface_finding
 from rtstack.check.software import software_findings
@@ -20,6 +21,7 @@ from rtstack.trials.errors import TrialError
 
 FAILED = 1
 LINK_TICKS = 10_000
+_TELL_THE_TOOL = "tell robot (Desk) and cell file ([pad]) what is on the flange; nobody may touch an arm meanwhile"
 
 
 def check(left: str | None, right: str | None, cell_file: Path | None, logs: Path, json: bool) -> None:
@@ -72,20 +74,36 @@ def _arm_findings(left: str, right: str, description: CellDescription | None) ->
 
 
 def link_findings(kind: str, description: CellDescription | None = None, ticks: int = LINK_TICKS) -> list[Finding]:
-    """Hold both arms of a cell without a torque of ours for `ticks` ms, and judge the link."""
+    """Hold both arms of a cell for `ticks` ms, and judge whether they stay, and the link."""
     cell: Cell | None = None
     try:
         cell = open_cell(kind, "", 0.0, 0, description)
-        figures = bench_link(cell, ticks)
+        return held_findings(cell, ticks)
     except HardwareError as error:
         return [Finding("link", "broken", "fail", str(error), "no motion")]
     finally:
         if cell is not None:
             cell.close()
+
+
+def held_findings(cell: Cell, ticks: int) -> list[Finding]:
+    """Judge an open cell; the arms are stopped then. Raises HardwareError when the link breaks."""
+    try:
+        figures = bench_link(cell, ticks)
+    except ArmMoved as error:
+        cost = "the arm falls, or rises, as soon as anybody controls its torque"
+        return [Finding("hold", str(error), "fail", _TELL_THE_TOOL, cost)]
+    value = f"within {max(figures.hold_rad):.4f} rad and {max(figures.hold_rad_s):.3f} rad/s"
+    value += f", with {max(figures.hold_nm):.1f} Nm at most"
+    cost = "the robot does not carry all of its weight: the arms sag by as much against every reference"
+    return [finding("hold", value, max(figures.hold_rad) <= GOOD_RAD, cost, _TELL_THE_TOOL), _link(figures)]
+
+
+def _link(figures: LinkBenchmark) -> Finding:
     means, lows = figures.success_rate_mean, figures.success_rate_min
     value = f"success rate {means[0]:.3f} left, {means[1]:.3f} right, at least {min(lows):.2f}"
     value += f"; answered within {max(figures.answer_us_p99):.0f} us at p99"
     if figures.verdict == "pass":
-        return [Finding("link", value, "pass")]
+        return Finding("link", value, "pass")
     advice = f"below {GOOD_SUCCESS}: a network and a host for the arms alone"
-    return [Finding("link", value, figures.verdict, advice, "a lost packet is a torque that comes too late")]
+    return Finding("link", value, figures.verdict, advice, "a lost packet is a torque that comes too late")
