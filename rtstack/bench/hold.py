@@ -15,7 +15,7 @@ from hal.state import ArmState
 STIFFNESS = np.array([300.0, 300.0, 300.0, 300.0, 100.0, 100.0, 30.0])
 DAMPING = np.array([30.0, 30.0, 30.0, 30.0, 8.0, 8.0, 2.0])
 # Ours: at 0.01 rad the hold gives 3 Nm at the base, what a tool of 0.4 kg takes that the robot was not told of.
-# Simulated arms whose gravity torque is off by 0.5 % stay within 0.0006 rad and 0.006 rad/s, by 5 % within 0.006 and 0.05
+# Simulated arms whose gravity torque is off by 0.5 % stay within 0.0006 rad and 0.006 rad/s; by 5 %, ten times that
 STILL_RAD = 0.01
 STILL_RAD_S = 0.2
 GOOD_RAD = 0.5 * STILL_RAD

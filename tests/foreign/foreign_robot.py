@@ -1,0 +1,94 @@
+"""Robots of other authors: installed by name from PyPI into environments of their own, and served from there."""
+
+import fcntl
+import subprocess
+import time
+import venv
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import pylibfranka as franka
+
+ROOT = Path(__file__).parents[2]
+ENVIRONMENTS = ROOT / ".venv-foreign"  # kept from run to run, as .venv is
+VERSIONS = {"franka-sim": "1.1.7", "franky-sim": "1.0.4"}
+HERE = Path(__file__).parent
+START_S, END_S = 120.0, 20.0
+# of a robot's millisecond: two Python servers, our loop and its log share two cores, and no run is about their pace
+SLOWNESS = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class ForeignRobot:
+    """Two arms of one author's, each a server of its own. said: what the servers wrote."""
+
+    name: str
+    left: str
+    right: str
+    said: tuple[Path, Path]
+
+    @property
+    def kind(self) -> str:
+        """As the command line spells the cell."""
+        return f"fci:{self.left},{self.right}"
+
+
+def environment(name: str) -> Path:
+    """Return the folder of a package's environment, made where it is not there. Raises CalledProcessError."""
+    folder = ENVIRONMENTS / f"{name}-{VERSIONS[name]}"
+    ENVIRONMENTS.mkdir(exist_ok=True)
+    with open(ENVIRONMENTS / f"{name}.lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # two test runs may want it at once
+        if not (folder / "installed").exists():
+            venv.create(folder, with_pip=True, clear=True)
+            pip = [str(folder / "bin" / "python"), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+            subprocess.run([*pip, f"{name}=={VERSIONS[name]}"], check=True)
+            (folder / "installed").touch()
+    return folder
+
+
+def _assets() -> Path:
+    """Where franky-sim keeps its arm's MJCF and meshes."""
+    (folder,) = environment("franky-sim").glob("lib/python3*/site-packages/franky_sim/assets")
+    return folder
+
+
+@contextmanager
+def served(name: str, folder: Path, addresses: tuple[str, str], *more: str) -> Iterator[ForeignRobot]:
+    """Serve two arms at these addresses, and end them. folder: for what is written; more: the program's arguments."""
+    said = folder / "left.txt", folder / "right.txt"
+    python = environment(name) / "bin" / "python"
+    program = HERE / f"{name.replace('-', '_')}_program.py"
+    processes: list[subprocess.Popen[bytes]] = []
+    try:
+        for address, path in zip(addresses, said, strict=True):
+            own = folder / address
+            own.mkdir()
+            options = [str(_assets()), str(own), str(SLOWNESS)] if name == "franka-sim" else [str(SLOWNESS)]
+            with open(path, "wb") as output:
+                command = [str(python), str(program), address, *options, *more]
+                processes.append(subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT, cwd=own))
+        for address, process, path in zip(addresses, processes, said, strict=True):
+            _wait_for(address, process, path)
+        yield ForeignRobot(name, *addresses, said)
+    finally:
+        for process in processes:
+            process.kill()
+        for process in processes:
+            process.wait(END_S)
+
+
+def _wait_for(address: str, process: subprocess.Popen[bytes], said: Path) -> None:
+    end_s = time.monotonic() + START_S
+    while time.monotonic() < end_s:
+        if process.poll() is not None:
+            break
+        try:
+            franka.Robot(address, franka.RealtimeConfig.kIgnore).read_once()
+        except franka.NetworkException:
+            time.sleep(0.2)
+        else:
+            return
+    raise RuntimeError(f"{said}: the server did not serve: {said.read_text()[-2000:]}")
