@@ -1,8 +1,10 @@
 """Generalised-momentum observer in its flexible-joint form: driven by the measured joint torque, blind to motor
 friction.
 
-r = K_O (p - int(tau_J + C^T dq - g + r) dt - p(0)), p = M dq with the links' mass matrix: (5)-(7) of the
-collision-monitoring paper. r converges to the torque that the environment exerts on the joints.
+r = K_O (p - int(tau_J + C^T dq - g + r) dt - p(0)) + r(0), p = M dq with the links' mass matrix: (5)-(7) of the
+collision-monitoring paper. r converges to the torque that the environment exerts on the joints. The paper begins with
+r(0) = 0: a robot whose gravity torque is off, or whose tau_J leaves gravity out, begins with an impact that is none then.
+So r begins where it would be had the arm always rested: r(0) = g - tau_J - C^T dq.
 """
 
 from numba import njit
@@ -17,14 +19,14 @@ def momentum_residual(work, M, C, tau_J, dq, gain, dt, control):
         for j in range(joints):
             # Pinocchio fills the upper triangle only
             p += (M[i, j] if j >= i else M[j, i]) * dq[j]
-        if work.observed == 0:
-            work.momentum_integral[i] = p
-            work.residual_previous[i] = 0.0
-        drift = tau_J[i] - work.gravity[i] + work.residual_previous[i]
+        driven = tau_J[i] - work.gravity[i]
         for j in range(joints):
-            drift += C[j, i] * dq[j]
-        if work.observed != 0:
-            work.momentum_integral[i] += drift * dt
+            driven += C[j, i] * dq[j]
+        if work.observed == 0:
+            work.residual_previous[i] = -driven
+            work.momentum_integral[i] = p + driven / gain
+        else:
+            work.momentum_integral[i] += (driven + work.residual_previous[i]) * dt
         r = gain * (p - work.momentum_integral[i])
         control.momentum_residual[i] = -r
         control.residual_rate[i] = -(r - work.residual_previous[i]) / dt

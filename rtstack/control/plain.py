@@ -157,11 +157,12 @@ class PlainArm:
 
     def _observe(self, M: Array, C: Array, g: Array, state: PlainState, dt: float) -> Array:
         p = M @ state.dq
+        driven, gain = state.tau_J - g + C.T @ state.dq, self._inertia.observer_gain_hz
         if self._integral is None:
-            self._integral = p
+            self._integral = p + driven / gain
         else:
-            self._integral = self._integral + (state.tau_J - g + self._r + C.T @ state.dq) * dt
-        self._r = self._inertia.observer_gain_hz * (p - self._integral)
+            self._integral = self._integral + (driven + self._r) * dt
+        self._r = gain * (p - self._integral)
         return -self._r
 
     def _detect(self, force: Array, velocity: Array) -> bool:
