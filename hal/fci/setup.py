@@ -67,20 +67,21 @@ def configure(robot: franka.Robot, tool: Tool | None, collisions: CollisionBehav
     if tool is None:
         return
     state = robot.read_once()
+    told = abs(state.m_ee - tool.mass) < _MASS_TOLERANCE_KG
+    if not told and state.m_ee >= _MASS_TOLERANCE_KG:
+        raise HardwareError(
+            f"Desk has an end effector of {state.m_ee:.3f} kg, the tool weighs {tool.mass:.3f} kg: "
+            "set the tool in Desk, or no end effector"
+        )
     NE_T_EE = np.linalg.inv(np.reshape(state.F_T_NE, (4, 4)).T) @ tool.F_T_EE
     if np.abs(NE_T_EE - np.eye(4)).max() < _EXACT:
         NE_T_EE = np.eye(4)
     robot.set_EE(_wire(NE_T_EE))
     robot.set_K(_wire(np.eye(4)))
-    if abs(state.m_ee - tool.mass) < _MASS_TOLERANCE_KG:
+    if told:
         robot.set_load(0.0, [0.0] * 3, [0.0] * 9)
-    elif state.m_ee < _MASS_TOLERANCE_KG:
-        robot.set_load(tool.mass, tool.centre.tolist(), tool.inertia.T.ravel().tolist())
     else:
-        raise HardwareError(
-            f"Desk has an end effector of {state.m_ee:.3f} kg, the tool weighs {tool.mass:.3f} kg: "
-            "set the tool in Desk, or no end effector"
-        )
+        robot.set_load(tool.mass, tool.centre.tolist(), tool.inertia.T.ravel().tolist())
 
 
 def _wire(T: Array) -> list[float]:

@@ -10,6 +10,7 @@ from hal.cell import Cell
 from hal.errors import HardwareError
 from rtstack.bench.hold import GOOD_RAD, ArmMoved
 from rtstack.bench.link import GOOD_SUCCESS, LinkBenchmark, bench_link
+from rtstack.check.arm import resting_findings
 from rtstack.check.finding import Finding, finding
 from rtstack.check.host import host_findings
 from rtstack.check.network import arm_finding, interface_finding
@@ -17,6 +18,7 @@ from rtstack.check.software import software_findings
 from rtstack.cli.cells import load_description, open_cell
 from rtstack.configuration import ConfigurationError
 from rtstack.model.cell_description import CellDescription
+from rtstack.samples import SIDES
 from rtstack.trials.errors import TrialError
 
 FAILED = 1
@@ -78,7 +80,7 @@ def link_findings(kind: str, description: CellDescription | None = None, ticks: 
     cell: Cell | None = None
     try:
         cell = open_cell(kind, "", 0.0, 0, description)
-        return held_findings(cell, ticks)
+        return held_findings(cell, ticks, description)
     except HardwareError as error:
         return [Finding("link", "broken", "fail", str(error), "no motion")]
     finally:
@@ -86,8 +88,11 @@ def link_findings(kind: str, description: CellDescription | None = None, ticks: 
             cell.close()
 
 
-def held_findings(cell: Cell, ticks: int) -> list[Finding]:
-    """Judge an open cell; the arms are stopped then. Raises HardwareError when the link breaks."""
+def held_findings(cell: Cell, ticks: int, description: CellDescription | None = None) -> list[Finding]:
+    """Judge an open cell, with its description also what its arms say at rest; the arms are stopped then.
+
+    Raises HardwareError when the link breaks.
+    """
     try:
         figures = bench_link(cell, ticks)
     except ArmMoved as error:
@@ -96,7 +101,12 @@ def held_findings(cell: Cell, ticks: int) -> list[Finding]:
     value = f"within {max(figures.hold_rad):.4f} rad and {max(figures.hold_rad_s):.3f} rad/s"
     value += f", with {max(figures.hold_nm):.1f} Nm at most"
     cost = "the robot does not carry all of its weight: the arms sag by as much against every reference"
-    return [finding("hold", value, max(figures.hold_rad) <= GOOD_RAD, cost, _TELL_THE_TOOL), _link(figures)]
+    found = [finding("hold", value, max(figures.hold_rad) <= GOOD_RAD, cost, _TELL_THE_TOOL), _link(figures)]
+    if description is not None:
+        arms, mountings = (cell.left, cell.right), (description.left, description.right)
+        for side, arm, mounting in zip(SIDES, arms, mountings, strict=True):
+            found += resting_findings(side, arm.read(), mounting, description.pad)
+    return found
 
 
 def _link(figures: LinkBenchmark) -> Finding:

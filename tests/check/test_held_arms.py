@@ -9,6 +9,7 @@ from hal.cell import Cell
 from rtstack.bench.hold import GOOD_RAD, STILL_RAD, STILL_RAD_S, ArmMoved
 from rtstack.bench.link import bench_link
 from rtstack.cli.check import held_findings
+from rtstack.model.cell_description import CellDescription
 from sim_robot.cell import simulated_cell
 from sim_robot.plant_parameters import load_plant_parameters
 from sim_robot.scene import NO_OBJECT
@@ -59,3 +60,25 @@ def test_arms_whose_weight_is_not_carried_are_held_stopped_and_told(gravity_comp
         assert np.abs(state.record["dq"]).max() < 2.0 * STILL_RAD_S
     with pytest.raises(ArmMoved):
         bench_link(cell_with(gravity_compensation, seed), TICKS)
+
+
+RESTING = ["left pad", "left torques", "left estimate", "right pad", "right torques", "right estimate"]
+
+
+def lacks(description: CellDescription) -> dict[str, str]:
+    """What is found about arms that rest, where it is no pass."""
+    found = held_findings(cell_with(0.005, 0), 500, description)[2:]
+    assert [finding.name for finding in found] == RESTING
+    return {finding.name: finding.value for finding in found if finding.verdict != "pass"}
+
+
+def test_arms_that_say_what_their_cell_is_told_pass(cell: CellDescription) -> None:
+    assert lacks(cell) == {}
+
+
+def test_arms_that_carry_another_tool_than_their_cell_is_told_are_a_warning(cell: CellDescription) -> None:
+    found = lacks(replace(cell, pad=replace(cell.pad, flange_to_face=cell.pad.flange_to_face + 0.02)))
+    assert list(found) == ["left pad", "right pad"]
+    assert "O_T_EE is 20.0 mm" in found["left pad"]
+    found = lacks(replace(cell, pad=replace(cell.pad, mass=3.0)))
+    assert list(found) == ["left torques", "right torques"]

@@ -42,6 +42,9 @@ BEAT_MS = 50
 BY_HAND_M = (0.03, 0.0, 0.08)
 LARGEST_ERROR_MM = 25.0
 ATTEMPTS = 6
+# franka-sim's O_T_EE begins at joint 7 instead of the flange, its tau_J leaves gravity out, and it estimates no forces;
+# franky-sim's tau_ext_hat_filtered is its tau_J
+DIFFERENT = {"franka-sim": ("pad", "torques", "estimate"), "franky-sim": ("estimate",)}
 # how runs end whose host did not keep time: by our watchdog of the tick, by our judge of silent arms
 STALLS = ("the tick takes longer than its period", "has shown no new state", "communication_constraints_violation")
 _octet = itertools.count(11)
@@ -119,7 +122,8 @@ def test_check_holds_both_arms(robot, described, record_property) -> None:
     for finding in findings.values():
         record_property(finding.name, finding.value)
         print(finding)
-    assert {name: finding.verdict for name, finding in findings.items()} == {"hold": "pass", "link": "pass"}
+    warned = {name for name, finding in findings.items() if finding.verdict != "pass"}
+    assert warned == {f"{side} {what}" for side in SIDES for what in DIFFERENT[robot.name]}
 
 
 def kept_time(robot: ForeignRobot, run: Callable[[Path], str | None], folder: Path) -> Path:
