@@ -93,4 +93,4 @@ docs-commands: setup  ## run every command of the documentation, also those that
 	RTSTACK_DOCS=all $(BIN)/python -m pytest --timeout=0 tests/docs/test_commands.py
 
 clean:  ## remove what was installed and built
-	rm -rf $(VENV) build dist *.egg-info .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) .venv-foreign build dist *.egg-info .pytest_cache .ruff_cache .hypothesis
