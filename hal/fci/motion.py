@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.cell import LEFT, RIGHT
+from hal.errors import CommandRejected
 from hal.joint_path import JointPath, JointSpeed
 from hal.limits import CONTROL_PERIOD_S
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
 BRAKE_S = 0.3  # from full speed to rest when somebody asks for a stop: 2.5 rad/s^2 at 0.5 rad/s
 SETTLE_S = 0.2  # the last posture is held this long before the motion is ended
+LONG_GAP_S = 5e-3  # worth a word where the robot has ended the motion
 LONGEST_STEP_S = 0.02  # of one answer: after 20 ms without one the robot has ended the motion by itself
 
 
@@ -28,11 +30,14 @@ class _Progress:
     def __init__(self) -> None:
         self.t_s = self.still_s = self.braking_s = 0.0
         self.stamp_ns = -1
+        self.longest_gap_s = 0.0  # between two answers, by the robot's clock
         self._answers = 0
 
     def step(self, t_ns: int, end_s: float, stopping: bool) -> None:
         """Go on to a new state's time."""
-        step_s = min(1e-9 * (t_ns - self.stamp_ns), LONGEST_STEP_S) if self._answers else 0.0
+        gap_s = 1e-9 * (t_ns - self.stamp_ns) if self._answers else 0.0
+        step_s = min(gap_s, LONGEST_STEP_S)
+        self.longest_gap_s = max(self.longest_gap_s, gap_s if self._answers > 1 else 0.0)
         if self._answers == 1:  # a robot that waits for us has shown its first state several times
             step_s = CONTROL_PERIOD_S
         self.stamp_ns, self._answers = t_ns, self._answers + 1
@@ -75,6 +80,13 @@ def move(pair: "FciPair", goal: NDArray[np.float64], limit: JointSpeed, stop: Ca
                 arms[side].write_position(path.at(progress[side].t_s)[rows[side]], finished=ending)
                 if ending:
                     moving.discard(side)
+    except CommandRejected as error:
+        gap_s = max(one.longest_gap_s for one in progress.values())
+        if gap_s < LONG_GAP_S:
+            raise
+        # the robot goes on along a parabola meanwhile, and finds our way elsewhere when it is back
+        why = f"{error} (up to {1e3 * gap_s:.0f} ms had passed between two of our answers: keep the host for the loop)"
+        raise CommandRejected(why, error.errors) from None
     finally:
         for arm in arms.values():
             arm.stop()

@@ -1,6 +1,8 @@
 """Robots of other authors: installed by name from PyPI into environments of their own, and served from there."""
 
 import fcntl
+import itertools
+import os
 import subprocess
 import time
 import venv
@@ -18,6 +20,7 @@ HERE = Path(__file__).parent
 START_S, END_S = 120.0, 20.0
 # of a robot's millisecond: two Python servers, our loop and its log share two cores, and no run is about their pace
 SLOWNESS = 2.0
+_octet = itertools.count(11)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +56,12 @@ def _assets() -> Path:
     """Where franky-sim keeps its arm's MJCF and meshes."""
     (folder,) = environment("franky-sim").glob("lib/python3*/site-packages/franky_sim/assets")
     return folder
+
+
+def addresses() -> tuple[str, str]:
+    """Two loopback addresses of this process."""
+    left, right = (f"127.{60 + os.getpid() // 250 % 20}.{1 + os.getpid() % 250}.{next(_octet)}" for _ in range(2))
+    return left, right
 
 
 @contextmanager

@@ -1,5 +1,6 @@
 """Both arms to where a trial begins, against the real server in lockstep."""
 
+import contextlib
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 from hal.cell import Cell
+from hal.errors import CommandRejected
 from hal.fci import FciPair, open_pair
 from hal.joint_path import JointSpeed
 from hal.state import RobotMode
@@ -116,3 +118,20 @@ def test_the_first_point_of_a_recording_is_found_from_home(pair: FciPair, cell, 
     lost["position"][0, 0] += 2.0
     with pytest.raises(TrialError, match="where the left arm of this cell cannot be"):
         start_motion(opened, cell, "rice_box", 0.0, lost)
+
+
+def test_a_reflex_after_lost_answers_is_told_with_them(tmp_path):
+    faults = tmp_path / "faults.toml"
+    faults.write_text('[[fault]]\nkind = "states_lost"\narm = "left"\nat_s = 0.2\nduration_s = 0.015\n')
+    simulator = Simulator("rice_box", 0.0, 3, lockstep=True, faults=faults)
+    try:
+        with contextlib.closing(open_pair(simulator.left, simulator.right, shared_clock=True)) as pair:
+            goal = where(pair)
+            goal[:, 0] += 0.2
+            with pytest.raises(
+                CommandRejected, match="up to 1[5-7] ms had passed between two of our answers"
+            ) as refused:
+                pair.move(goal, QUICK, never)
+            assert "joint_motion_generator_acceleration_discontinuity" in refused.value.errors
+    finally:
+        simulator.close()

@@ -1,0 +1,22 @@
+"""A robot of another author that was told a hand which it does not carry: rtstack check finds out before it falls."""
+
+from dataclasses import replace
+
+import pytest
+from foreign_robot import addresses, served
+
+from rtstack.cli.check import link_findings
+from rtstack.model.cell_description import CellDescription
+
+TICKS = 1500
+
+pytestmark = [pytest.mark.alone, pytest.mark.timeout(900)]
+
+
+def test_a_robot_that_was_told_a_wrong_hand_fails_the_check(cell: CellDescription, tmp_path) -> None:
+    """franky-sim's arms carry 0.73 kg; their gravity compensation is told of 2.5 kg, and so is the lab's cell file."""
+    described = replace(cell, pad=replace(cell.pad, mass=2.5))
+    with served("franky-sim", tmp_path, addresses(), "2.5") as robot:
+        (finding,) = link_findings(robot.kind, described, TICKS)
+    assert (finding.name, finding.verdict) == ("hold", "fail")
+    assert "although it was held" in finding.value
