@@ -129,7 +129,7 @@ def test_a_reflex_after_lost_answers_is_told_with_them(tmp_path):
             goal = where(pair)
             goal[:, 0] += 0.2
             with pytest.raises(
-                CommandRejected, match="up to 1[5-7] ms had passed between two of our answers"
+                CommandRejected, match=r"up to 1[5-7] ms had passed between two of our answers"
             ) as refused:
                 pair.move(goal, QUICK, never)
             assert "joint_motion_generator_acceleration_discontinuity" in refused.value.errors
