@@ -186,12 +186,7 @@ def played(robot, cell_file, command_line, tmp_path, described) -> Callable[[Pat
     return play
 
 
-def test_what_was_moved_is_played(free_log, played) -> None:
-    played(free_log)
-
-
-@pytest.mark.realtime  # the same, and more of it
-def test_a_whole_demonstration_is_played(demonstration, played) -> None:
+def test_a_recording_is_played(demonstration, played) -> None:
     played(demonstration.path)
 
 
