@@ -47,7 +47,7 @@ DIFFERENT = {"franka-sim": ("pad", "torques", "estimate"), "franky-sim": ("estim
 # got no answers, or found our way elsewhere after many lost ones
 STALLS = (
     "the tick takes longer than its period", "has shown no new state", "communication_constraints_violation",
-    "had passed between two of our answers",
+    "had passed between two of our answers", "has sent no state for",
 )  # fmt: skip
 
 
