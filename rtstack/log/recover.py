@@ -68,7 +68,8 @@ def recover(
     """Copy everything up to the last complete record of `path` into a new, complete file.
 
     output: NAME.recovered.mcap beside the original by default; must not exist. The original is never touched.
-    progress: called with bytes done and bytes in all. Raises LogError.
+    progress: called with bytes done and bytes in all. Raises LogError, also where no message is left: then nothing
+    is written.
     """
     path = Path(path)
     with open_mcap(path) as source:
@@ -82,6 +83,8 @@ def recover(
             with open(partial, "wb") as target:
                 copy = _Copy(target)
                 _copy_all(source, copy, progress)
+                if not copy.counts:
+                    raise LogError(_nothing(path, copy.damaged))
                 copy.finish({"source": path.name, "damaged_chunks": str(copy.damaged)})
             os.replace(partial, output)
         except OSError as error:
@@ -89,6 +92,12 @@ def recover(
         finally:
             partial.unlink(missing_ok=True)
     return RecoverySummary(path, output, False, sum(copy.counts.values()), copy.end_ns, copy.damaged)
+
+
+def _nothing(path: Path, damaged: int) -> str:
+    """Say why a log's recovery would be empty."""
+    chunks = f", and {damaged} chunks that cannot be read" if damaged else ""
+    return f"{path} holds nothing to recover: no complete message{chunks}; nothing was written"
 
 
 def _copy_all(source: BinaryIO, copy: "_Copy", progress: Callable[[int, int], None] | None) -> None:

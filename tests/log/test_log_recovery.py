@@ -112,6 +112,38 @@ def test_a_log_of_which_nothing_is_left_is_a_clear_error(tmp_path: Path, written
     assert [p.name for p in tmp_path.iterdir()] == ["cut.mcap"]
 
 
+def _nothing_left(path: Path, left: str) -> None:
+    """Write a log that is cut before its first chunk, or whose only chunk cannot be read."""
+    with open(path, "wb") as file:
+        writer = Writer(file, compression=CompressionType.LZ4)
+        writer.start()
+        writer.add_metadata("trial", TRIAL)
+        writer.add_attachment(0, 0, "cell.toml", "text/plain", b"name = 'grab'")
+        end = file.tell()
+        channel = writer.register_channel("/a", "json", writer.register_schema("x", "jsonschema", b"{}"))
+        for t in range(100):
+            writer.add_message(channel, t, bytes(100), t)
+        writer.finish()
+    whole = bytearray(path.read_bytes())
+    if left == "a damaged chunk":
+        frame = whole.index(b"\x04\x22\x4d\x18")  # LZ4's
+        whole[frame : frame + 4] = bytes(4)
+    path.write_bytes(whole[: end if left == "no chunk" else -20])
+
+
+@pytest.mark.parametrize(("left", "said"), [("no chunk", "message;"), ("a damaged chunk", "1 chunks that cannot")])
+def test_a_recovery_without_a_message_fails_and_writes_nothing(tmp_path: Path, left: str, said: str) -> None:
+    path = tmp_path / "cut.mcap"
+    _nothing_left(path, left)
+    command = [sys.executable, "-m", "rtstack", "recover", path]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.count("\n") == 1, done.stderr
+    assert f"{path} holds nothing to recover" in done.stderr
+    assert said in done.stderr
+    assert [p.name for p in tmp_path.iterdir()] == ["cut.mcap"]
+
+
 @pytest.mark.parametrize("compression", ["NONE", "LZ4", "ZSTD"])
 @pytest.mark.parametrize("chunked", [True, False])
 def test_any_writers_cut_file_is_recovered(tmp_path: Path, compression: str, chunked: bool) -> None:
