@@ -1,5 +1,6 @@
 """Cells by their addresses: what is refused, in one line, and what a description says of them."""
 
+import os
 import socket
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from rtstack.model.cell_description import load_cell_description
 from rtstack.trials.errors import TrialError
 
 NOBODY = "fci:127.0.99.97,127.0.99.98"
+TRACKER = f"127.206.{os.getpid() // 250 % 250}.{1 + os.getpid() % 250}", 1341  # where nobody else binds meanwhile
 
 
 def edited(folder: Path, old: str, new: str) -> Path:
@@ -25,22 +27,18 @@ def edited(folder: Path, old: str, new: str) -> Path:
 
 def test_the_tracker_port_is_taken(tmp_path):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
-        taken.bind(("127.0.0.1", 0))
-        port = taken.getsockname()[1]
-        description = load_cell_description(edited(tmp_path, "127.0.0.1:1341", f"127.0.0.1:{port}"))
-        with pytest.raises(HardwareError, match=rf"127\.0\.0\.1:{port}: Address already in use; .*\[tracker\]"):
+        taken.bind(TRACKER)
+        description = load_cell_description(edited(tmp_path, "127.0.0.1:1341", "{}:{}".format(*TRACKER)))
+        with pytest.raises(HardwareError, match=r"{}:{}: Address already in use; .*\[tracker\]".format(*TRACKER)):
             open_cell(NOBODY, "rice_box", 0.0, 0, description)
 
 
 def test_the_port_is_free_again_after_a_cell_that_did_not_open(tmp_path):
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    description = load_cell_description(edited(tmp_path, "127.0.0.1:1341", f"127.0.0.1:{port}"))
+    description = load_cell_description(edited(tmp_path, "127.0.0.1:1341", "{}:{}".format(*TRACKER)))
     with pytest.raises(HardwareError, match="does not answer"):
         open_cell(NOBODY, "rice_box", 0.0, 0, description)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", port))
+        probe.bind(TRACKER)
 
 
 @pytest.mark.parametrize(

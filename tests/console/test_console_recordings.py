@@ -1,11 +1,11 @@
 """Recordings over HTTP: extracted, accepted, offered to trials, thrown away."""
 
 import shutil
-import time
 
 import pytest
 
 from tests.console.test_console_jobs import arm
+from tests.console.test_console_watch import wait_for
 
 
 @pytest.fixture
@@ -72,8 +72,7 @@ def show(served):
     """Let the console see the desk's status."""
     status = served.desk.status()
     served.parts.watch.learn(status)
-    while served.parts.watch.view.status != status:
-        time.sleep(0.005)
+    wait_for(lambda: served.parts.watch.view.status == status)
 
 
 def test_the_page_of_a_recording_is_for_recordings_only(recorded):

@@ -2,6 +2,7 @@
 
 import tempfile
 import threading
+import os
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -25,7 +26,7 @@ from rtstack.live.service import Service
 from rtstack.log.reader import read_log
 from rtstack.log.ring import Rings
 from rtstack.loop.end import End
-from rtstack.loop.mailbox import Mailbox, remove_mailbox
+from rtstack.loop.mailbox import Mailbox
 from rtstack.safety.permit import Phase, Refused
 from rtstack.trials.errors import TrialError
 from sim_robot.cell import SimulatedCell, simulated_cell
@@ -48,8 +49,7 @@ class RunningRobot:
     """A robot's main thread, run in a thread of the test, the simulated cells that it opened, and who is there."""
 
     def __init__(self, logs: Path, **description) -> None:
-        remove_mailbox("rtstack-test-robot")
-        self.mailbox = Mailbox.create("rtstack-test-robot")
+        self.mailbox = Mailbox.create(f"rtstack-test-robot-{os.getpid()}")
         self.rings = Rings.create()
         self.opened: list[SimulatedCell] = []
         source = live_source(CELL)

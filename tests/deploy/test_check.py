@@ -1,6 +1,7 @@
 """`rtstack check`: what it finds, what it calls required, and what it says that a lack costs."""
 
 import json
+import os
 import socket
 import subprocess
 import sys
@@ -13,6 +14,7 @@ from rtstack.check.software import software_findings, versions_tested
 from rtstack.cli.cells import default_cell_file
 
 COMMAND = Path(sys.executable).with_name("rtstack")
+LEFT, RIGHT = (f"127.{number}.{os.getpid() // 250 % 250}.{1 + os.getpid() % 250}" for number in (203, 204))
 
 
 def test_what_is_required_is_here_and_every_lack_has_its_cost(tmp_path):
@@ -35,9 +37,9 @@ def test_an_arm_that_does_not_answer_and_a_bad_cell_fail(tmp_path, command_line)
     cell.write_text(default_cell_file().read_text().replace("mass = 0.35", "weight = 0.35"))
     weight = cell.read_text()[: cell.read_text().index("[pad]")].count("\n") + 1  # of the table that lacks it
     with socket.socket() as arm:  # something listens at one address only
-        arm.bind(("127.0.97.41", 1337))
+        arm.bind((LEFT, 1337))
         arm.listen()
-        done = command_line("check", "--left", "127.0.97.41", "--right", "127.0.97.42", "--cell-file", cell)
+        done = command_line("check", "--left", LEFT, "--right", RIGHT, "--cell-file", cell)
     assert done.returncode == 1
     lines = done.stdout.splitlines()
     assert any(line.startswith("pass  left arm") for line in lines)
@@ -82,7 +84,7 @@ def test_a_file_is_no_folder_of_logs(tmp_path):
     assert (disk.verdict, disk.value) == ("fail", f"{tmp_path / 'logs'} is no folder")
 
 
-@pytest.mark.parametrize("arguments", [("--left", "127.0.97.41"), ("--cell-file",), ("--cell", "lab.toml")])
+@pytest.mark.parametrize("arguments", [("--left", LEFT), ("--cell-file",), ("--cell", "lab.toml")])
 def test_bad_input_is_one_line(command_line, arguments):
     done = command_line("check", *arguments)
     assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)

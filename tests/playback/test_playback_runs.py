@@ -1,6 +1,7 @@
 """A demonstration played on the arms (the plant in this process), in the robot's own time: every figure is exact."""
 
 import json
+import os
 import re
 from dataclasses import replace
 
@@ -11,7 +12,7 @@ from rtstack.cli.cells import default_cell_file, open_cell
 from rtstack.cli.playback import play
 from rtstack.log.reader import read_log
 from rtstack.log.sink import McapSink
-from rtstack.loop.mailbox import Mailbox, remove_mailbox
+from rtstack.loop.mailbox import Mailbox
 from rtstack.loop.target import TARGET
 from rtstack.playback.finish import Finish
 from rtstack.playback.pace import RAMP_S
@@ -102,8 +103,7 @@ def test_a_grab_is_played_without_its_object_softly_begun_and_ended(played, demo
 
 
 def test_a_soft_stop_brakes_along_the_path_and_tells_how_far_it_came(played):
-    remove_mailbox("rtstack-test-play")
-    mailbox = Mailbox.create("rtstack-test-play")
+    mailbox = Mailbox.create(f"rtstack-test-play-{os.getpid()}")
     try:
         target = np.zeros(1, TARGET)
 

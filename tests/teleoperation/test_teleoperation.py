@@ -1,5 +1,6 @@
 """A hand at the mailbox moves real arms (the plant in this process), in the robot's own time: every figure is exact."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from rtstack.cli.cells import default_cell_file, open_cell
 from rtstack.log.reader import read_log
 from rtstack.loop.end import End
-from rtstack.loop.mailbox import Mailbox, remove_mailbox
+from rtstack.loop.mailbox import Mailbox
 from rtstack.loop.target import TARGET, Letting
 from rtstack.model.rotation import quaternion_from_rotation
 from rtstack.references.demonstration import end_effector_pose
@@ -69,8 +70,7 @@ class Hand:
 @pytest.fixture
 def teleoperate(cell, tmp_path):
     """Run a teleoperation by a script; return its result, its log's control samples of both arms, and the log."""
-    remove_mailbox("rtstack-test-hand")
-    mailbox = Mailbox.create("rtstack-test-hand")
+    mailbox = Mailbox.create(f"rtstack-test-hand-{os.getpid()}")
 
     def run(script, **options):
         hand = Hand(mailbox, script)
