@@ -96,7 +96,8 @@ class _Case:
         if first is None:
             return Unexpected.UNKNOWN
         early = first - self._t_d
-        met = all(f is not None and abs(f - self._t_d) <= self._zeta for f in self._first)
+        verdict_s = 1e-9 * float(self._monitor.pair[0]["t_verdict_ns"])  # of the tick of the impact in question
+        met = all(f is not None and abs(f - self._t_d) <= self._zeta and f < verdict_s for f in self._first)
         if met or not early > -AHEAD_S or (early < 0.0 and not self._against_approach(side, first)):
             return Unexpected.PUSH  # after both had met the object, or where it cannot be
         other = self._first[1 - side]

@@ -1,8 +1,9 @@
 """The robot process's main thread on the simulated cell: idle, orders, what ends them, faults and recovery."""
 
+import itertools
+import os
 import tempfile
 import threading
-import os
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -36,6 +37,7 @@ pytestmark = pytest.mark.alone
 CELL = Path(cells.__file__).parent / "grab.toml"
 PATIENCE_S = 120.0
 DEMONSTRATION = DemonstrationRequest(operator="anna")
+_numbers = itertools.count()
 
 
 def wait_for(condition):
@@ -49,7 +51,7 @@ class RunningRobot:
     """A robot's main thread, run in a thread of the test, the simulated cells that it opened, and who is there."""
 
     def __init__(self, logs: Path, **description) -> None:
-        self.mailbox = Mailbox.create(f"rtstack-test-robot-{os.getpid()}")
+        self.mailbox = Mailbox.create(f"rtstack-test-robot-{os.getpid()}-{next(_numbers)}")
         self.rings = Rings.create()
         self.opened: list[SimulatedCell] = []
         source = live_source(CELL)

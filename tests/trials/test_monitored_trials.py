@@ -127,6 +127,14 @@ def test_where_something_was_hit_in_free_air_a_person_has_to_recover(trial) -> N
     assert log.metadata["fault"]["end"] == "something was hit that was not meant"
 
 
+@pytest.mark.parametrize("displacement_mm", [-48.0, 48.0])
+def test_an_object_just_beyond_what_the_tuning_knows_is_in_the_wrong_place_and_no_push(runner, displacement_mm):
+    """The first pad meets it within the bound of time, and beyond that of the configuration."""
+    result = runner.run(displacement_mm=displacement_mm)
+    assert (result.impact_verdict, result.impact_reason) == ("unexpected", "configuration")
+    assert result.impact_kind == "wrong place"
+
+
 def test_an_object_without_a_tuning_is_not_watched_and_its_trial_says_how_to_make_one(cell, demonstration, tmp_path):
     specification = TrialSpecification(str(demonstration.path), object="box_060")
     with pytest.raises(TrialError, match="nothing would start the reaction hold: the monitor is not tuned for box_060"):
