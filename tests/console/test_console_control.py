@@ -10,18 +10,34 @@ from websockets.sync.client import connect
 
 from rtstack.live.client import RobotClient
 from rtstack.live.protocol import JobState
+from rtstack.safety.permit import LEASE_S
 from tests.console.test_console_jobs import arm
 from tests.console.test_console_watch import wait_for
 
-SHORT_LEASE_S = 1.0
+
+class Clock:
+    """The helm's clock, which only the test moves; s."""
+
+    def __init__(self, served):
+        self.now_s, self._permit = time.monotonic(), served.desk.helm._permit
+        self._permit._lease_s = LEASE_S
+        served.desk.helm._clock = lambda: self.now_s
+
+    def pass_without_a_sign(self):
+        """Go on for longer than a lease."""
+        self.now_s += 1.1 * LEASE_S
+
+    def pass_until(self, sign):
+        """Go on for nearly a lease, and wait until the operator's sign of life has come."""
+        self.now_s += 0.9 * LEASE_S
+        sign()
+        wait_for(lambda: self._permit._alive_s == self.now_s)
 
 
 @pytest.fixture
-def hasty(served):
-    """A console whose robot gives an operator half the time."""
-    served.desk.helm._permit._lease_s = SHORT_LEASE_S
+def clock(served):
     wait_for(lambda: served.parts.watch.view.status is not None)  # the console has just begun to ask
-    return served
+    return Clock(served)
 
 
 def post(client, headers, verb, **body):
@@ -102,25 +118,35 @@ def test_a_bad_name_is_one_line_that_names_the_key(served, body):
         assert client.get("/api/status").json()["holder"] is None
 
 
-@pytest.mark.alone
-def test_a_program_keeps_its_lease_by_beats_and_loses_it_without(hasty):
-    served = hasty
+def test_a_program_keeps_its_lease_by_beats_and_loses_it_without(served, clock):
+    def beat():
+        assert post(client, headers, "beat").status_code == 200
+
+    def nobody():
+        clock.pass_without_a_sign()
+        return client.get("/api/status").json()["holder"] is None
+
     with served.signed_in() as (client, headers):
         assert post(client, headers, "beat").status_code == 409
         arm(client, headers)
-        began_s = time.monotonic()
-        while time.monotonic() - began_s < SHORT_LEASE_S * 1.3:
-            assert post(client, headers, "beat").status_code == 200
-            time.sleep(0.1)
+        for _ in range(3):
+            clock.pass_until(beat)
         assert client.get("/api/status").json()["phase"] == "armed"
-        wait_for(lambda: client.get("/api/status").json()["holder"] is None)
+        wait_for(nobody)
         assert client.get("/api/status").json()["phase"] == "disarmed"
     assert served.trail()[-1] == ("lost", "operator 1")
 
 
-@pytest.mark.alone
-def test_a_page_keeps_its_lease_by_answering_what_it_is_sent(hasty):
-    served = hasty
+def test_a_page_keeps_its_lease_by_answering_what_it_is_sent(served, clock):
+    def answer():
+        assert json.loads(page.recv(timeout=60))["you"] == "operator 1"
+        page.send("beat")
+
+    def nobody():  # a page that receives and does not answer is no operator
+        clock.pass_without_a_sign()
+        page.send("hello")
+        return json.loads(page.recv(timeout=60))["status"]["holder"] is None
+
     with served.signed_in() as (client, headers):
         arm(client, headers)
         with connect(
@@ -129,16 +155,10 @@ def test_a_page_keeps_its_lease_by_answering_what_it_is_sent(hasty):
             origin=served.base,
             proxy=None,
         ) as page:
-            began_s = time.monotonic()
-            while time.monotonic() - began_s < SHORT_LEASE_S * 1.3:
-                view = json.loads(page.recv(timeout=60))
-                assert view["you"] == "operator 1"
-                page.send("beat")
-            assert view["status"]["phase"] == "armed"
-            for _ in range(3):  # a page that receives and does not answer is no operator
-                page.recv(timeout=60)
-                page.send("hello")
-            wait_for(lambda: json.loads(page.recv(timeout=60))["status"]["holder"] is None)
+            for _ in range(3):
+                clock.pass_until(answer)
+            assert client.get("/api/status").json()["phase"] == "armed"
+            wait_for(nobody)
 
 
 def test_stop_needs_no_lease_disarms_and_is_remembered_with_its_name(served):
