@@ -44,6 +44,7 @@ MOTOR_RECORD = np.dtype(
     [
         ("theta", "f8", JOINTS),
         ("dtheta", "f8", JOINTS),
+        ("dq", "f8", JOINTS),  # of the link at the end of the last ms: what no encoder has blurred
         (
             "tau_J",
             "f8",
@@ -125,4 +126,5 @@ def advance_millisecond(
         for j in range(JOINTS):
             i = arm * JOINTS + j
             motor.tau_J[j] = joint.K[j] * (motor.theta[j] - qpos[i]) + joint.D[j] * (motor.dtheta[j] - qvel[i])
+            motor.dq[j] = qvel[i]
     return True

@@ -1,6 +1,6 @@
 """RobotState: from what the sensors measured and the controllers want to what goes over the wire. Compiled."""
 
-from math import cos, sin
+from math import cos, floor, log, pi, sin, sqrt
 
 import numba
 import numpy as np
@@ -11,6 +11,9 @@ from sim_robot.kinematics import forward_kinematics
 GRAVITY_ACCELERATION = -9.81  # O_ddP_O, along the base's z
 # elbow[1] is +1 above this position of joint 4, -1 below (robot_state.h)
 ELBOW_FLIP = -0.467002423653011
+# m/s^2: noise over the 442 Hz of a mean over 1 ms (290 ug/sqrt(Hz)), a bit (3.9 mg) and the range (16 g) of a
+# consumer's accelerometer, an ADXL345 by its data sheet; the vendor does not say what the arm has
+ACCELEROMETER_NOISE, ACCELEROMETER_BIT, ACCELEROMETER_RANGE = 0.0598, 0.03826, 156.96
 
 # What the controllers want: the generators fill it. Transforms row-major. _d: desired now, _c: as the client commands.
 MOTION_RECORD = np.dtype(
@@ -41,6 +44,7 @@ MOTION_RECORD = np.dtype(
         ("cartesian_collision", "f8", 6),
         ("velocity_last", "f8", (6, 3)),  # of the joints' origins, for the accelerometers
         ("acceleration", "f8", (6, 3)),
+        ("noise", "u8"),  # state of the accelerometers' own generator
         ("started", "i8"),
         ("base_shaken", "f8", 3),  # what the base's accelerometer reads beside gravity, m/s^2
     ]
@@ -226,15 +230,32 @@ def fill_states(states, measured, desired, settings, motions, motors, wires, col
         for i in range(6):
             wire.cartesian_contact[i] = motion.cartesian_contact[i]
             wire.cartesian_collision[i] = motion.cartesian_collision[i]
-        _accelerometers(body, state.q, state.dq, motion, wire)
+        _accelerometers(body, state.q, motors[arm].dq, motion, wire)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _uniform(motion):
+    """SplitMix64 (Steele, Lea, Flood, OOPSLA 2014), in (0, 1)."""
+    motion.noise += np.uint64(0x9E3779B97F4A7C15)
+    x = motion.noise
+    x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    x ^= x >> np.uint64(31)
+    return (float(x >> np.uint64(11)) + 0.5) / 9007199254740992.0
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _normal(motion):
+    """A standard normal number (Box and Muller); the sensors' own draws stay what they are."""
+    return sqrt(-2.0 * log(_uniform(motion))) * cos(2.0 * pi * _uniform(motion))
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _accelerometers(body, q, dq, motion, wire):
     """What an accelerometer at each end of links 1 to 6 reads: acceleration minus gravity, along the link's axes.
 
-    bottom[i] sits at joint i + 1, top[i] at joint i + 2. Acceleration is the difference quotient of the velocity,
-    low-passed at about 30 Hz.
+    bottom[i] sits at joint i + 1, top[i] at joint i + 2. dq (7,) is the plant's own, so that this is the mean
+    acceleration over the last millisecond, not what encoders tell anyway; each axis has noise of its own.
     """
     R = np.empty((3, 3))
     v, w, a = np.empty(3), np.empty(3), np.empty(3)
@@ -251,9 +272,10 @@ def _accelerometers(body, q, dq, motion, wire):
             v[2] += (z[0] * ly - z[1] * lx) * dq[j]
         for r in range(3):
             if motion.started != 0:
-                quotient = (v[r] - motion.velocity_last[i, r]) * 1e3
-                motion.acceleration[i, r] += 0.17 * (quotient - motion.acceleration[i, r])
+                motion.acceleration[i, r] = (v[r] - motion.velocity_last[i, r]) * 1e3
             motion.velocity_last[i, r] = v[r]
+    if motion.started == 0:
+        motion.noise = np.uint64(np.int64(q[0] * 1e15))  # the cell's seed decides it
     motion.started = 1
     for r in range(3):
         for c in range(3):
@@ -274,7 +296,9 @@ def _accelerometers(body, q, dq, motion, wire):
                 if end == 1:
                     a[r] += motion.acceleration[i, r]
             for c in range(3):
-                value = R[0, c] * a[0] + R[1, c] * a[1] + R[2, c] * a[2]
+                value = R[0, c] * a[0] + R[1, c] * a[1] + R[2, c] * a[2] + ACCELEROMETER_NOISE * _normal(motion)
+                value = min(max(value, -ACCELEROMETER_RANGE), ACCELEROMETER_RANGE)
+                value = ACCELEROMETER_BIT * floor(value / ACCELEROMETER_BIT + 0.5)
                 if end == 0:
                     wire.accelerometer_bottom[i, c] = value
                 else:

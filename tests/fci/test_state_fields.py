@@ -13,6 +13,7 @@ from fci_server import serve
 
 from sim_robot.arm_description import fr3_description
 from sim_robot.fci.protocol import ROBOT_STATE, Command, MoveStatus
+from sim_robot.fci.robot_state import ACCELEROMETER_BIT, ACCELEROMETER_NOISE
 from sim_robot.kinematics import KINEMATICS_RECORD, forward_kinematics
 from sim_robot.scene import load_scene
 
@@ -137,6 +138,19 @@ def test_motors_and_accelerometers(motions: dict[str, np.ndarray]) -> None:
     assert moving["theta"] == pytest.approx(moving["q"], abs=5e-3)
     assert moving["dtheta"] == pytest.approx(moving["dq"], abs=2e-2)
     assert np.ptp(motions["joint"]["accelerometer_top"], axis=0).max() > 0.1
+
+
+def test_an_accelerometer_is_a_sensor_of_its_own(motions: dict[str, np.ndarray]) -> None:
+    """At the base, which never moves, it shows gravity, its noise and its bit; at link 1's ends two noises."""
+    states = motions["joint"]
+    base = states["accelerometer_bottom"][:, 0].astype(float)
+    assert base.mean(axis=0) == pytest.approx((0.0, 0.0, 9.81), abs=0.02)
+    assert base.std(axis=0) == pytest.approx(np.hypot(ACCELEROMETER_NOISE, ACCELEROMETER_BIT / np.sqrt(12.0)), rel=0.15)
+    assert base / ACCELEROMETER_BIT == pytest.approx(np.round(base / ACCELEROMETER_BIT), abs=1e-3)
+    assert np.abs(np.corrcoef(base.T) - np.eye(3)).max() < 0.15
+    # beyond the noise of differentiated encoders: joint 3's origin moves with joints 1 and 2 alone
+    top = states["accelerometer_top"][:, 1].astype(float)
+    assert np.linalg.norm(np.diff(top, axis=0), axis=1).mean() < 0.3
 
 
 def test_load_and_frames(motions: dict[str, np.ndarray]) -> None:
