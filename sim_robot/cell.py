@@ -22,9 +22,10 @@ from sim_robot.control_box import ControlBox
 from sim_robot.faults.file import refuse_link_faults, tilt_of
 from sim_robot.faults.injection import BASE_READING, BASE_START, Injection
 from sim_robot.faults.kinds import Fault
+from sim_robot.hand import Hand
 from sim_robot.lab_objects import with_lab_objects
 from sim_robot.model import SIDES
-from sim_robot.plant import Plant
+from sim_robot.plant import Plant, face_offsets_z
 from sim_robot.plant_parameters import PlantParameters, load_plant_parameters
 from sim_robot.scene import NO_OBJECT, Scene, load_scene
 from sim_robot.sensors import Sensors
@@ -114,7 +115,7 @@ class SimulatedCell:
     ) -> None:
         """empty: the plant's object is out of reach and out of sight, from the start."""
         self.plant, self.clock = plant, clock
-        self.sensors = Sensors(plant, parameters.sensors, scene.pad.face_offset_z, seed)
+        self.sensors = Sensors(plant, parameters.sensors, face_offsets_z(scene), seed)
         self.states = self.sensors.states  # both arms' present states, dtype ARM_STATE, (2,)
         self._shown: list[tuple[RobotMode, int, float] | None] = [None, None]  # of each box
         self._masks = np.zeros(2, dtype=np.int64)
@@ -124,9 +125,15 @@ class SimulatedCell:
         )
         self.boxes = tuple(box_kind(plant, side, parameters.reflexes) for side in range(2))
         disturbed = bool(faults) or empty
-        self.faults = Injection(faults, plant, self.boxes, scene.pad.size[2], empty) if disturbed else None
+        self.faults = Injection(faults, plant, self.boxes, empty) if disturbed else None
         tracker = SimulatedTracker(plant, parameters.tracker, seed)
         self.tracker = tracker if self.faults is None else self.faults.tracker(tracker)
+        # None: no hand is mounted
+        self.hands = tuple(
+            None if place.hand is None else Hand(plant, side, place.hand)
+            for side, place in enumerate((scene.left, scene.right))
+        )
+        self._mounted = tuple(hand for hand in self.hands if hand is not None)
         self.left, self.right = SimulatedArm(self, 0), SimulatedArm(self, 1)
         # views of single fields: looking a field up costs more than writing it
         self._modes, self._errors, self._rates, self._tau_J_d = (
@@ -143,6 +150,8 @@ class SimulatedCell:
             if self.faults is not None:
                 self.faults.begin_millisecond()
             self.plant.advance()
+            for hand in self._mounted:
+                hand.advance()
             self._observe()
 
     def _observe(self) -> None:

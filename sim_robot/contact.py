@@ -24,7 +24,8 @@ def series(stiffness: float, other: float) -> float:
 
 
 def set_contacts(model: mujoco.MjModel, scene: Scene, thing: GraspObject) -> None:
-    """Set solref and solimp of every geom: pads on the object or on the platform, the object on the table, hard links.
+    """Set solref and solimp of every geom: pads (or fingers) on the object or on the platform, the object
+    on the table, hard links.
 
     The damping on an object is 2 zeta sqrt(K m), m the object's mass: the ratio of the object alone on that face.
     """
@@ -36,7 +37,14 @@ def set_contacts(model: mujoco.MjModel, scene: Scene, thing: GraspObject) -> Non
     w_object = weights[model.body("object").id]
     on_table = series(thing.stiffness, scene.table.stiffness)
     _set(model, slice(None), scene, on_table, damping(on_table), w_object)
-    for side in ("left", "right"):
+    for side, place in (("left", scene.left), ("right", scene.right)):
+        if place.hand is not None:
+            on_finger = series(thing.stiffness, place.hand.stiffness)
+            for number in (1, 2):
+                body = model.body(f"{side}_finger{number}").id
+                geom = model.geom(f"{side}_finger{number}").id
+                _set(model, geom, scene, on_finger, damping(on_finger), w_object + weights[body])
+            continue
         body = model.body(f"{side}_pad").id
         geom = model.geom(f"{side}_pad").id
         if scene.platform is not None:  # which does not move

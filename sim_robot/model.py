@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from sim_robot.arm_description import JOINTS, ArmDescription
 from sim_robot.contact import set_contacts
+from sim_robot.hand_parameters import FINGER_SIZE, PALM_SIZE, TURN_RAD, FrankaHand
 from sim_robot.scene import GraspObject, ObjectPlacement, Platform, Scene
 
 Array = NDArray[np.float64]
@@ -36,10 +37,14 @@ _MASKS = {
 
 @dataclass(frozen=True, slots=True)
 class CellModel:
-    """The compiled model and where things are in it. Body indices (2,) are (left, right)."""
+    """The compiled model and where things are in it. Body indices (2,) are (left, right).
+
+    pad_bodies: what is on the flange, a pad or a hand; finger_bodies: two of each hand.
+    """
 
     model: mujoco.MjModel
     pad_bodies: tuple[int, int]
+    finger_bodies: tuple[tuple[int, ...], tuple[int, ...]]
     link1_bodies: tuple[int, int]
     object_body: int
 
@@ -82,6 +87,9 @@ def _add_arm(world: Element, side: str, arm: ArmDescription, scene: Scene, frict
             geom.set("margin", repr(PROXIMITY_M))
             geom.set("gap", repr(PROXIMITY_M))
             _collides(geom, side)
+    if place.hand is not None:
+        _add_hand(body, side, place.hand, arm.flange_offset_z)
+        return
     pad = scene.pad
     centre = (0.0, 0.0, pad.face_offset_z - pad.size[2] / 2.0)
     body = SubElement(body, "body", name=f"{side}_pad", pos=_text(centre))
@@ -90,6 +98,25 @@ def _add_arm(world: Element, side: str, arm: ArmDescription, scene: Scene, frict
     geom.set("friction", f"{friction!r} 0 0")
     geom.set("priority", "1")  # the pad's friction and stiffness count, not the larger of the two
     _collides(geom, side)
+
+
+def _add_hand(link7: Element, side: str, hand: FrankaHand, flange_offset_z: float) -> None:
+    """Put a hand on the flange: its body has the flange's frame, its fingers are bodies without joints."""
+    body = SubElement(link7, "body", name=f"{side}_hand", pos=_text((0.0, 0.0, flange_offset_z)))
+    inertial = SubElement(body, "inertial", pos=_text(hand.centre), mass=repr(hand.mass))
+    inertial.set("diaginertia", _text(hand.inertia))
+    turn = _text((np.cos(TURN_RAD / 2.0), 0.0, 0.0, np.sin(TURN_RAD / 2.0)))
+    palm = SubElement(body, "geom", name=f"{side}_palm", type="box", quat=turn, size=_text(np.array(PALM_SIZE) / 2.0))
+    palm.set("pos", _text((0.0, 0.0, PALM_SIZE[2] / 2.0)))
+    _collides(palm, side)
+    for number in range(2):
+        finger = SubElement(body, "body", name=f"{side}_finger{number + 1}", quat=turn)
+        finger.set("pos", _text(hand.finger_position(number, hand.start_width)))
+        geom = SubElement(finger, "geom", name=f"{side}_finger{number + 1}", type="box", mass="0")
+        geom.set("size", _text(np.array(FINGER_SIZE) / 2.0))
+        geom.set("friction", f"{hand.friction!r} 0 0")
+        geom.set("priority", "1")
+        _collides(geom, side)
 
 
 def cell_xml(scene: Scene, object_name: str, placement: ObjectPlacement, arms: tuple[ArmDescription, ...]) -> str:
@@ -158,7 +185,14 @@ def build_cell(
         raise ValueError(f"the cell has {model.nv} degrees of freedom, expected {2 * JOINTS + 6}")
     set_contacts(model, scene, scene.find(object_name))
 
-    def bodies(part: str) -> tuple[int, int]:
-        return model.body(f"left_{part}").id, model.body(f"right_{part}").id
-
-    return CellModel(model, bodies("pad"), bodies("link1"), model.body("object").id)
+    places = (scene.left, scene.right)
+    ends = [
+        model.body(f"{side}_{'pad' if place.hand is None else 'hand'}").id
+        for side, place in zip(SIDES, places, strict=True)
+    ]
+    fingers = [
+        () if place.hand is None else tuple(model.body(f"{side}_finger{number}").id for number in (1, 2))
+        for side, place in zip(SIDES, places, strict=True)
+    ]
+    link1_bodies = (model.body("left_link1").id, model.body("right_link1").id)
+    return CellModel(model, (ends[0], ends[1]), (fingers[0], fingers[1]), link1_bodies, model.body("object").id)

@@ -37,6 +37,19 @@ def pad_face(place: ArmPlacement, face_offset_z: float) -> Array:
     return T[:3, 3] + face_offset_z * T[:3, 2]
 
 
+def face_offsets_z(scene: Scene) -> tuple[float, float]:
+    """Return how far beyond joint 7 each arm's pad ends, or its hand's fingertips are, m."""
+    flange, pad = fr3_description().flange_offset_z, scene.pad.face_offset_z
+    left, right = (flange + place.hand.tip_offset_z if place.hand else pad for place in (scene.left, scene.right))
+    return left, right
+
+
+def _pad_faces_y(scene: Scene) -> tuple[float, float]:
+    """Return where the pads begin along y, m: between them is the object's place. A hand leaves its side open."""
+    left, right = (float(pad_face(place, scene.pad.face_offset_z)[1]) for place in (scene.left, scene.right))
+    return np.inf if scene.left.hand else left, -np.inf if scene.right.hand else right
+
+
 class Plant:
     """The physical cell. Owns MuJoCo's model and data; deterministic for a seed.
 
@@ -55,10 +68,8 @@ class Plant:
         """
         _, placement_seed = np.random.SeedSequence([seed, 0]).spawn(2)
         arms, _ = np.random.SeedSequence([seed if arms_seed is None else arms_seed, 0]).spawn(2)
-        places = (scene.left, scene.right)
-        faces_y = [float(pad_face(place, scene.pad.face_offset_z)[1]) for place in places]
         generator = np.random.default_rng(placement_seed)
-        placement = scene.place(object_name, displacement, (faces_y[0], faces_y[1]), generator, tilt_deg)
+        placement = scene.place(object_name, displacement, _pad_faces_y(scene), generator, tilt_deg)
         self._start(scene, parameters, object_name, placement, np.random.default_rng(arms))
 
     @classmethod
@@ -66,8 +77,7 @@ class Plant:
         cls, scene: Scene, parameters: PlantParameters, object_name: str, displacement: Displacement | float = 0.0
     ) -> "Plant":
         """Return a plant without any scatter, the object exactly in its place. For tests."""
-        faces_y = [float(pad_face(place, scene.pad.face_offset_z)[1]) for place in (scene.left, scene.right)]
-        placement = scene.place(object_name, displacement, (faces_y[0], faces_y[1]), None)
+        placement = scene.place(object_name, displacement, _pad_faces_y(scene), None)
         plant = cls.__new__(cls)
         plant._start(scene, parameters.nominal(), object_name, placement, np.random.default_rng(0))
         return plant
@@ -85,10 +95,12 @@ class Plant:
         cell = build_cell(scene, object_name, placement, tuple(arm.description for arm in arms))
         self.model, self.data = cell.model, mujoco.MjData(cell.model)
         self.ticks = 0  # ms since the start
-        self._pad_bodies, self._object_body = cell.pad_bodies, cell.object_body
+        # what is on the flanges, a pad or a hand, and where in it an arm is pushed: the middle of its face
+        self.pad_bodies, self.finger_bodies, self._object_body = cell.pad_bodies, cell.finger_bodies, cell.object_body
+        ends = [place.hand.tip_offset_z if place.hand else scene.pad.size[2] / 2.0 for place in (scene.left, scene.right)]
+        self.face_in_pad = np.array([(0.0, 0.0, z) for z in ends])
         self._pad_force = np.zeros((2, 3))
         self._pad_pushed = False
-        self._face_in_pad = np.array([0.0, 0.0, scene.pad.size[2] / 2.0])
         self._jacobian = np.zeros((3, self.model.nv))
         data = self.data
         data.qpos[:JOINTS], data.qpos[JOINTS : 2 * JOINTS] = scene.left.home, scene.right.home
@@ -170,9 +182,9 @@ class Plant:
         self._pad_pushed = True
 
     def _push_pads(self) -> None:
-        for side, body in enumerate(self._pad_bodies):
+        for side, body in enumerate(self.pad_bodies):
             data = self.data
-            point = data.xpos[body] + data.xmat[body].reshape(3, 3) @ self._face_in_pad
+            point = data.xpos[body] + data.xmat[body].reshape(3, 3) @ self.face_in_pad[side]
             mujoco.mj_jac(self.model, data, self._jacobian, None, point, body)
             dofs = slice(JOINTS * side, JOINTS * (side + 1))
             self.motors[side]["tau_applied"] = self._jacobian[:, dofs].T @ self._pad_force[side]
@@ -185,7 +197,8 @@ class Plant:
         data.qpos[first:], data.qvel[first:] = self._object_place, 0.0
         mujoco.mj_forward(self.model, data)
         pairs = self.model.geom_bodyid[data.contact.geom]
-        touched = (pairs == self._object_body).any(axis=1) & np.isin(pairs, self._pad_bodies).any(axis=1)
+        ends = (*self.pad_bodies, *self.finger_bodies[0], *self.finger_bodies[1])
+        touched = (pairs == self._object_body).any(axis=1) & np.isin(pairs, ends).any(axis=1)
         if touched.any():
             data.qpos[first:], data.qvel[first:] = was
             mujoco.mj_forward(self.model, data)

@@ -1,4 +1,4 @@
-"""Self-collision: a link of an arm that comes near the other arm or the table. The pads may touch what they like."""
+"""Self-collision: a link of an arm that comes near the other arm or the table. The pads, or a hand, may touch what they like."""
 
 import numba
 import numpy as np
@@ -46,7 +46,7 @@ class Proximity:
         for number, side in enumerate(SIDES):
             # the base stands on the table's frame
             if name.startswith(f"{side}_") and not name.startswith(f"{side}_link0"):
-                return (_PAD if name.endswith("pad") else _LINK) + number
+                return (_LINK if name.startswith(f"{side}_link") else _PAD) + number
         return _NOBODY
 
     def update(self) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from hal.displacement import Displacement
 from hal.errors import ObjectOutOfReach, UnknownObject
+from sim_robot.hand_parameters import FrankaHand
 from sim_robot.plant_parameters import Vector3
 from sim_robot.strict_toml import read_record
 
@@ -28,11 +29,15 @@ def _positive(**values: float) -> None:
 
 @dataclass(frozen=True, slots=True)
 class ArmPlacement:
-    """One arm: its base in the world (m, quaternion wxyz) and its start position (7 joints, rad)."""
+    """One arm: its base in the world (m, quaternion wxyz) and its start position (7 joints, rad).
+
+    hand: on the flange instead of the pad.
+    """
 
     T_world_base_position: Vector3
     T_world_base_wxyz: Quaternion
     home: Joints
+    hand: FrankaHand | None = None
 
     def __post_init__(self) -> None:
         if abs(np.linalg.norm(self.T_world_base_wxyz) - 1.0) > 1e-6:

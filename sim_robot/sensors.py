@@ -87,7 +87,7 @@ class Sensors:
     Noise comes from one generator, drawn in blocks: deterministic for a seed and the number of milliseconds.
     """
 
-    def __init__(self, plant: Plant, parameters: SensorParameters, face_offset_z: float, seed: int) -> None:
+    def __init__(self, plant: Plant, parameters: SensorParameters, faces_offset_z: tuple[float, float], seed: int) -> None:
         self.states = np.zeros(2, ARM_STATE)
         self.states["O_T_EE"][:] = np.eye(4)
         self._plant = plant
@@ -96,7 +96,7 @@ class Sensors:
         self._next = BLOCK
         self.kinematics = np.zeros(2, KINEMATICS_RECORD)
         self.kinematics["T_parent_joint"] = fr3_description().T_parent_joint
-        self.kinematics["face_offset_z"] = face_offset_z
+        self.kinematics["face_offset_z"] = faces_offset_z
         self._records = np.zeros(2, SENSOR_RECORD)
         record = self._records
         for name in ("q_quantum", "smallest_singular_value", "wrench_damping"):

@@ -31,12 +31,11 @@ class Injection:
     """Carries out the faults of the plant, of the robot and of the tracker; those of the link are `link`'s."""
 
     def __init__(
-        self, faults: tuple[Fault, ...], plant: Plant, boxes: tuple[ControlBox, ...], pad_thickness: float,
-        empty: bool = False,
-    ) -> None:  # fmt: skip
+        self, faults: tuple[Fault, ...], plant: Plant, boxes: tuple[ControlBox, ...], empty: bool = False
+    ) -> None:
         """empty: the cell has no object, from the start."""
         self.schedule = Schedule(faults)
-        self.plant = PlantFaults(plant, self.schedule, pad_thickness, empty)
+        self.plant = PlantFaults(plant, self.schedule, empty)
         self._boxes = boxes
         self._frozen: list[np.ndarray | None] = [None, None]
 

@@ -18,18 +18,18 @@ AWAY_M = 10.0
 class PlantFaults:
     """Carries out what a schedule says about a plant. While a push is active, no other pad force can be applied."""
 
-    def __init__(self, plant: Plant, schedule: Schedule, pad_thickness: float, empty: bool = False) -> None:
-        """pad_thickness: m, from the pad's body to its face twice; empty: the object was never there."""
+    def __init__(self, plant: Plant, schedule: Schedule, empty: bool = False) -> None:
+        """empty: the object was never there."""
         self._plant, self._schedule, self._empty = plant, schedule, empty
         model = plant.model
-        self._pads = [model.geom(f"{side}_pad").id for side in SIDES]
-        self._pad_bodies = [model.body(f"{side}_pad").id for side in SIDES]
+        ends = [plant.finger_bodies[side] or (plant.pad_bodies[side],) for side in range(len(SIDES))]
+        # each arm's geoms that hold an object: a pad, or a hand's two fingers
+        self._pads = [[int(model.body_geomadr[body]) for body in bodies] for bodies in ends]
         self._object = model.geom("object").id
         self._body = model.body("object").id
         self._mass, self._inertia = float(model.body_mass[self._body]), model.body_inertia[self._body].copy()
-        self._face_in_pad = np.array([0.0, 0.0, pad_thickness / 2.0])
         self._jacobian = np.zeros((3, model.nv))
-        self._pad_friction = model.geom_friction[self._pads].copy()
+        self._pad_friction = [model.geom_friction[geoms, 0].copy() for geoms in self._pads]
         self._joints = plant.joints.copy()
         self._pushes = [np.zeros(3) for _ in SIDES]
         self._joint_pushes = [np.zeros(JOINTS) for _ in SIDES]
@@ -44,7 +44,7 @@ class PlantFaults:
         if not data.ncon:
             return False
         pairs = data.contact.geom
-        return bool(np.any((pairs == self._object).any(axis=1) & np.isin(pairs, self._pads).any(axis=1)))
+        return bool(np.any((pairs == self._object).any(axis=1) & np.isin(pairs, sum(self._pads, [])).any(axis=1)))
 
     def change(self) -> None:
         """Take over what the schedule now says."""
@@ -54,7 +54,7 @@ class PlantFaults:
             self._joint_pushes[side] = _total((effect.torque_Nm for effect in effects(JointPush, side)), JOINTS)
             self._biases[side] = _total((effect.bias_Nm for effect in effects(TauSensorBias, side)), JOINTS)
             grip = np.prod([effect.friction_factor for effect in effects(Slip, side)])
-            plant.model.geom_friction[self._pads[side], 0] = grip * self._pad_friction[side, 0]
+            plant.model.geom_friction[self._pads[side], 0] = grip * self._pad_friction[side]
             friction = np.prod([effect.friction_factor for effect in effects(FrictionChange, side)])
             joint, nominal = plant.joints[side], self._joints[side]
             joint["friction_p1"] = friction * nominal["friction_p1"]
@@ -83,8 +83,8 @@ class PlantFaults:
         self._pushed = pushed
 
     def _push(self, side: int) -> None:
-        data, body = self._plant.data, self._pad_bodies[side]
-        point = data.xpos[body] + data.xmat[body].reshape(3, 3) @ self._face_in_pad
+        data, body = self._plant.data, self._plant.pad_bodies[side]
+        point = data.xpos[body] + data.xmat[body].reshape(3, 3) @ self._plant.face_in_pad[side]
         mujoco.mj_jac(self._plant.model, data, self._jacobian, None, point, body)
         dofs = slice(JOINTS * side, JOINTS * (side + 1))
         motor = self._plant.motors[side]

@@ -1,7 +1,11 @@
-"""The gripper's port, 1338, version 3: it answers, truthfully, that no hand is mounted.
+"""The ports of the grippers: 1338, version 3, of the Franka Hand; 1339, version 1, of the vacuum gripper.
 
-A Franka Hand's client connects and asks; every motion fails, and the state shows a width of zero. Only a pad is on the
-flange. Source: libfranka, research_interface/gripper.
+Where no such gripper is mounted Connect is refused at once: libfranka raises "Protocol error during connection attempt".
+A closed port would have it say that the Control Interface is not installed, and a connection that ends in silence would
+leave it waiting for ever. So a connection that is ended here is reset: libfranka raises a NetworkException at once.
+
+Source: libfranka-common, research_interface/gripper and research_interface/vacuum_gripper. Not published, and chosen
+here: that several clients may be connected, and ten states a second.
 """
 
 import contextlib
@@ -11,30 +15,41 @@ import time
 from collections.abc import Callable
 
 from sim_robot.fci.poller import Poller
-from sim_robot.fci.protocol import GRIPPER_HEADER, GRIPPER_PORT, GRIPPER_VERSION
+from sim_robot.fci.protocol import GRIPPER_HEADER, GRIPPER_PORT, GRIPPER_VERSION, VACUUM_PORT, VACUUM_VERSION
+from sim_robot.hand import Hand, Order
 
 STATE = struct.Struct("<IddBH")  # message id, width m, largest width m, is grasped, temperature deg C
+STATE_PERIOD_S = 0.1
 ROOM_TEMPERATURE = 25
-_CONNECT = 0
-# homing, grasp (width, two tolerances, speed, force), move (width, speed), stop
-_PAYLOADS = {_CONNECT: 4, 1: 0, 2: 40, 3: 16, 4: 0}
-_STOP = 4
-_SUCCESS, _FAIL, _INCOMPATIBLE = 0, 1, 1
+_CONNECT, _HOMING, _GRASP, _MOVE, _STOP = range(5)
+_PAYLOADS = {
+    _CONNECT: struct.Struct("<HH"),  # version, the client's UDP port
+    _HOMING: struct.Struct("<"),
+    _GRASP: struct.Struct("<5d"),  # width, inner and outer tolerance, speed, force
+    _MOVE: struct.Struct("<2d"),  # width, speed
+    _STOP: struct.Struct("<"),
+}
+_SUCCESS, _INCOMPATIBLE = 0, 1
+NOT_MOUNTED = 2  # not the vendor's, who has only the two above
 MOST_CLIENTS = 4
 BACKLOG, ACCEPT_PERIOD_S = 128, 0.5e-3  # as in link.py: who waits in the kernel is taken one at a time
+_RESET = struct.pack("ii", 1, 0)  # SO_LINGER, socket(7)
 
 
-class Gripper:
-    """The gripper's port at one arm's address. Never blocks, never trusts a size."""
+class GripperPort:
+    """One gripper's port at one arm's address. hand: None where none is mounted. Never blocks, never trusts a size."""
 
-    def __init__(self, poller: Poller, address: str) -> None:
+    def __init__(
+        self, poller: Poller, address: str, hand: Hand | None, port: int = GRIPPER_PORT, version: int = GRIPPER_VERSION
+    ) -> None:
         """Listen. Raises OSError."""
-        self._poller, self._address = poller, address
-        self._listener = socket.create_server((address, GRIPPER_PORT), backlog=BACKLOG)
+        self._poller, self._hand, self._version = poller, hand, version
+        self._listener = socket.create_server((address, port), backlog=BACKLOG)
         self._listener.setblocking(False)
         # each client: what it sent so far, and where its states go once it has said Connect
         self._inboxes: dict[socket.socket, bytearray] = {}
         self._targets: dict[socket.socket, tuple[str, int]] = {}
+        self._orders: list[tuple[socket.socket, int, int, Order]] = []  # who waits: client, command, its id
         self._udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._udp.setblocking(False)
         self._udp.bind((address, 0))
@@ -42,12 +57,18 @@ class Gripper:
         self._state_due_s = 0.0
         poller.watch(self._listener, self._accept)
 
+    @property
+    def in_use(self) -> bool:
+        """True while a client is connected to a hand."""
+        return bool(self._targets)
+
     def _accept(self) -> None:
         self._poller.rest(self._listener, ACCEPT_PERIOD_S)
         try:
             tcp, _ = self._listener.accept()
         except OSError:
             return
+        tcp.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _RESET)
         if len(self._inboxes) >= MOST_CLIENTS:
             # who has been silent for longest, if anybody: a client says Connect at once
             silent = next((one for one in self._inboxes if one not in self._targets), None)
@@ -63,8 +84,10 @@ class Gripper:
         return lambda: self._serve(tcp)
 
     def _drop(self, tcp: socket.socket) -> None:
+        """Forget a client. What it has ordered goes on."""
         self._inboxes.pop(tcp, None)
         self._targets.pop(tcp, None)
+        self._orders = [waiting for waiting in self._orders if waiting[0] is not tcp]
         self._poller.forget(tcp)
         tcp.close()
 
@@ -80,42 +103,68 @@ class Gripper:
             return
         inbox = self._inboxes[tcp]
         inbox += chunk
-        while len(inbox) >= GRIPPER_HEADER.size:
+        while tcp in self._inboxes and len(inbox) >= GRIPPER_HEADER.size:
             command, command_id, size = GRIPPER_HEADER.unpack_from(inbox)
-            if command not in _PAYLOADS or size != GRIPPER_HEADER.size + _PAYLOADS[command]:
+            if command not in _PAYLOADS or size != GRIPPER_HEADER.size + _PAYLOADS[command].size:
                 self._drop(tcp)
                 return
             if len(inbox) < size:
                 return
-            payload = bytes(inbox[GRIPPER_HEADER.size : size])
+            values = _PAYLOADS[command].unpack_from(inbox, GRIPPER_HEADER.size)
             del inbox[:size]
-            if not self._answer(tcp, command, command_id, payload):
+            if command == _CONNECT:
+                self._connect(tcp, command_id, *values)
+            elif self._hand is None or tcp not in self._targets:
                 self._drop(tcp)
-                return
+            else:
+                self._orders.append((tcp, command, command_id, self._order(self._hand, command, values)))
+                self.settle()
 
-    def _answer(self, tcp: socket.socket, command: int, command_id: int, payload: bytes) -> bool:
-        status, body = (_SUCCESS if command == _STOP else _FAIL), b""
-        if command == _CONNECT:
-            version, port = struct.unpack("<HH", payload)
-            status, body = _SUCCESS, struct.pack("<H", GRIPPER_VERSION)
-            if version != GRIPPER_VERSION:
-                status = _INCOMPATIBLE
-            elif port:
-                self._targets[tcp] = (tcp.getpeername()[0], port)
-        message = GRIPPER_HEADER.pack(command, command_id, GRIPPER_HEADER.size + 2 + len(body))
-        try:
-            sent = tcp.send(message + struct.pack("<H", status) + body)
-        except OSError:
-            return False
-        return sent == len(message) + 2 + len(body)
+    def _connect(self, tcp: socket.socket, command_id: int, version: int, port: int) -> None:
+        status = _SUCCESS
+        if version != self._version:
+            status = _INCOMPATIBLE
+        elif self._hand is None:
+            status = NOT_MOUNTED
+        else:
+            self._targets[tcp] = (tcp.getpeername()[0], port)
+        self._answer(tcp, _CONNECT, command_id, struct.pack("<HH", status, self._version))
+
+    @staticmethod
+    def _order(hand: Hand, command: int, values: tuple[float, ...]) -> Order:
+        if command == _HOMING:
+            return hand.homing()
+        if command == _MOVE:
+            return hand.move(*values)
+        if command == _STOP:
+            return hand.stop()
+        width, inner, outer, speed, force = values
+        return hand.grasp(width, speed, force, inner, outer)
+
+    def _answer(self, tcp: socket.socket, command: int, command_id: int, body: bytes) -> None:
+        message = GRIPPER_HEADER.pack(command, command_id, GRIPPER_HEADER.size + len(body)) + body
+        with contextlib.suppress(OSError):
+            if tcp.send(message) == len(message):
+                return
+        self._drop(tcp)
+
+    def settle(self) -> None:
+        """Answer whose command has ended, in the order in which they came."""
+        ended = [waiting for waiting in self._orders if waiting[3].outcome is not None]
+        if ended:
+            self._orders = [waiting for waiting in self._orders if waiting[3].outcome is None]
+            for tcp, command, command_id, order in ended:
+                self._answer(tcp, command, command_id, struct.pack("<H", order.outcome))
 
     def show(self) -> None:
         """Send the state to who is connected, ten times a second however often it is called."""
-        if not self._targets or time.monotonic() < self._state_due_s:
+        if self._hand is None or not self._targets or time.monotonic() < self._state_due_s:
             return
-        self._state_due_s = time.monotonic() + 0.1
-        self._message_id += 1
-        state = STATE.pack(self._message_id, 0.0, 0.0, 0, ROOM_TEMPERATURE)
+        self._state_due_s = time.monotonic() + STATE_PERIOD_S
+        # ms since the robot's start, which the client reads as the state's time
+        self._message_id = max(self._message_id + 1, self._hand.ticks)
+        hand = self._hand
+        state = STATE.pack(self._message_id, hand.width, hand.max_width, hand.is_grasped, ROOM_TEMPERATURE)
         for target in self._targets.values():
             with contextlib.suppress(OSError):
                 self._udp.sendto(state, target)
@@ -127,3 +176,8 @@ class Gripper:
         self._poller.forget(self._listener)
         self._listener.close()
         self._udp.close()
+
+
+def vacuum_port(poller: Poller, address: str) -> GripperPort:
+    """Return the port of a vacuum gripper that is not mounted: no scene has one. Raises OSError."""
+    return GripperPort(poller, address, None, VACUUM_PORT, VACUUM_VERSION)

@@ -7,8 +7,8 @@ Deterministic for a client program, whatever the machine does:
 - Then a state is shown to all at once, idle arms first, and the plant waits for every moving arm's answer, idle ones
   never. A moving arm whose client has gone, or has not answered for LONGEST_WAIT_S, is not waited for: it loses
   packets, as on the robot, until the reflex.
-- An asynchronous motion (targets now and then, no answers) goes on at 1 kHz of wall-clock time, unless another arm's
-  answers set the pace.
+- An asynchronous motion (targets now and then, no answers) and a hand's go on at 1 kHz of wall-clock time, unless
+  an arm's answers set the pace.
 - When the last motion ends, the plant first comes to rest by itself; the answer that ends the motion, a Move and a
   recovery wait for that, so that what a client reads next does not depend on when it reads.
 """
@@ -60,7 +60,7 @@ class Lockstep:
                 self._rest()
                 continue
             moving = [station for station in server.stations if station.moving]
-            if moving and not self._waits(moving) and self._due(moving):
+            if (moving or server.hands_move) and not self._waits(moving) and self._due(moving):
                 self._step()
                 continue
             server.poller.serve(self._wait_s())
@@ -118,6 +118,7 @@ class Lockstep:
         for station in moving:
             station.message_id = newest  # one clock: moving arms carry one time stamp
             station.show_new()
+        self._server.show_grippers()
         self._idle_due_s = time.monotonic() + IDLE_PERIOD_S
 
     def _rest(self) -> None:
@@ -140,7 +141,7 @@ class Lockstep:
         due: list[float] = []
         due += [station.repeat_due_s for station in stations if station.moving and not station.joined]
         served = [station for station in stations if station.link.client is not None]
-        if any(not station.moving or station.asynchronous for station in served):
+        if any(not station.moving or station.asynchronous for station in served) or self._server.hands_in_use:
             due.append(self._idle_due_s)
         return max(0.0, min(due) - now) if due else 0.1
 
@@ -152,7 +153,8 @@ class Lockstep:
                 station.show()
                 station.repeat_due_s = now + FIRST_REPEATS_S[min(station.repeats, len(FIRST_REPEATS_S) - 1)]
                 station.repeats += 1
-        if now >= self._idle_due_s and not any(station.asynchronous for station in stations):
+        clocked = self._server.hands_move or any(station.asynchronous for station in stations)
+        if now >= self._idle_due_s and not clocked:
             for station in stations:
                 if not station.moving:
                     station.show()

@@ -17,6 +17,8 @@ VERSION = 10
 PORT = 1337
 GRIPPER_VERSION = 3
 GRIPPER_PORT = 1338
+VACUUM_VERSION = 1
+VACUUM_PORT = 1339
 
 HEADER = struct.Struct("<III")  # command, command id, size with this header
 GRIPPER_HEADER = struct.Struct("<HII")

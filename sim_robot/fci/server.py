@@ -6,7 +6,7 @@ import numpy as np
 
 from sim_robot.cell import SimulatedCell
 from sim_robot.faults import link as faults_link
-from sim_robot.fci.gripper import Gripper
+from sim_robot.fci.gripper import GripperPort, vacuum_port
 from sim_robot.fci.poller import Poller
 from sim_robot.fci.protocol import ROBOT_STATE, Command
 from sim_robot.fci.robot_state import MOTION_RECORD, fill_states
@@ -48,7 +48,8 @@ class Server:
                 on_command=lambda command, side=side: self.stations[side].take(command),
                 on_gone=functools.partial(self._gone, side),
             )
-            settings = Settings(self._settings[side], scene.pad, parameters.holding.stiffness)
+            hand = (scene.left, scene.right)[side].hand
+            settings = Settings(self._settings[side], scene.pad, parameters.holding.stiffness, hand)
             stations.append(
                 make_station(
                     cell,
@@ -62,7 +63,8 @@ class Server:
                 )
             )
         self.stations: tuple[Station, Station] = (stations[0], stations[1])
-        self.grippers = tuple(Gripper(self.poller, address) for address in addresses)
+        hands = tuple(GripperPort(self.poller, *one) for one in zip(addresses, cell.hands, strict=True))
+        self.grippers = (*hands, *(vacuum_port(self.poller, address) for address in addresses))
         self._proximity.update()
         self._fill()
 
@@ -95,6 +97,16 @@ class Server:
         for gripper in self.grippers:
             gripper.show()
 
+    @property
+    def hands_in_use(self) -> bool:
+        """True while a client is connected to a hand, or a hand moves."""
+        return self.hands_move or any(gripper.in_use for gripper in self.grippers)
+
+    @property
+    def hands_move(self) -> bool:
+        """True while a hand's fingers are on their way."""
+        return any(hand is not None and hand.busy for hand in self.cell.hands)
+
     def advance(self) -> None:
         """Advance the plant by 1 ms with the commands that have arrived, and judge what it shows."""
         self.cell.next_state()
@@ -105,11 +117,13 @@ class Server:
         self._proximity.update()
         for side, station in enumerate(self.stations):
             station.judge(int(self._collisions[side]), int(self._proximity.masks[side]))
+        for gripper in self.grippers:
+            gripper.settle()
         self._publish_pose()
 
     def tidy(self, elapsed_s: float) -> None:
         """Put the object back once nobody has been connected for TIDY_AFTER_S, as a person would between two trials."""
-        if any(station.link.client is not None for station in self.stations):
+        if self.hands_in_use or any(station.link.client is not None for station in self.stations):
             self._alone_s, self._tidy = 0.0, False
         elif not self._tidy:
             self._alone_s += elapsed_s

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from hal.limits import COLLISION_TORQUES
 from sim_robot.arm_description import JOINTS, fr3_description
+from sim_robot.hand_parameters import FrankaHand
 from sim_robot.scene import Pad
 
 Array = NDArray[np.float64]
@@ -65,7 +66,10 @@ def _within(values: Array, lower: float, upper: Array | float) -> Array:
 class Settings:
     """One arm's settings; `record` is one SETTINGS_RECORD. A setter that raises InvalidSetting changes nothing."""
 
-    def __init__(self, record: np.void, pad: Pad, joint_stiffness: tuple[float, ...]) -> None:
+    def __init__(
+        self, record: np.void, pad: Pad, joint_stiffness: tuple[float, ...], hand: FrankaHand | None = None
+    ) -> None:
+        """hand: what Desk has set as the end effector instead of the pad."""
         self.record = record
         size, flange = np.array(pad.size), fr3_description().flange_offset_z
         record["F_T_NE"] = np.eye(4)
@@ -75,6 +79,11 @@ class Settings:
         record["m_ee"] = pad.mass
         record["F_x_Cee"] = (0.0, 0.0, pad.face_offset_z - flange - size[2] / 2.0)
         record["I_ee"] = np.diag(pad.mass / 12.0 * (np.sum(size**2) - size**2)).ravel()
+        self._face_T_NE = np.eye(4)
+        if hand is not None:
+            record["F_T_NE"], record["m_ee"], record["F_x_Cee"] = hand.F_T_NE(), hand.mass, hand.centre
+            record["I_ee"] = np.diag(hand.inertia).ravel()
+            self._face_T_NE[:3, :3] = record["F_T_NE"][:3, :3]  # the face has the flange's axes
         record["torque_thresholds"] = (CONTACT_TORQUES, COLLISION_TORQUES) * 2
         record["force_thresholds"] = (CONTACT_FORCES, COLLISION_FORCES) * 2
         record["K_theta"] = joint_stiffness
@@ -85,8 +94,8 @@ class Settings:
         record = self.record
         record["F_T_EE"] = record["F_T_NE"] @ record["NE_T_EE"]
         # exactly the identity for the default: the wire then carries the sensors' own numbers
-        record["face_T_EE"] = record["NE_T_EE"]
-        record["face_T_K"] = record["NE_T_EE"] @ record["EE_T_K"]
+        record["face_T_EE"] = self._face_T_NE @ record["NE_T_EE"]
+        record["face_T_K"] = record["face_T_EE"] @ record["EE_T_K"]
 
     def set_NE_T_EE(self, values: tuple[float, ...]) -> None:
         """Place the end effector in the nominal end-effector frame: 16 numbers, column-major."""
