@@ -30,3 +30,15 @@ class UnknownObject(HardwareError):
 
 class ObjectOutOfReach(HardwareError):
     """The object cannot be placed where it was asked for."""
+
+
+class NoGripper(HardwareError):
+    """No hand is mounted on the arm."""
+
+
+class GripperFailed(HardwareError):
+    """The gripper refuses a command: it was never homed, or a value is out of its range."""
+
+
+class GripperAborted(GripperFailed):
+    """A gripper's command was ended by stop, or by another command."""

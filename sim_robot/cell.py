@@ -22,6 +22,7 @@ from sim_robot.control_box import ControlBox
 from sim_robot.faults.file import refuse_link_faults, tilt_of
 from sim_robot.faults.injection import BASE_READING, BASE_START, Injection
 from sim_robot.faults.kinds import Fault
+from sim_robot.gripper import SimulatedGripper
 from sim_robot.hand import Hand
 from sim_robot.lab_objects import with_lab_objects
 from sim_robot.model import SIDES
@@ -203,6 +204,10 @@ class SimulatedCell:
     def as_cell(self, name: str) -> Cell:
         """Return the cell as hal knows it. `name` is the kind as the command line spells it."""
         return Cell(name, self.left, self.right, self.tracker, paced=self.clock is not None)
+
+    def gripper(self, side: int) -> SimulatedGripper:
+        """Return the hand of arm 0 (left) or 1 (right). Raises NoGripper."""
+        return SimulatedGripper(self, side)
 
     def close(self) -> None:
         """Stop both arms. Never raises."""

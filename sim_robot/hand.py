@@ -73,7 +73,8 @@ class Hand:
         self._closing_per_n = 2.0 * FORCE_GAIN / parameters.stiffness
         self._order: Order | None = None
         self._window: _Window | None = None  # of the grasp that runs, or holds
-        self._homing = self._holding = self._releasing = False
+        self._homing = self._holding = False
+        self._letting_go: Outcome | None = None  # how the order ends once nothing is touched any more
         self._goal, self._speed, self._force = self.width, parameters.max_speed, parameters.max_force
         self._ordered_tick = self._held_ms = 0
         self._wrench = np.zeros(6)
@@ -86,7 +87,7 @@ class Hand:
     @property
     def busy(self) -> bool:
         """True while the fingers are on their way."""
-        return self._order is not None or self._releasing
+        return self._order is not None
 
     @property
     def is_grasped(self) -> bool:
@@ -117,19 +118,18 @@ class Hand:
         order = self._begin(0.0, speed, force)
         self._window = _Window(width - epsilon_inner, width + epsilon_outer)
         if held:
-            self._finish(Outcome.UNSUCCESSFUL)
-            self._release()
+            self._let_go(Outcome.UNSUCCESSFUL)
         return order
 
     def stop(self) -> Order:
         """End what runs, which is ABORTED, and let go of what is held."""
         gripping = self._window is not None
-        self._abort()
+        order = self._begin(self.width, self.parameters.max_speed, self.parameters.max_force)
         if gripping:
-            self._release()
-        elif not self._releasing:
-            self._goal = self.width
-        return Order(Outcome.SUCCESS)
+            self._let_go(Outcome.SUCCESS)
+        else:
+            self._finish(Outcome.SUCCESS)
+        return order
 
     def _possible(self, width: float) -> bool:
         return self.max_width > 0.0 and isfinite(width) and 0.0 <= width <= self.max_width
@@ -139,9 +139,10 @@ class Hand:
         return Order(Outcome.FAIL)
 
     def _begin(self, goal: float, speed: float, force: float) -> Order:
-        self._abort()
+        self._finish(Outcome.ABORTED)
         self._order = Order()
-        self._homing = self._holding = self._releasing = False
+        self._homing = self._holding = False
+        self._letting_go = None
         self._window, self._goal = None, goal
         self._speed, self._force = min(speed, self.parameters.max_speed), min(force, self.parameters.max_force)
         self._ordered_tick, self._held_ms = self._plant.ticks, 0
@@ -151,11 +152,8 @@ class Hand:
         if self._order is not None:
             self._order.outcome, self._order = outcome, None
 
-    def _abort(self) -> None:
-        self._finish(Outcome.ABORTED)
-
-    def _release(self) -> None:
-        self._holding, self._releasing, self._window = False, True, None
+    def _let_go(self, outcome: Outcome) -> None:
+        self._holding, self._letting_go, self._window = False, outcome, None
         self._speed = self.parameters.max_speed
         self._goal = min(self.width + RELEASE_M, self.parameters.max_width)
 
@@ -181,13 +179,11 @@ class Hand:
             return
         one, other = self.felt()
         mean, squeeze = (one + other) / 2.0, min(one, other)
-        if self._releasing and mean > 0.0:
+        if self._letting_go is not None and mean > 0.0:
             self._goal = min(self.width + RELEASE_M, self.parameters.max_width)
         self._step(mean)
         if self._order is not None:
             self._judge(squeeze)
-        elif self._releasing and abs(self._goal - self.width) < CLOSED_M and mean <= 0.0:
-            self._releasing = False
 
     def _step(self, force: float) -> None:
         furthest = self._speed * PERIOD_S
@@ -201,6 +197,11 @@ class Hand:
             self._plant.model.body_pos[body] = self.parameters.finger_position(finger, self.width)
 
     def _judge(self, squeeze: float) -> None:
+        there = abs(self._goal - self.width) < CLOSED_M
+        if self._letting_go is not None:
+            if there:
+                self._finish(self._letting_go)
+            return
         if self._window is not None:
             self._held_ms = self._held_ms + 1 if squeeze >= HELD_SHARE * self._force else 0
             if self._held_ms >= HELD_MS or self.width <= CLOSED_M:
@@ -208,18 +209,12 @@ class Hand:
                     self._holding = True
                     self._finish(Outcome.SUCCESS)
                 else:
-                    self._finish(Outcome.UNSUCCESSFUL)
-                    self._release()
+                    self._let_go(Outcome.UNSUCCESSFUL)
                 return
-        elif abs(self._goal - self.width) < CLOSED_M:
+        elif there:
             if self._homing:
                 self.max_width = self.parameters.max_width
             self._finish(Outcome.SUCCESS)
             return
         if (self._plant.ticks - self._ordered_tick) * PERIOD_S >= self.parameters.move_timeout_s:
-            gripping = self._window is not None
-            self._finish(Outcome.UNSUCCESSFUL)
-            if gripping:
-                self._release()
-            else:
-                self._goal = self.width
+            self._let_go(Outcome.UNSUCCESSFUL)

@@ -97,7 +97,9 @@ class Plant:
         self.ticks = 0  # ms since the start
         # what is on the flanges, a pad or a hand, and where in it an arm is pushed: the middle of its face
         self.pad_bodies, self.finger_bodies, self._object_body = cell.pad_bodies, cell.finger_bodies, cell.object_body
-        ends = [place.hand.tip_offset_z if place.hand else scene.pad.size[2] / 2.0 for place in (scene.left, scene.right)]
+        ends = [
+            place.hand.tip_offset_z if place.hand else scene.pad.size[2] / 2.0 for place in (scene.left, scene.right)
+        ]
         self.face_in_pad = np.array([(0.0, 0.0, z) for z in ends])
         self._pad_force = np.zeros((2, 3))
         self._pad_pushed = False

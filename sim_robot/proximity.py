@@ -1,4 +1,4 @@
-"""Self-collision: a link of an arm that comes near the other arm or the table. The pads, or a hand, may touch what they like."""
+"""Self-collision: a link of an arm that comes near the other arm or the table. Pads and hands may touch anything."""
 
 import numba
 import numpy as np

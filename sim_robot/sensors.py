@@ -87,7 +87,9 @@ class Sensors:
     Noise comes from one generator, drawn in blocks: deterministic for a seed and the number of milliseconds.
     """
 
-    def __init__(self, plant: Plant, parameters: SensorParameters, faces_offset_z: tuple[float, float], seed: int) -> None:
+    def __init__(
+        self, plant: Plant, parameters: SensorParameters, faces_offset_z: tuple[float, float], seed: int
+    ) -> None:
         self.states = np.zeros(2, ARM_STATE)
         self.states["O_T_EE"][:] = np.eye(4)
         self._plant = plant

@@ -44,7 +44,9 @@ class PlantFaults:
         if not data.ncon:
             return False
         pairs = data.contact.geom
-        return bool(np.any((pairs == self._object).any(axis=1) & np.isin(pairs, sum(self._pads, [])).any(axis=1)))
+        return bool(
+            np.any((pairs == self._object).any(axis=1) & np.isin(pairs, [*self._pads[0], *self._pads[1]]).any(axis=1))
+        )
 
     def change(self) -> None:
         """Take over what the schedule now says."""

@@ -1,6 +1,6 @@
 """The ports of the grippers: 1338, version 3, of the Franka Hand; 1339, version 1, of the vacuum gripper.
 
-Where no such gripper is mounted Connect is refused at once: libfranka raises "Protocol error during connection attempt".
+Where no such gripper is mounted Connect is refused; libfranka raises "Protocol error during connection attempt".
 A closed port would have it say that the Control Interface is not installed, and a connection that ends in silence would
 leave it waiting for ever. So a connection that is ended here is reset: libfranka raises a NetworkException at once.
 
@@ -16,11 +16,11 @@ from collections.abc import Callable
 
 from sim_robot.fci.poller import Poller
 from sim_robot.fci.protocol import GRIPPER_HEADER, GRIPPER_PORT, GRIPPER_VERSION, VACUUM_PORT, VACUUM_VERSION
+from sim_robot.gripper import ROOM_TEMPERATURE
 from sim_robot.hand import Hand, Order
 
 STATE = struct.Struct("<IddBH")  # message id, width m, largest width m, is grasped, temperature deg C
 STATE_PERIOD_S = 0.1
-ROOM_TEMPERATURE = 25
 _CONNECT, _HOMING, _GRASP, _MOVE, _STOP = range(5)
 _PAYLOADS = {
     _CONNECT: struct.Struct("<HH"),  # version, the client's UDP port

@@ -9,8 +9,8 @@ Deterministic for a client program, whatever the machine does:
   packets, as on the robot, until the reflex.
 - An asynchronous motion (targets now and then, no answers) and a hand's go on at 1 kHz of wall-clock time, unless
   an arm's answers set the pace.
-- When the last motion ends, the plant first comes to rest by itself; the answer that ends the motion, a Move and a
-  recovery wait for that, so that what a client reads next does not depend on when it reads.
+- When the last motion ends, an arm's or a hand's, the plant first comes to rest by itself; the answer that ends the
+  motion, a Move and a recovery wait for that, so that what a client reads next does not depend on when it reads.
 """
 
 import time
@@ -49,6 +49,7 @@ class Lockstep:
         self._idle_due_s = 0.0
         self._tidied_s = time.monotonic()
         self._were_moving = (False, False)
+        self._hands_moved = False
 
     def run(self, stopped: Callable[[], bool]) -> None:
         """Serve both arms."""
@@ -91,7 +92,7 @@ class Lockstep:
         if moving == self._were_moving:
             return
         if not any(moving):
-            self._resting, self._rest_ms, self._server.deferring = True, 0, True
+            self._begin_rest()
         for station in self._server.stations:
             station.hold_replies = self._resting
         for station, now, before in zip(self._server.stations, moving, self._were_moving, strict=True):
@@ -106,7 +107,19 @@ class Lockstep:
                 station.show_new()
         self._were_moving = moving
 
+    def _begin_rest(self) -> None:
+        self._resting, self._rest_ms, self._server.deferring = True, 0, True
+
+    def _note_hands(self) -> None:
+        """See a hand's motion that ended while no arm moves: its answer waits for the plant's rest too."""
+        moved, self._hands_moved = self._hands_moved, self._server.hands_move
+        if moved and not self._hands_moved and not any(station.moving for station in self._server.stations):
+            self._begin_rest()
+        if not self._resting:
+            self._server.settle_grippers()
+
     def _step(self) -> None:
+        self._hands_moved = self._server.hands_move
         self._server.advance()
         stations = self._server.stations
         self._note_changes()
@@ -118,6 +131,7 @@ class Lockstep:
         for station in moving:
             station.message_id = newest  # one clock: moving arms carry one time stamp
             station.show_new()
+        self._note_hands()
         self._server.show_grippers()
         self._idle_due_s = time.monotonic() + IDLE_PERIOD_S
 
@@ -135,6 +149,7 @@ class Lockstep:
             station.show_new()
         if not self._resting:
             server.resume_requests()
+            server.settle_grippers()
 
     def _wait_s(self) -> float:
         stations, now = self._server.stations, time.monotonic()

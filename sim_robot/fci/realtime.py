@@ -90,6 +90,7 @@ class Realtime:
                 if not self._ahead:
                     server.advance()
                 self._ahead = False
+                server.settle_grippers()
                 if self.ticks % 100 == 0:
                     server.show_grippers()
                     server.tidy(0.1)

@@ -92,6 +92,11 @@ class Server:
             self._wires, self._collisions,
         )  # fmt: skip
 
+    def settle_grippers(self) -> None:
+        """Answer the commands to hands that have ended."""
+        for gripper in self.grippers:
+            gripper.settle()
+
     def show_grippers(self) -> None:
         """Send the grippers' states where they are due."""
         for gripper in self.grippers:
@@ -117,8 +122,6 @@ class Server:
         self._proximity.update()
         for side, station in enumerate(self.stations):
             station.judge(int(self._collisions[side]), int(self._proximity.masks[side]))
-        for gripper in self.grippers:
-            gripper.settle()
         self._publish_pose()
 
     def tidy(self, elapsed_s: float) -> None:

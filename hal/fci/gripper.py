@@ -1,0 +1,120 @@
+"""The Franka Hand at an arm's address, over pylibfranka: a hal.gripper.Gripper.
+
+pylibfranka keeps Python's lock while a command runs (homing, a move: seconds), so that no other thread of the process
+goes on: a process that controls arms leaves the gripper to another process.
+"""
+
+import contextlib
+import socket
+import struct
+from collections.abc import Iterator
+
+import pylibfranka as franka
+
+from hal.errors import ConnectionLost, GripperAborted, GripperFailed, HardwareError, NoGripper
+from hal.fci.faults import VENDOR
+from hal.gripper import GripperState
+
+# libfranka-common, research_interface/gripper: command port, version, header (command, id, size), Connect = 0
+PORT, VERSION = 1338, 3
+_HEADER, _CONNECT, _ANSWER = struct.Struct("<HII"), struct.Struct("<HH"), struct.Struct("<HIIHH")
+_SUCCESS, _INCOMPATIBLE = 0, 1
+PATIENCE_S = 1.0  # libfranka's own
+
+
+def ask_for_gripper(address: str) -> int:
+    """Return the version of the gripper at an arm's address, asked for as libfranka asks, and hang up again.
+
+    libfranka itself would wait for ever where the other end hangs up. Raises NoGripper, ConnectionLost, HardwareError.
+    """
+    try:
+        with (
+            socket.create_connection((address, PORT), PATIENCE_S) as tcp,
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp,
+        ):
+            udp.bind(("", 0))
+            tcp.sendall(_HEADER.pack(0, 0, _HEADER.size + _CONNECT.size) + _CONNECT.pack(VERSION, udp.getsockname()[1]))
+            answer = b""
+            while len(answer) < _ANSWER.size:
+                chunk = tcp.recv(_ANSWER.size - len(answer))
+                if not chunk:
+                    raise ConnectionLost(f"the gripper at {address} hung up; is one mounted, and known to Desk?")
+                answer += chunk
+    except OSError as error:
+        raise ConnectionLost(
+            f"no gripper answers at {address}: {error.strerror or error}; is one mounted, and the FCI active in Desk?"
+        ) from None
+    *_, status, version = _ANSWER.unpack(answer)
+    if status == _INCOMPATIBLE:
+        raise HardwareError(
+            f"the gripper at {address} speaks version {version}, this libfranka {VERSION}; update the robot's system"
+        )
+    if status != _SUCCESS:
+        raise NoGripper(f"the robot at {address} has no hand: mount one, in simulation by a scene with [left.hand]")
+    return version
+
+
+class FciGripper:
+    """The hand of the arm at `address`."""
+
+    def __init__(self, address: str) -> None:
+        """Connect. Raises NoGripper, ConnectionLost, HardwareError."""
+        self.address = address
+        ask_for_gripper(address)
+        with self._vendor_errors():
+            self._gripper: franka.Gripper | None = franka.Gripper(address)
+
+    def state(self) -> GripperState:
+        """Return the next state. See hal.gripper.Gripper."""
+        with self._vendor_errors():
+            state = self._open().read_once()
+        t_ns = round(1e3 * state.time.to_sec()) * 1_000_000
+        return GripperState(t_ns, state.width, state.max_width, state.is_grasped, state.temperature)
+
+    def homing(self) -> bool:
+        """Find the largest width."""
+        with self._vendor_errors():
+            return self._open().homing()
+
+    def move(self, width: float, speed: float) -> bool:
+        """Bring the fingers to a width, m, at a speed, m/s."""
+        with self._vendor_errors():
+            return self._open().move(width, speed)
+
+    def grasp(
+        self, width: float, speed: float, force: float, epsilon_inner: float = 0.005, epsilon_outer: float = 0.005
+    ) -> bool:
+        """Close until a force, N, is felt, and hold on."""
+        with self._vendor_errors():
+            return self._open().grasp(width, speed, force, epsilon_inner, epsilon_outer)
+
+    def stop(self) -> bool:
+        """Let go."""
+        with self._vendor_errors():
+            return self._open().stop()
+
+    def close(self) -> None:
+        """Disconnect."""
+        self._gripper = None
+
+    def _open(self) -> franka.Gripper:
+        if self._gripper is None:
+            raise ConnectionLost(f"the gripper at {self.address} was closed; open it again")
+        return self._gripper
+
+    @contextlib.contextmanager
+    def _vendor_errors(self) -> Iterator[None]:
+        try:
+            yield
+        except VENDOR as error:
+            raise self._explained(error) from None
+
+    def _explained(self, error: Exception) -> HardwareError:
+        text = " ".join(str(error).removeprefix("libfranka: ").removeprefix("libfranka gripper: ").split())
+        if isinstance(error, franka.NetworkException):
+            return ConnectionLost(f"the gripper at {self.address} does not answer: {text}; check power and cable")
+        if isinstance(error, franka.CommandException) and "aborted" in text:
+            return GripperAborted(f"the gripper at {self.address}: {text} Another command or stop ended it")
+        if isinstance(error, franka.CommandException):
+            return GripperFailed(f"the gripper at {self.address}: {text} Is it homed, the width within its range?")
+        return HardwareError(f"the gripper at {self.address}: {text}")

@@ -1,0 +1,78 @@
+"""A hand of the simulated cell in one process: a hal.gripper.Gripper. Its commands let the cell's time go on."""
+
+from typing import TYPE_CHECKING
+
+from hal.errors import ConnectionLost, GripperAborted, GripperFailed, NoGripper
+from hal.gripper import GripperState
+from hal.state import RobotMode
+from sim_robot.hand import Order, Outcome
+from sim_robot.model import SIDES
+
+if TYPE_CHECKING:
+    from sim_robot.cell import SimulatedCell
+
+ROOM_TEMPERATURE = 25  # deg C, and it stays so
+
+
+class SimulatedGripper:
+    """The hand of arm 0 (left) or 1 (right). Commands are for arms that hold: nobody answers them meanwhile."""
+
+    def __init__(self, cell: "SimulatedCell", side: int) -> None:
+        """Raises NoGripper."""
+        hand = cell.hands[side]
+        if hand is None:
+            raise NoGripper(f"the {SIDES[side]} arm has no hand: load a scene with [{SIDES[side]}.hand]")
+        self._cell, self._hand, self._name = cell, hand, f"the {SIDES[side]} hand"
+        self._closed = False
+
+    def state(self) -> GripperState:
+        """Return the present state, at once. See hal.gripper.Gripper."""
+        self._check_open()
+        hand = self._hand
+        return GripperState(hand.ticks * 1_000_000, hand.width, hand.max_width, hand.is_grasped, ROOM_TEMPERATURE)
+
+    def homing(self) -> bool:
+        """Find the largest width."""
+        self._check()
+        return self._carry_out(self._hand.homing())
+
+    def move(self, width: float, speed: float) -> bool:
+        """Bring the fingers to a width, m, at a speed, m/s."""
+        self._check()
+        return self._carry_out(self._hand.move(width, speed))
+
+    def grasp(
+        self, width: float, speed: float, force: float, epsilon_inner: float = 0.005, epsilon_outer: float = 0.005
+    ) -> bool:
+        """Close until a force, N, is felt, and hold on."""
+        self._check()
+        return self._carry_out(self._hand.grasp(width, speed, force, epsilon_inner, epsilon_outer))
+
+    def stop(self) -> bool:
+        """Let go."""
+        self._check()
+        return self._carry_out(self._hand.stop())
+
+    def close(self) -> None:
+        """Nothing can be commanded any more."""
+        self._closed = True
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise ConnectionLost(f"{self._name} was closed; open it again")
+
+    def _check(self) -> None:
+        self._check_open()
+        if any(box.mode == RobotMode.MOVE for box in self._cell.boxes):
+            raise GripperFailed(
+                f"{self._name} moves in one process with its arms, and they would lose packets: stop them"
+            )
+
+    def _carry_out(self, order: Order) -> bool:
+        while order.outcome is None:
+            self._cell.next_state()
+        if order.outcome == Outcome.FAIL:
+            raise GripperFailed(f"{self._name} refused. Is it homed, the width within its range, the speed positive?")
+        if order.outcome == Outcome.ABORTED:
+            raise GripperAborted(f"{self._name}: another command or stop ended it")
+        return order.outcome == Outcome.SUCCESS
