@@ -135,11 +135,3 @@ def test_the_model_is_that_of_the_arm(lockstep: Served) -> None:
     assert np.array(model.zero_jacobian(state)).size == 42
     mass = np.array(model.mass(state)).reshape(7, 7)
     assert np.linalg.eigvalsh(mass).min() > 0.0
-
-
-def test_there_is_no_hand(lockstep: Served) -> None:
-    gripper = franka.Gripper(lockstep.left)
-    assert (gripper.server_version(), gripper.read_once().max_width) == (3, 0.0)
-    with pytest.raises(franka.CommandException):
-        gripper.homing()
-    assert gripper.stop()
