@@ -7,6 +7,7 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pylibfranka as franka
 import pytest
 from fci_client import connect, hold, torque_control
@@ -119,19 +120,13 @@ def test_the_hand_belongs_to_the_arms_state(with_hand: Served) -> None:
 def test_an_arm_goes_on_in_torque_control_while_the_hand_grasps(with_hand: Served) -> None:
     """The gripper's program is another process; the plant keeps the pace of the arm's answers."""
     robot = connect(with_hand.left)
-    q_hold = robot.read_once().q
+    q_hold = np.array(robot.read_once().q)
     program = Path(__file__).with_name("grasp_object_program.py")
-    process = subprocess.Popen([sys.executable, str(program), with_hand.left], stdout=subprocess.PIPE, text=True)
-    ended = False
-
-    def law(tick: int, state: franka.RobotState):
-        nonlocal ended
-        ended = ended or process.poll() is not None
-        return hold(state, q_hold)
-
-    while not ended:
-        states = torque_control(robot, 2000, law)
-        assert states[-1].robot_mode == franka.RobotMode.Move
-    said, _ = process.communicate(timeout=60)
+    command = [sys.executable, str(program), with_hand.left]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        while process.poll() is None:
+            states = torque_control(robot, 500, lambda tick, state: hold(state, q_hold))
+            assert states[-1].robot_mode == franka.RobotMode.Move
+        said, _ = process.communicate(timeout=60)
     assert process.returncode == 0
     assert said.splitlines()[-1] == "let go at 0.08"

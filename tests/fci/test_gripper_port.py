@@ -56,7 +56,7 @@ class Client:
         self.tcp = socket.create_connection((ADDRESS, port), timeout=LATER_S)
         self.tcp.setblocking(False)
         self.udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.udp.bind((ADDRESS, 0))
+        self.udp.bind(("", 0))
         self.udp.setblocking(False)
         self.received = b""
 
@@ -112,19 +112,23 @@ class Client:
             return True
         raise AssertionError("an answer instead of a reset")
 
-    def state(self) -> tuple[int, float, float, bool, int]:
-        """Return the newest state."""
-        states: list[bytes] = []
+    def sees(self, width: float, max_width: float = 0.08, is_grasped: bool = False) -> int:
+        """Wait for a state of these widths, to the mm, and return its number; their numbers rise until then."""
+        numbers = [0]
 
-        def arrived() -> bool:
-            with contextlib.suppress(BlockingIOError):
-                while True:
-                    states.append(self.udp.recv(100))
-            return bool(states)
+        def seen() -> bool:
+            try:
+                state = self.udp.recv(100)
+            except BlockingIOError:
+                return False
+            assert len(state) == 23
+            number, *widths, grasped, temperature = STATE.unpack(state)
+            assert (number > numbers[-1], temperature) == (True, 25)
+            numbers.append(number)
+            return widths == pytest.approx([width, max_width], abs=1e-3) and bool(grasped) == is_grasped
 
-        self._served.until(arrived)
-        assert len(states[-1]) == 23
-        return STATE.unpack(states[-1])
+        self._served.until(seen)
+        return numbers[-1]
 
     def close(self) -> None:
         self.tcp.close()
@@ -203,15 +207,13 @@ def test_half_a_message_waits_for_its_other_half(served: Served, client: Client)
 
 
 def test_states_come_with_rising_numbers_and_show_the_hand(served: Served, client: Client) -> None:
-    first = client.state()
-    assert first[1:] == (pytest.approx(0.08), pytest.approx(0.08), False, 25)
+    client.sees(0.08)
     number = client.order(GRASP, 0.05, 0.005, 0.005, 0.1, 30.0)  # width, both tolerances, speed, force
     assert client.answer() == (GRASP, number, SUCCESS)
-    later = client.state()
-    while not later[3]:
-        later = client.state()
-    assert later[0] > first[0]
-    assert later[1] == pytest.approx(0.05, abs=1e-3)
+    client.sees(0.05, is_grasped=True)
+    client.order(STOP)
+    client.answer()
+    client.sees(0.051)
 
 
 def test_every_status_of_a_command(served: Served, client: Client) -> None:
@@ -235,7 +237,7 @@ def test_another_clients_command_aborts_the_one_that_runs(served: Served, client
         second.order(MOVE, 0.08, 0.1)
         assert client.answer() == (MOVE, number, ABORTED)
         assert second.answer()[2] == SUCCESS
-        assert client.state()[1] == second.state()[1] == pytest.approx(0.08)
+        assert client.sees(0.08) <= second.sees(0.08)
 
 
 def test_what_a_client_has_ordered_goes_on_after_it_has_gone(served: Served, client: Client) -> None:
@@ -244,7 +246,7 @@ def test_what_a_client_has_ordered_goes_on_after_it_has_gone(served: Served, cli
         second.order(MOVE, 0.06, 0.1)
         served.until(lambda: served.cell is not None and served.cell.hands[0].busy)
     served.until(lambda: served.cell is not None and not served.cell.hands[0].busy)
-    assert client.state()[1] == pytest.approx(0.06)
+    client.sees(0.06)
 
 
 def test_when_the_server_ends_who_waits_for_an_answer_is_told(served: Served, client: Client) -> None:
