@@ -6,6 +6,7 @@ from pathlib import Path
 
 import psutil
 
+from hal.errors import HardwareError, NoGripper
 from rtstack.check.finding import Finding, finding
 
 FCI_PORT = 1337  # libfranka, research_interface/robot/service_types.h: kCommandPort
@@ -24,6 +25,18 @@ def arm_finding(name: str, address: str) -> Finding:
         advice = "switch it on, unlock its joints, activate the FCI on its page; check cable and addresses"
         return Finding(name, f"{address}: {reason}", "fail", advice, "no arm, no motion")
     return Finding(name, f"{address} answers", "pass")
+
+
+def gripper_finding(name: str, address: str) -> Finding:
+    """Say whether a hand answers at an arm's address. None is as good: the stack needs no gripper."""
+    from hal.fci.gripper import ask_for_gripper  # and with it pylibfranka, which a check of the host does without
+
+    try:
+        return Finding(name, f"a Franka Hand answers, version {ask_for_gripper(address)}", "pass")
+    except NoGripper:
+        return Finding(name, "none is mounted", "pass")
+    except HardwareError as error:
+        return Finding(name, str(error), "pass")
 
 
 def interface_finding(name: str, address: str) -> Finding:

@@ -13,7 +13,7 @@ from rtstack.bench.link import GOOD_SUCCESS, LinkBenchmark, bench_link
 from rtstack.check.arm import resting_findings
 from rtstack.check.finding import Finding, finding
 from rtstack.check.host import host_findings
-from rtstack.check.network import arm_finding, interface_finding
+from rtstack.check.network import arm_finding, gripper_finding, interface_finding
 from rtstack.check.software import software_findings
 from rtstack.cli.cells import load_description, open_cell
 from rtstack.configuration import ConfigurationError
@@ -72,6 +72,7 @@ def _arm_findings(left: str, right: str, description: CellDescription | None) ->
     findings += [arm_finding(f"{side} arm", address) for side, address in arms.items()]
     if any(finding.verdict == "fail" for finding in findings):
         return findings
+    findings += [gripper_finding(f"{side} gripper", address) for side, address in arms.items()]
     return findings + link_findings(f"fci:{left},{right}", description)
 
 

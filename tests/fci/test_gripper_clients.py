@@ -15,6 +15,7 @@ from fci_server import Served, serve
 
 from hal.errors import ConnectionLost, GripperFailed, NoGripper
 from hal.fci.gripper import PORT, FciGripper, ask_for_gripper
+from rtstack.check.network import gripper_finding
 
 SCENE = ("--scene", "hand", "--object", "block")
 
@@ -130,3 +131,11 @@ def test_an_arm_goes_on_in_torque_control_while_the_hand_grasps(with_hand: Serve
         said, _ = process.communicate(timeout=60)
     assert process.returncode == 0
     assert said.splitlines()[-1] == "let go at 0.08"
+
+
+def test_a_check_says_whether_a_hand_answers_and_asks_for_none(with_hand: Served) -> None:
+    left, right = (gripper_finding("gripper", address) for address in (with_hand.left, with_hand.right))
+    nobody = gripper_finding("gripper", "127.0.97.43")
+    assert (left.value, right.value) == ("a Franka Hand answers, version 3", "none is mounted")
+    assert "no gripper answers at 127.0.97.43" in nobody.value
+    assert {left.verdict, right.verdict, nobody.verdict} == {"pass"}

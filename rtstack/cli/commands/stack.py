@@ -74,7 +74,9 @@ def console(
 
 @commands.command()
 def sim(
-    scene: Annotated[str, typer.Option(metavar="NAME", help="The scene to simulate: grab.")] = "grab",
+    scene: Annotated[
+        str, typer.Option(metavar="NAME", help="The scene to simulate: grab, or hand with a Franka Hand.")
+    ] = "grab",
     left: Annotated[str, typer.Option(metavar="ADDR", help="Address of the left arm.")] = "127.0.0.11",
     right: Annotated[str, typer.Option(metavar="ADDR", help="Address of the right arm.")] = "127.0.0.12",
     lockstep: Annotated[bool, typer.Option("--lockstep", help="Wait for every moving arm's answer.")] = False,
