@@ -1,13 +1,97 @@
-"""What libfranka's examples do, over pylibfranka. Prints a line for each that went well."""
+"""What libfranka's examples do, over pylibfranka.
+
+`python pylibfranka_program.py ADDRESS [PART...]` prints a line for each part that went well; without parts, all.
+"""
 
 import itertools
 import sys
 import time
+from collections.abc import Callable
 
 import numpy as np
 import pylibfranka as franka
 
-JOINT = franka.ControllerMode.JointImpedance
+JOINT, CARTESIAN = franka.ControllerMode.JointImpedance, franka.ControllerMode.CartesianImpedance
+# how near an arm comes to the end of its motion, rad or m: friction moves soft springs
+ALLOWED = {JOINT: 3e-3, CARTESIAN: 1e-2}
+READY = np.pi * np.array([0.0, -1 / 4, 0.0, -3 / 4, 0.0, 1 / 2, 1 / 4])
+Law = Callable[[franka.RobotState, float], object]
+
+
+def run(control: franka.ActiveControlBase, law: Law, seconds: float) -> tuple[franka.RobotState, franka.RobotState]:
+    """Command law(first state, time in s); return the first state and the last one."""
+    first, ticks = None, round(1e3 * seconds)
+    for tick in range(ticks + 1):
+        state, _ = control.readOnce()
+        first = state if first is None else first
+        command = law(first, 1e-3 * tick)
+        command.motion_finished = tick == ticks
+        control.writeOnce(command)
+    return first, state
+
+
+def cycle(time: float, period: float) -> float:
+    """0 to 1 and back within each period, s; at rest at both ends."""
+    return 0.5 * (1.0 - np.cos(2.0 * np.pi * time / period))
+
+
+def ready(robot: franka.Robot) -> None:
+    """From where the arm is measured to the pose in which the examples begin."""
+
+    def law(first: franka.RobotState, time: float) -> franka.JointPositions:
+        return franka.JointPositions(list(first.q + cycle(time, 6.0) * (READY - first.q)))
+
+    _, last = run(robot.start_joint_position_control(JOINT), law, 3.0)
+    assert np.abs(last.q - READY).max() < 3e-3
+
+
+def joint_position(robot: franka.Robot) -> None:
+    """Three joints by 22 degrees and back, from the measured joints."""
+
+    def law(first: franka.RobotState, time: float) -> franka.JointPositions:
+        way = np.pi / 8 * cycle(time, 2.5) * np.array([0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 1.0])
+        return franka.JointPositions(list(first.q + way))
+
+    for controller in (JOINT, CARTESIAN):
+        first, last = run(robot.start_joint_position_control(controller), law, 2.5)
+        assert np.abs(np.subtract(last.q, first.q)).max() < ALLOWED[controller]
+
+
+def joint_velocity(robot: franka.Robot) -> None:
+    """Four joints there and back by their velocities."""
+
+    def law(first: franka.RobotState, time: float) -> franka.JointVelocities:
+        speed = cycle(time % 1.0, 1.0) * (1.0 if time < 1.0 else -1.0)
+        return franka.JointVelocities([0.0, 0.0, 0.0, speed, speed, speed, speed])
+
+    for controller in (JOINT, CARTESIAN):
+        first, last = run(robot.start_joint_velocity_control(controller), law, 2.0)
+        assert np.abs(np.subtract(last.q, first.q)).max() < ALLOWED[controller]
+
+
+def cartesian_pose(robot: franka.Robot) -> None:
+    """An arc of 0.2 m radius and back, from the measured pose."""
+
+    def law(first: franka.RobotState, time: float) -> franka.CartesianPose:
+        pose, angle = np.array(first.O_T_EE), np.pi / 2 * cycle(time, 5.0)
+        pose[[12, 14]] += 0.2 * np.array([np.sin(angle), np.cos(angle) - 1.0])
+        return franka.CartesianPose(list(pose))
+
+    for controller in (JOINT, CARTESIAN):
+        first, last = run(robot.start_cartesian_pose_control(controller), law, 5.0)
+        assert np.abs(np.subtract(last.O_T_EE, first.O_T_EE)).max() < ALLOWED[controller]
+
+
+def cartesian_velocity(robot: franka.Robot) -> None:
+    """Down and sideways and back by the end effector's velocity."""
+
+    def law(first: franka.RobotState, time: float) -> franka.CartesianVelocities:
+        speed = 0.1 * cycle(time % 1.0, 1.0) * (1.0 if time < 1.0 else -1.0)
+        return franka.CartesianVelocities([speed, 0.0, -speed, 0.0, 0.0, 0.0])
+
+    for controller in (JOINT, CARTESIAN):
+        first, last = run(robot.start_cartesian_velocity_control(controller), law, 2.0)
+        assert np.abs(np.subtract(last.O_T_EE, first.O_T_EE)).max() < ALLOWED[controller]
 
 
 def asynchronous(robot: franka.Robot) -> None:
@@ -91,26 +175,26 @@ def force(robot: franka.Robot) -> None:
 
 def consecutive(robot: franka.Robot) -> None:
     """Joint velocities three times, one after the other."""
+
+    def law(first: franka.RobotState, time: float) -> franka.JointVelocities:
+        return franka.JointVelocities([0.0] * 6 + [0.1 * cycle(time, 0.5)])
+
     for _ in range(3):
-        control = robot.start_joint_velocity_control(JOINT)
-        for tick in range(500):
-            control.readOnce()
-            command = franka.JointVelocities([0.0] * 6 + [0.05 * (1 - np.cos(2 * np.pi * tick / 499))])
-            command.motion_finished = tick == 499
-            control.writeOnce(command)
+        run(robot.start_joint_velocity_control(JOINT), law, 0.5)
 
 
-def main(address: str) -> None:
-    """Run them all on the arm at this address."""
-    robot = franka.Robot(address, franka.RealtimeConfig.kIgnore)
-    robot.set_collision_behavior([20.0] * 7, [100.0] * 7, [20.0] * 6, [100.0] * 6)
-    programs = (
+PARTS = {
+    part.__name__: part
+    for part in (
         asynchronous, echo_state, communication, finished_in_the_middle, impedance, force, consecutive,
-    )  # fmt: skip
-    for program in programs:
-        program(robot)
-        print(program.__name__, flush=True)
+        ready, joint_position, joint_velocity, cartesian_pose, cartesian_velocity,
+    )
+}  # fmt: skip
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    robot = franka.Robot(sys.argv[1], franka.RealtimeConfig.kIgnore)
+    robot.set_collision_behavior([20.0] * 7, [100.0] * 7, [20.0] * 6, [100.0] * 6)
+    for name in sys.argv[2:] or PARTS:
+        PARTS[name](robot)
+        print(name, flush=True)

@@ -8,7 +8,7 @@ import pytest
 from fci_server import Served
 
 
-@pytest.mark.parametrize("program", ["franky_motions", "pylibfranka"])
+@pytest.mark.parametrize("program", ["aiofranka", "franka_rs", "franky_motions", "pylibfranka"])
 def test_a_program_runs_through(lockstep: Served, program: str) -> None:
     path = Path(__file__).with_name(f"{program}_program.py")
     finished = subprocess.run(
