@@ -7,7 +7,7 @@ STAMP := $(VENV)/.installed
 SAFETY_TESTS := $(filter-out %_plant.py,$(wildcard tests/safety/test_*.py))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test realtime check bench coverage mutate explore faults screenshots fuzz-api soak dead-man good-trials impact-oracles unseen-grabs recompute kill-campaign hil link-table cluster docs docs-commands clean
+.PHONY: help setup run test realtime check bench coverage mutate explore faults screenshots fuzz-api soak dead-man good-trials impact-oracles random-plans unseen-grabs recompute kill-campaign hil link-table cluster docs docs-commands clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -79,6 +79,9 @@ cluster: setup  ## three workers in three namespaces, one killed, one cut off: t
 
 impact-oracles: setup  ## the impact map against independent oracles, in 1000 random configurations
 	@$(BIN)/python tests/impact_map/oracles.py --configurations 1000
+
+random-plans: setup  ## 100 random plans: do the accepted ones succeed, would the refused ones have? (resumes, .random-plans/)
+	@$(BIN)/python tests/planning/random_plans.py
 
 unseen-grabs: setup  ## 20 planned grabs at unseen speeds and heights, as planned and with a wrong velocity (resumes, .unseen-grabs/)
 	@$(BIN)/python tests/planning/unseen_grabs.py

@@ -8,7 +8,8 @@ import typer
 
 from rtstack.cli.cells import load_description
 from rtstack.log.writer import check_log_path
-from rtstack.planning import PlanError, PlannedMotion, grab_plan, plan_grab, plan_push, push_plan
+from rtstack.model.cell_description import CellDescription
+from rtstack.planning import PlanError, PlannedMotion, TooFast, grab_plan, plan_grab, plan_push, push_plan
 from rtstack.planning.file import write_plan
 from rtstack.references.motion import Motion
 from rtstack.samples import SIDES
@@ -32,10 +33,7 @@ def run(
     for key in foreign:
         if key in given:
             raise PlanError(f"--{key.replace('_', '-')} does not belong to a {motion}: leave it out")
-    if motion is Motion.GRAB:
-        planned = plan_grab(description, object_name, grab_plan(**given))
-    else:
-        planned = plan_push(description, object_name, push_plan(**given))
+    planned, slower = _planned(description, motion, object_name, given)
     tuning, found = None, None
     if watch is not None:
         from rtstack.cli.plan_monitor import plan_monitor
@@ -46,13 +44,32 @@ def run(
         watched = None if found is None else {"runs": watch, "held_out": found.runs, "margin": found.smallest_margin}
         typer.echo(json_module.dumps({**planned.as_dict(), "monitor": watched, "file": str(output)}))
         return
-    for line in _lines(planned, output):
+    for line in (*_lines(planned, output), *slower):
         typer.echo(line)
     if found is not None:
         typer.echo(f"  monitor: from {watch} simulated runs, {found.runs} of them held out: no false alarm, smallest "
                    f"margin {found.smallest_margin:.2f}")  # fmt: skip
     file = "" if cell_file is None else f" --cell-file {cell_file}"
     typer.echo(f"  follow it: rtstack trial --reference {output} --object {object_name}{file}")
+
+
+def _planned(
+    description: CellDescription, motion: Motion, object_name: str, given: dict[str, Any]
+) -> tuple[PlannedMotion, list[str]]:
+    """Return the motion, at the fastest speed that does where the default is too fast for it, and the line that says
+    so. A speed that was asked for is never changed."""
+
+    def planned(**values: Any) -> PlannedMotion:
+        if motion is Motion.GRAB:
+            return plan_grab(description, object_name, grab_plan(**values))
+        return plan_push(description, object_name, push_plan(**values))
+
+    try:
+        return planned(**given), []
+    except TooFast as error:
+        if "speed" in given or error.fastest is None:
+            raise
+        return planned(**given, speed=error.fastest), [f"  slower than by default: {error}"]
 
 
 def _lines(planned: PlannedMotion, output: Path) -> list[str]:

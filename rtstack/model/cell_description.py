@@ -58,13 +58,16 @@ class ObjectDescription:
     """An object as a person would measure it: mass kg, outer size m. It stands on the table at the world's origin.
 
     pad_friction, table_friction: of a pad and of the table on it, where they are not the cell's. plant: what a
-    simulated robot has instead (sim_robot.lab_objects); nothing that controls or plans looks at it.
+    simulated robot has instead (sim_robot.lab_objects); nothing that controls or plans looks at it. give: how far a pad
+    goes in under a force, m/N, by its silicone and the object's wall, as a static squeeze shows; None: not measured,
+    plans then count on a wall of wood.
     """
 
     mass: Positive
     size: tuple[Positive, Positive, Positive]
     pad_friction: Friction | None = None
     table_friction: Friction | None = None
+    give: Annotated[float, Field(gt=0.0, le=1e-3, allow_inf_nan=False)] | None = None
     plant: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
 
 

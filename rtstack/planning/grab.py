@@ -7,7 +7,16 @@ from rtstack.impact_map import SceneError
 from rtstack.impact_map.grab import grab_impact, joint_state_near
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
-from rtstack.planning.feasibility import GRAVITY, check_impact, check_lift, check_motion, check_place, object_named
+from rtstack.planning.fastest import feasible
+from rtstack.planning.feasibility import (
+    GRAVITY,
+    check_impact,
+    check_lift,
+    check_loads,
+    check_motion,
+    check_place,
+    object_named,
+)
 from rtstack.planning.joints import arm_inertia
 from rtstack.planning.path import Approach, ArmPath, coast, common_touch_s, points_along
 from rtstack.planning.planned import PlannedMotion, Timing, assemble
@@ -27,8 +36,22 @@ SQUEEZE_S = 0.03
 
 
 def plan_grab(description: CellDescription, object_name: str, plan: GrabPlan | None = None) -> PlannedMotion:
-    """Return a grab of the object at its place. Raises PlanError with one line where it is not feasible."""
-    plan = plan or GrabPlan()
+    """Return a grab of the object at its place. Raises PlanError with one line where it is not feasible, TooFast where
+    a slower one may be."""
+
+    def attempt(plan: GrabPlan) -> PlannedMotion:
+        planned = grab_motion(description, object_name, plan)
+        check_impact(planned.map, plan.speed)
+        check_lift(planned, description.contact_friction.pad, plan.squeeze)
+        check_motion(planned, description)
+        check_loads(planned, description)
+        return planned
+
+    return feasible(attempt, plan or GrabPlan())
+
+
+def grab_motion(description: CellDescription, object_name: str, plan: GrabPlan) -> PlannedMotion:
+    """Return a grab that nobody has checked. Raises PlanError with one line where there is no such motion."""
     control = cell_parameters(description).control
     thing = object_named(description, object_name)
     description = description.about(object_name)
@@ -53,7 +76,6 @@ def plan_grab(description: CellDescription, object_name: str, plan: GrabPlan | N
         impact = grab_impact(description, object_name, meeting, friction.pad, friction.table, plan.inertia)
     except SceneError as error:
         raise PlanError(f"{error}; plan another height or posture") from None
-    check_impact(impact.map, plan.speed)
     slowing = plan.compensate * _slowing(description, meeting, thing.mass)
     lower = touch + plan.lift_s + plan.carry_s
     timing = Timing(touch, lower + plan.lower_s, lower + plan.lower_s + plan.release_s + plan.rest_s)
@@ -69,13 +91,10 @@ def plan_grab(description: CellDescription, object_name: str, plan: GrabPlan | N
         tightening = np.clip((t_s - timing.touch_s) / SQUEEZE_S, 0.0, 1.0)[:, None]
         return grip * share + tightening * grip * squeeze
 
-    planned = assemble(
+    return assemble(
         description, plan, Motion.GRAB, object_name, (ante[0], ante[1]), (post[0], post[1]), timing, forces, impact.map,
         rotations, place, period_s, control.posture_joint,
     )  # fmt: skip
-    check_lift(planned, description.contact_friction.pad, plan.squeeze)
-    check_motion(planned, description)
-    return planned
 
 
 def _slowing(description: CellDescription, meeting: NDArray, mass: float) -> float:

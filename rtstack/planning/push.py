@@ -8,7 +8,16 @@ from rtstack.impact_map.grab import joint_state
 from rtstack.impact_map.scene import Joints
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
-from rtstack.planning.feasibility import GRAVITY, check_impact, check_motion, check_place, check_push, object_named
+from rtstack.planning.fastest import feasible
+from rtstack.planning.feasibility import (
+    GRAVITY,
+    check_impact,
+    check_loads,
+    check_motion,
+    check_place,
+    check_travel,
+    object_named,
+)
 from rtstack.planning.path import Approach, ArmPath, coast, common_touch_s, points_along
 from rtstack.planning.planned import PlannedMotion, Timing, assemble
 from rtstack.planning.request import PlanError, PushPlan
@@ -24,8 +33,22 @@ STILL_M_S = 1e-3  # slower than this the object is at rest, and friction has no 
 
 
 def plan_push(description: CellDescription, object_name: str, plan: PushPlan | None = None) -> PlannedMotion:
-    """Return a hit-and-push of the object at its place. Raises PlanError with one line where it is not feasible."""
-    plan = plan or PushPlan()
+    """Return a hit-and-push of the object at its place. Raises PlanError with one line where it is not feasible,
+    TooFast where a slower one may be."""
+
+    def attempt(plan: PushPlan) -> PlannedMotion:
+        planned = push_motion(description, object_name, plan)
+        check_impact(planned.map, plan.speed)
+        check_travel(planned, description)
+        check_motion(planned, description)
+        check_loads(planned, description)
+        return planned
+
+    return feasible(attempt, plan or PushPlan())
+
+
+def push_motion(description: CellDescription, object_name: str, plan: PushPlan) -> PlannedMotion:
+    """Return a hit-and-push that nobody has checked. Raises PlanError with one line where there is no such motion."""
     control = cell_parameters(description).control
     thing = object_named(description, object_name)
     description = description.about(object_name)
@@ -45,7 +68,6 @@ def plan_push(description: CellDescription, object_name: str, plan: PushPlan | N
     ante = approach.path(touch, plan.steady_s)
     meeting = points_along(ante, rotation, np.array([touch]), period_s)[0][0]
     impact = _push_impact(description, object_name, meeting, plan)
-    check_impact(impact, plan.speed)
     velocity = plan.post_impact_scale * impact.twist("left")[:3]
     dxi = plan.post_impact_scale * float(impact.velocity("left")[joint])
     table = description.contact_friction.table
@@ -64,13 +86,10 @@ def plan_push(description: CellDescription, object_name: str, plan: PushPlan | N
         force[0, :, :2] = (thing.mass * acceleration[0, :, :2] + resistance) * pushing[:, None]
         return force
 
-    planned = assemble(
+    return assemble(
         description, plan, Motion.HIT_AND_PUSH, object_name, (ante, aside), (post, aside), timing, forces, impact,
         np.array([rotation, poses[1][1]]), place, period_s, joint,
     )  # fmt: skip
-    check_push(planned, description, object_name, inward)
-    check_motion(planned, description)
-    return planned
 
 
 def _push_impact(description: CellDescription, object_name: str, meeting: NDArray, plan: PushPlan) -> ImpactMap:

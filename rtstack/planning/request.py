@@ -12,7 +12,8 @@ Time = Annotated[float, Field(gt=0.0, le=10.0, allow_inf_nan=False)]
 Length = Annotated[float, Field(ge=-0.5, le=0.5, allow_inf_nan=False)]
 Distance = Annotated[float, Field(gt=0.0, le=0.5, allow_inf_nan=False)]
 # m/s: slower hits are below what the detector of Appendix B sees (0.025 m/s), faster ones above ee_speed_max's room
-Speed = Annotated[float, Field(ge=0.05, le=0.8, allow_inf_nan=False)]
+SLOWEST_M_S = 0.05
+Speed = Annotated[float, Field(ge=SLOWEST_M_S, le=0.8, allow_inf_nan=False)]
 # the validation campaign's range is 0.8 to 1.2
 Scale = Annotated[float, Field(ge=0.5, le=1.5, allow_inf_nan=False)]
 Give = Annotated[float, Field(ge=0.0, le=1e-3, allow_inf_nan=False)]
@@ -22,6 +23,14 @@ Angle = Annotated[float, Field(ge=-1.5, le=1.5, allow_inf_nan=False)]
 
 class PlanError(ConfigurationError):
     """A motion that cannot be planned as asked. The message says in one line why, and what to change."""
+
+
+class TooFast(PlanError):
+    """A motion that breaks a limit which a slower impact may keep. fastest: m/s, a speed that does; None: none does."""
+
+    def __init__(self, message: str, fastest: float | None = None) -> None:
+        super().__init__(message)
+        self.fastest = fastest
 
 
 @checked(frozen=True, slots=True, config=STRICT)

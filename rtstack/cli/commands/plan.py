@@ -18,7 +18,9 @@ def plan(
     object_name: ObjectName = "rice_box",
     speed: Annotated[
         float | None,
-        typer.Option(metavar="M/S", help="Of the pads along y when they hit, 0.05 to 0.8: 0.35, of a push 0.5."),
+        typer.Option(
+            metavar="M/S", help="Of the pads along y when they hit, 0.05 to 0.8; less if need be: 0.35, of a push 0.5."
+        ),
     ] = None,
     rise: Annotated[
         float | None, typer.Option(metavar="M/S", help="Of a grab's pads upwards when they hit, 0.05 to 0.8: 0.25.")
