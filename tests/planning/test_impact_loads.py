@@ -1,4 +1,4 @@
-"""What an impact does to the joints belongs to a plan's feasibility; the figures come from trials and their failures."""
+"""What an impact does to the joints belongs to the feasibility of a plan; the figures are of trials and their failures."""
 
 from dataclasses import replace
 
