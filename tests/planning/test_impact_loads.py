@@ -34,7 +34,7 @@ def heavier(cell, name, mass):
         ("bottles", {"speed": 0.7}, r"the torque of joint 6 to \d+\.\d Nm, 10.8 are allowed \(0.9 of 12\)"),
         ("box_220", {"speed": 0.7}, r"the torque of joint 6 to \d+\.\d Nm, 10.8 are allowed"),
         # seed 71168 of the plans that were fitted on: the pad's pitch
-        ("parcel", {"speed": 0.78, "rise": 0.29, "height": -0.004}, r"the velocity of joint 6 to 3.2 rad/s, 3.2 are"),
+        ("parcel", {"speed": 0.78, "rise": 0.29, "height": -0.004}, r"the velocity of joint 6 to 3.\d rad/s, 3.1 are"),
     ],
 )
 def test_an_impact_that_a_limit_does_not_allow(cell, name, asked, said):
