@@ -1,4 +1,4 @@
-"""What an impact does to the joints belongs to the feasibility of a plan; the figures are of trials and their failures."""
+"""What an impact does to the joints belongs to the feasibility of a plan. The figures are those of trials that failed."""
 
 from dataclasses import replace
 
@@ -9,6 +9,7 @@ from rtstack.cli.app import app
 from rtstack.cli.cells import default_cell_file
 from rtstack.log.reader import read_log
 from rtstack.planning import GrabPlan, TooFast, plan_grab
+from rtstack.planning.feasibility import check_loads
 from rtstack.planning.file import write_plan
 from rtstack.planning.grab import grab_motion
 from rtstack.planning.impact_loads import impact_loads
@@ -33,8 +34,6 @@ def heavier(cell, name, mass):
         # 15 of 20: tau_j_range_violation
         ("bottles", {"speed": 0.7}, r"the torque of joint 6 to \d+\.\d Nm, 10.8 are allowed \(0.9 of 12\)"),
         ("box_220", {"speed": 0.7}, r"the torque of joint 6 to \d+\.\d Nm, 10.8 are allowed"),
-        # seed 71168 of the plans that were fitted on: the pad's pitch
-        ("parcel", {"speed": 0.78, "rise": 0.29, "height": -0.004}, r"the velocity of joint 6 to 3.\d rad/s, 3.1 are"),
     ],
 )
 def test_an_impact_that_a_limit_does_not_allow(cell, name, asked, said):
@@ -47,11 +46,19 @@ def test_an_impact_that_a_limit_does_not_allow(cell, name, asked, said):
     assert planned.request.speed == fastest
 
 
-def test_a_limit_that_the_cell_tightens(cell):
-    tight = replace(cell, safety={**cell.safety, "tau_ext_max": [40.0] * 7})
-    plan_grab(cell, "rice_box", GrabPlan(speed=0.4))
-    with pytest.raises(TooFast, match=r"momentum residual of joint 1 to .*, 38.0 are allowed \(0.95 of 40\)"):
-        plan_grab(tight, "rice_box", GrabPlan(speed=0.4))
+@pytest.mark.parametrize(
+    ("limits", "said"),
+    [
+        ({"tau_ext_max": [40.0] * 7}, r"momentum residual of joint 1 to .*, 38.0 are allowed \(0.95 of 40\)"),
+        ({"dq_max": [2.0] * 5 + [1.6, 2.0]}, r"velocity of joint 6 to .* rad/s, 1.4 are allowed \(0.9 of 1.6\)"),
+        ({"power_max": 20.0}, r"its power to .* W, 12.0 are allowed \(0.6 of 20\)"),
+    ],
+)
+def test_a_limit_that_the_cell_tightens(cell, limits, said):
+    planned = grab_motion(cell, "rice_box", GrabPlan(speed=0.4))
+    check_loads(planned, cell)
+    with pytest.raises(TooFast, match=said):
+        check_loads(planned, replace(cell, safety={**cell.safety, **limits}))
 
 
 def test_an_impact_is_harder_on_a_harder_object_and_at_a_higher_speed(cell):
