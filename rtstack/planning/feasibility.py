@@ -154,7 +154,7 @@ def _check_joints(planned: PlannedMotion, arm: int, side: str, limits: SafetyLim
     room = np.minimum(motion.q - limits.q_lower, np.asarray(limits.q_upper) - motion.q)
     lower, upper = velocity_bounds(motion.q, limits)
     speed = np.where(motion.dq > 0.0, motion.dq / np.maximum(upper, 1e-9), motion.dq / np.minimum(lower, -1e-9))
-    torque = planned.torque(arm, np.s_[:])
+    torque = planned.torque(arm)
     for values, bound, what, kind in (
         (POSITION_MARGIN_RAD - room, 0.0, "rad too near to its position limit", PlanError),
         (speed, VELOCITY_SHARE, "times its velocity limit", TooFast),

@@ -54,7 +54,8 @@ def impact_loads(planned: PlannedMotion, give: float, mass: float) -> dict[str, 
     links[joints, joints] -= np.tile(motors, len(arms))
     compliance = np.linalg.inv(links)
     inertia = np.tile(InertiaParameters().B_theta, len(arms))
-    ticks = np.arange(planned.recording.impact - 1, planned.recording.impact + round(IMPACT_S * 1e3))
+    first = planned.recording.impact - 1
+    ticks = slice(first, first + 1 + round(IMPACT_S * 1e3))
     torque = np.hstack([planned.torque(SIDES.index(side), ticks) for side in arms])
     stiffness, damping, pressed = _contacts(problem, give, mass)
     weight = np.zeros(len(problem.velocity))

@@ -57,12 +57,12 @@ class PlannedMotion:
         """The references of a trial: each goes on at constant velocity beyond the nominal impact."""
         return planned_reference(self.recording)
 
-    def torque(self, arm: int, ticks: Array | slice) -> Array:
+    def torque(self, arm: int, ticks: slice = slice(None)) -> Array:
         """Return what the joints of an arm (0: left) are to exert at these ticks, (n, 7) Nm, force on the object
         included."""
         motion = self.joints[arm]
         moving = np.einsum("nij,nj->ni", motion.M[ticks], motion.ddq[ticks]) + motion.bias[ticks]
-        return moving + np.einsum("nij,ni->nj", motion.J[ticks, :3], self.force[arm, ticks])
+        return moving + np.einsum("nij,ni->nj", motion.J[ticks, :3], self.force[arm][ticks])
 
     def as_dict(self) -> dict[str, Any]:
         """Return parameters and predictions as JSON-ready values."""

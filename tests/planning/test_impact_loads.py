@@ -1,4 +1,4 @@
-"""What an impact does to the joints belongs to the feasibility of a plan. The figures are those of trials that failed."""
+"""What an impact does to the joints belongs to the feasibility of a plan. The figures are of trials that failed."""
 
 from dataclasses import replace
 
