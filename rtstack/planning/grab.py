@@ -41,10 +41,11 @@ def plan_grab(description: CellDescription, object_name: str, plan: GrabPlan | N
 
     def attempt(plan: GrabPlan) -> PlannedMotion:
         planned = grab_motion(description, object_name, plan)
+        about = description.about(object_name)
         check_impact(planned.map, plan.speed)
-        check_lift(planned, description.contact_friction.pad, plan.squeeze)
-        check_motion(planned, description)
-        check_loads(planned, description)
+        check_lift(planned, about.contact_friction.pad, plan.squeeze)
+        check_motion(planned, about)
+        check_loads(planned, about)
         return planned
 
     return feasible(attempt, plan or GrabPlan())

@@ -38,10 +38,11 @@ def plan_push(description: CellDescription, object_name: str, plan: PushPlan | N
 
     def attempt(plan: PushPlan) -> PlannedMotion:
         planned = push_motion(description, object_name, plan)
+        about = description.about(object_name)
         check_impact(planned.map, plan.speed)
-        check_travel(planned, description)
-        check_motion(planned, description)
-        check_loads(planned, description)
+        check_travel(planned, about)
+        check_motion(planned, about)
+        check_loads(planned, about)
         return planned
 
     return feasible(attempt, plan or PushPlan())
