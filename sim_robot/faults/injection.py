@@ -88,7 +88,7 @@ class Injection:
 
     def base_shaken(self, side: int) -> np.ndarray:
         """Return what is added to the reading of gravity in the arm's base, (3,) m/s^2."""
-        return np.sum([np.zeros(3), *(e.acceleration for e in self.schedule.effects(BaseShaken, side))], axis=0)
+        return np.sum([(0.0, 0.0, 0.0), *(e.acceleration for e in self.schedule.effects(BaseShaken, side))], axis=0)
 
     def distort(self, side: int, state: np.ndarray, time: str, millisecond: int) -> None:
         """Make of this arm's state, (1,), what the faults show. time: the field of its stamp, in which one ms is

@@ -42,6 +42,7 @@ class Lockstep:
         self._server, self._longest_wait_s = server, longest_wait_s
         self._heard_s = time.monotonic()  # since when somebody who is waited for owes an answer
         self._hung: list[Station] = []
+        self._in_step: list[Station] = []  # whose clients have answered: their time goes on by 1 ms a state
         for station in server.stations:
             station.patient = True
         self._rest_ms = 0  # how long the plant has been left alone since the last motion
@@ -96,6 +97,8 @@ class Lockstep:
         for station in self._server.stations:
             station.hold_replies = self._resting
         for station, now, before in zip(self._server.stations, moving, self._were_moving, strict=True):
+            if now != before:
+                self._in_step = [other for other in self._in_step if other is not station]
             if now and not before:
                 self._heard_s = time.monotonic()  # nobody owed an answer before
                 others = [other for other in self._server.stations if other.moving and other is not station]
@@ -127,10 +130,13 @@ class Lockstep:
             if not station.moving:
                 station.show_new()
         moving = [station for station in stations if station.moving]
-        newest = max((station.message_id for station in moving), default=0)
+        in_step = [station for station in moving if station in self._in_step]
+        newest = max((station.message_id for station in in_step or moving), default=0)
         for station in moving:
-            station.message_id = newest  # one clock: moving arms carry one time stamp
+            if station not in in_step:  # one clock: it takes over that of the others, whose clients are under way
+                station.message_id = max(station.message_id, newest)
             station.show_new()
+        self._in_step = moving
         self._note_hands()
         self._server.show_grippers()
         self._idle_due_s = time.monotonic() + IDLE_PERIOD_S
