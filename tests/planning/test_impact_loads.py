@@ -100,7 +100,7 @@ def test_a_default_speed_that_is_too_fast_is_lowered_and_one_asked_for_is_refuse
     text = default_cell_file().read_text()
     cell_file, out = tmp_path / "cell.toml", tmp_path / "plan.mcap"
     cell_file.write_text(text.replace("mass = 2.20", "mass = 3.20"))
-    asked = ["plan", str(out), "--object", "box_220", "--cell", str(cell_file)]
+    asked = ["plan", str(out), "--object", "box_220", "--cell-file", str(cell_file)]
     with pytest.raises(TooFast, match=r"torque of joint 6 .*; the fastest speed that would do, .* is 0.\d\d m/s"):
         app([*asked, "--speed", "0.35"], standalone_mode=False)
     assert not out.exists()
