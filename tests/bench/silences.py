@@ -1,0 +1,81 @@
+"""How long a silence of the client is before the robot stops: a table. Needs a machine that does nothing else.
+
+python tests/bench/silences.py [--times 100] [--milliseconds 15 18 21 22 25 30]
+
+A client answers each state of torque control, is silent for so long (asleep, or busy on its CPU), and goes on with the
+newest state that it finds. The robot has to stop at 20 lost packets, which is 20 ms: a silence of 21 ms and more is
+caught each time, one of 18 ms never. What the host did to the server meanwhile, the server says at its end.
+"""
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "fci"))
+
+from fci_raw import RawClient
+from fci_server import serve
+
+from hal.state import RobotMode
+from sim_robot.fci.protocol import Command
+
+BEFORE, AFTER = 40, 60
+
+
+def silent(raw: RawClient, milliseconds: float, busy: bool) -> tuple[bool, float]:
+    """Be silent once in a motion; whether the robot stopped, and how long it really was, ms."""
+    assert raw.move() == 1
+    state = raw.state()
+    while state["robot_mode"] != RobotMode.MOVE:
+        state = raw.state()
+    lasted_ms = 0.0
+    for tick in range(BEFORE + AFTER):
+        raw.command(state, torque_command_finished=tick == BEFORE + AFTER - 1)
+        if tick == BEFORE:
+            start = time.monotonic()
+            if busy:
+                while time.monotonic() - start < 1e-3 * milliseconds:
+                    pass
+            else:
+                time.sleep(1e-3 * milliseconds)
+            lasted_ms = 1e3 * (time.monotonic() - start)
+        state = raw.state()
+        if state["robot_mode"] == RobotMode.REFLEX:
+            raw.answer()  # to Move
+            raw.send(Command.AUTOMATIC_ERROR_RECOVERY)
+            while raw.answer()[2] != b"\0":
+                raw.send(Command.AUTOMATIC_ERROR_RECOVERY)
+            return True, lasted_ms
+    raw.answer()
+    return False, lasted_ms
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--times", type=int, default=100)
+    parser.add_argument("--milliseconds", type=float, nargs="+", default=[15, 18, 21, 22, 25, 30])
+    options = parser.parse_args()
+    wrong = 0
+    print("| silence ms | client | caught | really ms, min to max | stopped at 19.5 ms or less, or not at 21 or more |")
+    print("|---|---|---|---|---|")
+    with serve() as served, RawClient(served.left) as raw:
+        raw.connect()
+        for milliseconds in options.milliseconds:
+            for busy in (False, True):
+                runs = [silent(raw, milliseconds, busy) for _ in range(options.times)]
+                lengths = [length for _, length in runs]
+                # a client that slept for longer than it meant to was silent for as long
+                judged = sum((length <= 19.5) if caught else (length >= 21.0) for caught, length in runs)
+                wrong += judged
+                caught = sum(caught for caught, _ in runs)
+                print(
+                    f"| {milliseconds:g} | {'busy' if busy else 'asleep'} | {caught} of {len(runs)} "
+                    f"| {min(lengths):.2f} to {max(lengths):.2f} | {judged} |",
+                    flush=True,
+                )
+    return int(wrong > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
