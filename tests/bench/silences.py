@@ -1,6 +1,6 @@
 """How long a silence of the client is before the robot stops: a table. Needs a machine that does nothing else.
 
-python tests/bench/silences.py [--times 100] [--milliseconds 15 18 21 22 25 30]
+python tests/bench/silences.py [--times 100] [--priority 0] [--milliseconds 15 18 21 22 25 30]
 
 A client answers each state of torque control, is silent for so long (asleep, or busy on its CPU), and goes on with the
 newest state that it finds. The robot has to stop at 20 lost packets, which is 20 ms: a silence of 21 ms and more is
@@ -54,12 +54,13 @@ def silent(raw: RawClient, milliseconds: float, busy: bool) -> tuple[bool, float
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--times", type=int, default=100)
+    parser.add_argument("--priority", default="80", help="of the server, 0 for ordinary scheduling")
     parser.add_argument("--milliseconds", type=float, nargs="+", default=[15, 18, 21, 22, 25, 30])
     options = parser.parse_args()
     wrong = 0
     print("| silence ms | client | caught | really ms, min to max | stopped at 19.5 ms or less, or not at 21 or more |")
     print("|---|---|---|---|---|")
-    with serve() as served, RawClient(served.left) as raw:
+    with serve("--priority", options.priority) as served, RawClient(served.left) as raw:
         raw.connect()
         for milliseconds in options.milliseconds:
             for busy in (False, True):
