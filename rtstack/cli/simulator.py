@@ -32,7 +32,7 @@ class Simulator:
     """A running simulated robot. `report` is what it said about its own pace, once it has been closed."""
 
     def __init__(
-        self, object_name: str, displacement: Displacement, seed: int, *, lockstep: bool,
+        self, object_name: str, displacement: Displacement | float, seed: int, *, lockstep: bool,
         faults: Path | None = None, cell_file: Path | None = None,
     ) -> None:  # fmt: skip
         """Start it, and wait until it serves. object_name: empty for none; faults: a script of them.
@@ -41,6 +41,7 @@ class Simulator:
 
         Raises HardwareError with what it says.
         """
+        shift = Displacement.of(displacement)
         self.tracker = TrackerLink()
         self.report = ""
         said: str | None = None
@@ -51,8 +52,8 @@ class Simulator:
             command = [
                 sys.executable, "-m", "sim_robot.fci", "--tracker", f"{host}:{port}",
                 "--left", self.left, "--right", self.right, "--object", object_name or "none",
-                f"--displacement-mm={displacement.y_m * 1e3!r}", f"--displacement-x-mm={displacement.x_m * 1e3!r}",
-                f"--yaw-deg={degrees(displacement.yaw_rad)!r}", "--seed", str(seed),
+                f"--displacement-mm={shift.y_m * 1e3!r}", f"--displacement-x-mm={shift.x_m * 1e3!r}",
+                f"--yaw-deg={degrees(shift.yaw_rad)!r}", "--seed", str(seed),
                 *([] if cell_file is None else ["--cell-file", str(cell_file)]),
                 *([] if faults is None else ["--faults", str(faults)]),
             ]  # fmt: skip

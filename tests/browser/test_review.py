@@ -35,7 +35,7 @@ def add_spike(source, target):
         sink.write_metadata("trial", log.metadata["trial"])
         for attachment in log.attachments:
             sink.attach(attachment.name, attachment.media_type, attachment.data)
-        sink.write(columns, [])
+        sink.write(columns, {})
         sink.write_metadata("result", log.metadata["result"])
         sink.close()
 

@@ -26,7 +26,7 @@ def write_motion(path, first):
             batch["t_ns"] = np.arange(len(batch)) * MS
         for side in ("left", "right"):
             batches[f"/{side}/arm"]["q"][:, 0] = first + np.arange(1000) * 1e-3
-        sink.write(batches, [])
+        sink.write(batches, {})
         sink.write_metadata("result", {})
         sink.close()
 

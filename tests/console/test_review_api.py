@@ -34,7 +34,7 @@ def write_log(path, trial, result=None, spike=80.0, complete=True):
         batches["/left/arm"]["tau_J"][round(SPIKE_S * 1e3), 3] = spike
         batches["/events"]["t_ns"], batches["/events"]["name"] = int(SPIKE_S * 1e9), b"impact"
         batches["/events"]["text"], batches["/events"]["level"] = b"detected", 2
-        sink.write(batches, [])
+        sink.write(batches, {})
         if not complete:
             sink.flush()
             return

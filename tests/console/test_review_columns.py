@@ -53,7 +53,7 @@ def made(tmp_path_factory):
         sink.write_metadata("trial", {"object": "rice_box", "seed": "3"})
         for start in range(START_NS, START_NS + TICKS * MS, 250 * MS):
             inside = {t: r[(r["t_ns"] >= start) & (r["t_ns"] < start + 250 * MS)] for t, r in columns.items()}
-            sink.write(inside, [])
+            sink.write(inside, {})
         sink.close()
     target = folder / "columns"
     target.mkdir()

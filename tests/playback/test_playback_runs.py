@@ -152,7 +152,7 @@ def rewritten(source, target, change):
     with open(target, "wb") as file:
         sink = McapSink(file)
         sink.write_metadata("trial", log.metadata["trial"])
-        sink.write(columns, [])
+        sink.write(columns, {})
         sink.close()
     return target
 
