@@ -112,6 +112,7 @@ class Stage:
         self.seen_from: int | None = None
         self.modes: list[int] = []
         self._judged = [0, 0]
+        self.pose_tick, self._pose_t_ns = 0, -1  # when the last new pose of the object came
         self._stamps: list[int] = []  # of the left arm's states
         self.end: End | None = None
         self.on_tick: Callable[[Mode], None] = lambda mode: None
@@ -193,6 +194,8 @@ class Stage:
                 self.limited_at = self.tick
             self._judged[side] += 1
             self.tick = max(self._judged) if self.own_clocks else self._judged[1]
+            if side == 1 and (seen := self.cell.tracker.latest().t_ns) != self._pose_t_ns:
+                self._pose_t_ns, self.pose_tick = seen, self.tick
             return verdict
 
         judge.judge = judged
