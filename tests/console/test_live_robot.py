@@ -30,6 +30,7 @@ from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox
 from rtstack.safety.permit import Phase, Refused
 from rtstack.trials.errors import TrialError
+from rtstack.trials.followed import followed_file
 from sim_robot.cell import SimulatedCell, simulated_cell
 from sim_robot.clock import PacedLockstep
 
@@ -212,9 +213,7 @@ def test_a_demonstration_then_a_trial_in_a_fresh_cell_each(robot):
     assert robot.helm.view().phase is Phase.ARMED  # a grab that does not succeed is no fault
     log = read_log(robot.logs / job.log)
     assert log.metadata["result"]["displacement_mm"] == "-15.0"
-    assert [attachment.data for attachment in log.attachments if attachment.name == "reference.mcap"] == [
-        recording.read_bytes()
-    ]
+    assert followed_file(log, "") == (log.metadata["reference"]["sha256"], recording.read_bytes())
     assert len(robot.opened) == 3
     assert robot.desk.status().object == "parcel"
 
