@@ -32,18 +32,19 @@ class Publisher:
         self._pose_pushers = [ring.pusher("/object/pose").push for ring in rings]
         self._event_pushers = [ring.pusher("/events").push for ring in rings]
 
-    def look(self, tracker: ObjectTracker, origin_ns: int = 0) -> None:
-        """Take the object's pose for the next `tick`. origin_ns: robot's time that the log counts from; what was seen
-        before it does not belong to the run.
+    def look(self, tracker: ObjectTracker, origin_ns: int = 0, now_ns: int = 0) -> None:
+        """Take the object's pose for the next `tick`. origin_ns: robot's time that the log counts from, unless 0, and
+        now_ns, how long ago that is. All stands still until the first answer: what was seen before then is how the
+        object stands at the first state, and has its stamp.
 
         A robot that waits for its answer is asked before it has got one: afterwards its next pose may be there already.
         """
         seen = tracker.latest().record
         if not origin_ns:
             self._pose = seen
-        elif seen["t_ns"][0] > origin_ns:
+        else:
             self._moved_pose[:] = seen
-            self._moved_pose["t_ns"] -= origin_ns
+            self._moved_pose["t_ns"][0] = min(max(0, seen["t_ns"].item() - origin_ns), now_ns)
             self._pose = self._moved_pose
 
     def tick(self, left: tuple[NDArray, NDArray], right: tuple[NDArray, NDArray]) -> None:

@@ -202,7 +202,7 @@ class Session:
         status = self._ask_for_torques(sides)
         self._judge(sides, status)
         if not self._own_clocks:
-            self._publisher.look(self._cell.tracker, self._time.origin_ns)
+            self._publisher.look(self._cell.tracker, self._time.origin_ns, self._time.now_ns)
         for k in sides:
             self._arms[k].write(self._torques[k])
         self._look_at_judges(status)
