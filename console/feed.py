@@ -19,6 +19,7 @@ from rtstack.log.frames import CellFrames
 from rtstack.log.ring import Rings
 from rtstack.log.scenery import Scenery, scenery_schemas
 from rtstack.log.sink import encoded, topic_schemas
+from rtstack.log.voxels import VOXELS
 from rtstack.samples import SIDES, TOPICS
 
 SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
@@ -42,8 +43,8 @@ class Feed:
     """What one client sees. `poll` from one thread at a time, `hear` from another one if need be."""
 
     def __init__(self, rings: Rings, frames: CellFrames) -> None:
-        # without the messages of ROS: /scene and /tf say the same
-        self._schemas = {topic: schema for topic, schema in topic_schemas().items() if schema.encoding == "protobuf"}
+        # without the voxels, which are said once: /scene says the same each second
+        self._schemas = {topic: schema for topic, schema in topic_schemas().items() if topic not in VOXELS}
         self._made = self._schemas.keys() & scenery_schemas().keys()
         self._topics = dict(enumerate(self._schemas, start=1))
         self._readers = {topic: rings.reader(topic) for topic in TOPICS}

@@ -85,6 +85,13 @@ def from_rpy(rpy: Array) -> Array:
     )
 
 
+def rotation_of(wxyz: Array) -> Array:
+    """Rotation matrix (3, 3) of a unit quaternion."""
+    w, (x, y, z) = wxyz[0], wxyz[1:]
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + 2.0 * (w * cross + cross @ cross)
+
+
 def _products(a: Array, b: Array) -> Array:
     """Hamilton products of a quaternion a (4,) and quaternions b (n, 4), all wxyz."""
     aw, ax, ay, az = a.tolist()

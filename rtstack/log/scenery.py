@@ -1,17 +1,16 @@
 """What other people's viewers show of a log by themselves, made from its samples: the topics beside the records'."""
 
 import foxglove
-from foxglove.messages import FrameTransforms, PointCloud, SceneUpdate
+from foxglove.messages import FrameTransforms, PointCloud, SceneUpdate, VoxelGrid
 from numpy.typing import NDArray
 
 from rtstack.log.cell_urdf import cell_urdf, shapes_of
 from rtstack.log.frames import CellFrames, FrameTree
-from rtstack.log.instants import InstantFinder
-from rtstack.log.ros_messages import ENCODING, JOINT_STATE, STRING, joint_states, string_message
+from rtstack.log.instants import InstantFinder, stamp
 from rtstack.log.shapes import Forces, Solids
+from rtstack.log.voxels import VOXELS, voxel_messages
 
 TRANSFORMS, SOLIDS, FORCES, FORCE_LINES = "/tf", "/scene", "/forces", "/forces/lines"
-JOINT_STATES, ROBOT_DESCRIPTION = "/joint_states", "/robot_description"
 
 Messages = dict[str, list[tuple[int, bytes]]]
 
@@ -23,20 +22,18 @@ def scenery_schemas() -> dict[str, foxglove.Schema]:
         SOLIDS: SceneUpdate.get_schema(),
         FORCES: SceneUpdate.get_schema(),
         FORCE_LINES: PointCloud.get_schema(),
-        JOINT_STATES: foxglove.Schema(name=JOINT_STATE[0], encoding=ENCODING, data=JOINT_STATE[1].encode()),
-        ROBOT_DESCRIPTION: foxglove.Schema(name=STRING[0], encoding=ENCODING, data=STRING[1].encode()),
-    }
+    } | dict.fromkeys(VOXELS, VoxelGrid.get_schema())
 
 
 class Scenery:
     """Makes these messages from a run's batches of records."""
 
     def __init__(self, cell: CellFrames, arm_urdf: str) -> None:
-        urdf = cell_urdf(cell, arm_urdf)
+        shapes = shapes_of(cell_urdf(cell, arm_urdf))
         self._instants = InstantFinder()
         self._tree = FrameTree(cell, arm_urdf)
-        self._solids, self._forces = Solids(shapes_of(urdf)), Forces(cell)
-        self._description = [string_message(urdf)]
+        self._solids, self._forces = Solids(shapes), Forces(cell)
+        self._voxels = shapes  # until they were said
 
     def update(self, arms: dict[str, NDArray], poses: NDArray) -> Messages:
         """Return the messages that are due in a batch, as (t_ns, bytes) by topic.
@@ -46,13 +43,13 @@ class Scenery:
         instants = self._instants.find(arms, poses)
         if not len(instants.t_ns):
             return {}
-        first, self._description = self._description, []
+        first_ns = int(instants.t_ns[0])
+        voxels = voxel_messages(self._voxels, stamp(first_ns))
+        self._voxels = []
         arrows, lines = self._forces.messages(instants)
         return {
-            ROBOT_DESCRIPTION: [(int(instants.t_ns[0]), message) for message in first],
             SOLIDS: self._solids.updates(instants),
             TRANSFORMS: self._tree.transforms(instants),
             FORCES: arrows,
             FORCE_LINES: lines,
-            JOINT_STATES: joint_states(instants),
-        }
+        } | {topic: [(first_ns, message)] for topic, message in voxels.items()}

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from rtstack.log.encoding import wire_format
 from rtstack.log.frames import WORLD
 from rtstack.log.instants import stamp
-from rtstack.log.ros_messages import ENCODING, MESSAGE_ENCODING
 from rtstack.log.scenery import Messages, scenery_schemas
 from rtstack.log.schema import PACKAGE, TOPIC_MESSAGES, sample_descriptors
 from rtstack.samples import TOPICS, Level
@@ -77,9 +76,7 @@ class McapSink:
         )
         self._writer = foxglove.open_mcap(self._file, context=context, writer_options=options)
         self._channels = {
-            topic: foxglove.Channel(
-                topic, schema=schema, message_encoding=message_encoding(schema), context=context
-            ).base
+            topic: foxglove.Channel(topic, schema=schema, message_encoding=schema.encoding, context=context).base
             for topic, schema in topic_schemas().items()
         }
         self.messages = dict.fromkeys(self._channels, 0)
@@ -165,11 +162,6 @@ def topic_schemas() -> dict[str, foxglove.Schema]:
     schemas["/object/pose"] = PoseInFrame.get_schema()
     schemas["/events"] = Log.get_schema()
     return schemas | scenery_schemas()
-
-
-def message_encoding(schema: foxglove.Schema) -> str:
-    """Return how the messages of a schema are encoded."""
-    return MESSAGE_ENCODING if schema.encoding == ENCODING else schema.encoding
 
 
 def encoded(topic: str, records: NDArray) -> list[bytes]:

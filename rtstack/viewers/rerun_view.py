@@ -7,16 +7,17 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from rtstack.log.scenery import FORCE_LINES, JOINT_STATES
+from rtstack.log.scenery import FORCE_LINES
+from rtstack.log.voxels import PREFIX
 from rtstack.samples import SIDES
 
 APPLICATION = "rtstack"
 TIMELINE = "message_log_time"  # the robot's time; publish_time is the same
-_CELL = "/cell/visual_geometries"  # where Rerun's importer puts the solids of a URDF named cell
 # name of the plot -> topic, message, and what of it, as Rerun's selectors spell it
 _PLOTS: dict[str, tuple[str, str, tuple[str, ...]]] = {
     "external force, N, and torque, Nm": ("arm", "ArmSample", (".O_F_ext_hat_K[]",)),
     "torque applied, Nm": ("arm", "ArmSample", (".tau_applied[]",)),
+    "joint positions, rad": ("arm", "ArmSample", (".q[]",)),
     "force norm and margin": ("control", "ControlSample", (".force_norm", ".impact_margin")),
 }
 
@@ -34,20 +35,16 @@ def blueprint(following: bool = False) -> Any:
     scene = rrb.Spatial3DView(
         name="cell",
         origin="/",
-        contents=[f"+ {_CELL}/**", f"+ {FORCE_LINES}/**"],
+        contents=[f"+ {PREFIX}/**", f"+ {FORCE_LINES}/**"],
         spatial_information=rrb.SpatialInformation(target_frame="world"),
         eye_controls=rrb.EyeControls3D(
             position=(1.5, -1.1, 1.2), look_target=(-0.1, 0.0, 0.35), eye_up=(0.0, 0.0, 1.0)
         ),
     )
-    legend = rrb.PlotLegend(visible=False)
-    joints = rrb.TimeSeriesView(name="joint positions, rad", origin=f"{JOINT_STATES}/position", plot_legend=legend)
     plots = [_plot(name, *what) for name, what in _PLOTS.items()]
     events = rrb.TextLogView(name="events", origin="/events")
     return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Vertical(scene, events, row_shares=[4, 1]), rrb.Vertical(*plots, joints), column_shares=[3, 2]
-        ),
+        rrb.Horizontal(rrb.Vertical(scene, events, row_shares=[4, 1]), rrb.Vertical(*plots), column_shares=[3, 2]),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.TimePanel(timeline=TIMELINE, state="collapsed", **start),

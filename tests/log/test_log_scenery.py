@@ -6,9 +6,11 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
 from collections import Counter, defaultdict
+from datetime import UTC, datetime
 from importlib.resources import files
 from pathlib import Path
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -17,11 +19,13 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from hal.description import fr3_urdf
-from rtstack.log.cell_urdf import cell_urdf
+from rtstack.log.cell_urdf import cell_urdf, shapes_of
 from rtstack.log.reader import read_log
+from rtstack.log.voxels import VOXELS
 from rtstack.samples import SIDES
 
 FRAMES = {f"{side}_{name}" for side in SIDES for name in ("base", "pad", *(f"link{k}" for k in range(9)))}
+SOLID = {f"{side}_{name}" for side in SIDES for name in ("pad", *(f"link{k}" for k in range(8)))} | {"table", "object"}
 RERUN = Path(sys.executable).with_name("rerun")
 
 
@@ -71,9 +75,7 @@ def test_the_scene_has_solids_in_every_frame_and_says_them_again_each_second(wri
     assert [t_ns for t_ns, _ in updates] == [1 * MS, 1000 * MS]
     for _, update in updates:
         entities = {entity.id: entity for entity in update.entities}
-        assert entities.keys() == {f"{side}_link{k}" for side in SIDES for k in range(8)} | {
-            "left_pad", "right_pad", "table", "object",
-        }  # fmt: skip
+        assert entities.keys() == SOLID
         assert all(entity.frame_locked and entity.frame_id == name for name, entity in entities.items())
         size = entities["object"].cubes[0].size
         assert (size.x, size.y, size.z) == written.cell.object_size_m
@@ -113,25 +115,66 @@ def in_rerun(written: WrittenLog) -> dict[str, list]:
     return chunks
 
 
-def columns(batches: list) -> set[str]:
-    return {name for batch in batches for name in batch.schema.names}
+def test_rerun_draws_every_body_as_voxels_in_its_frame_for_the_whole_log(
+    in_rerun: dict[str, list], written: WrittenLog
+) -> None:
+    frames, sizes = set(), {}
+    for topic in VOXELS:
+        (batch,) = [batch for batch in in_rerun[topic] if "VoxelGridMap:voxel_indices" in batch.schema.names]
+        row = {name: batch.column(name).to_pylist()[0] for name in batch.schema.names}
+        # said once, when the frames begin, and nothing takes its place
+        assert batch.num_rows == 1
+        assert row["message_log_time"] == datetime.fromtimestamp(1e-3, UTC).replace(tzinfo=None)
+        assert len(row["VoxelGridMap:voxel_indices"]) == len(row["VoxelGridMap:colors"])
+        # red, green, blue, alpha from the highest byte on
+        assert len({colour & 0xFF for colour in row["VoxelGridMap:colors"]} - {0}) == 1
+        frames.add((topic, *row["CoordinateFrame:frame"]))
+        sizes[topic] = row["VoxelGridMap:voxel_size"][0]
+    assert frames == {(f"/shapes/{name}", name) for name in SOLID}
+    assert sizes["/shapes/object"] == pytest.approx(written.cell.object_size_m)
 
 
-def test_rerun_draws_arms_pads_table_and_object_as_solids(in_rerun: dict[str, list]) -> None:
-    solids: Counter[str] = Counter()
-    frames = set()
-    for entity, batches in in_rerun.items():
-        if entity.startswith("/cell/visual_geometries/"):
-            found = columns(batches)
-            kind = {name.partition("3D:")[0] for name in found} & {"Boxes", "Cylinders", "Ellipsoids"}
-            assert len(kind) == 1, entity
-            solids += Counter(kind)
-            assert "CoordinateFrame:frame" in found
-            frames.add(entity.split("/")[3])
-    assert solids == {"Boxes": 4, "Cylinders": 18, "Ellipsoids": 36}
-    assert frames == {f"{side}_link{k}" for side in SIDES for k in range(8)} | {
-        "left_pad", "right_pad", "table", "object",
-    }  # fmt: skip
+def filled(topic: str, path: Path) -> tuple[np.ndarray, float]:
+    """Centres of the voxels that are seen, in the body's frame, m, and the volume of all of them, m^3."""
+    ((_, grid),) = decoded(path, topic)
+    alpha = np.frombuffer(grid.data, np.uint8)[3::4].reshape(-1, grid.row_count, grid.column_count)
+    size = np.array([grid.cell_size.x, grid.cell_size.y, grid.cell_size.z])
+    r, p = grid.pose.orientation, grid.pose.position
+    R = pin.Quaternion(r.w, r.x, r.y, r.z).matrix()
+    centres = (np.argwhere(alpha)[:, ::-1] + 0.5) * size @ R.T + (p.x, p.y, p.z)
+    return centres, len(centres) * float(np.prod(size))
+
+
+def test_a_box_is_one_voxel_and_a_link_is_filled_with_them(written: WrittenLog) -> None:
+    centres, volume = filled("/shapes/object", written.path)
+    np.testing.assert_allclose(centres, np.zeros((1, 3)), atol=1e-12)
+    assert volume == pytest.approx(np.prod(written.cell.object_size_m))
+    centres, volume = filled("/shapes/right_pad", written.path)
+    np.testing.assert_allclose(centres, [(0.0, 0.0, -0.5 * written.cell.pad_size_m[2])], atol=1e-12)
+    # link3 is two capsules: every voxel lies in the URDF's solids, and what pinocchio's library finds inside is filled
+    shapes = [s for s in shapes_of(cell_urdf(written.cell, fr3_urdf())) if s.link == "left_link3"]
+    solids = []
+    for s in shapes:
+        turn = pin.rpy.rpyToMatrix(*s.rpy)
+        half = 0.5 * np.array(s.size)
+        solid = coal.Sphere(half[0]) if s.kind == "sphere" else coal.Cylinder(half[0], s.size[2])
+        solids.append((solid, coal.Transform3s(turn, np.array(s.position))))
+
+    def inside(point: np.ndarray) -> bool:
+        probe = coal.Transform3s(np.eye(3), point)
+        request = coal.CollisionRequest()
+        return any(
+            coal.collide(solid, at, coal.Sphere(1e-6), probe, request, coal.CollisionResult()) for solid, at in solids
+        )
+
+    centres, _ = filled("/shapes/left_link3", written.path)
+    ((_, grid),) = decoded(written.path, "/shapes/left_link3")
+    size = np.array([grid.cell_size.x, grid.cell_size.y, grid.cell_size.z])
+    low = np.array([grid.pose.position.x, grid.pose.position.y, grid.pose.position.z])
+    count = (grid.column_count, grid.row_count, len(grid.data) // grid.slice_stride)
+    every = [low + (np.array(index) + 0.5) * size for index in np.ndindex(*count)]
+    expected = np.array([point for point in every if inside(point)])
+    np.testing.assert_allclose(np.array(sorted(centres.tolist())), np.array(sorted(expected.tolist())), atol=1e-9)
 
 
 def test_rerun_moves_every_frame_at_every_instant(in_rerun: dict[str, list], written: WrittenLog) -> None:
@@ -144,21 +187,18 @@ def test_rerun_moves_every_frame_at_every_instant(in_rerun: dict[str, list], wri
     assert children == dict.fromkeys(FRAMES | {"table", "object"}, instants)
 
 
-def test_rerun_plots_the_joints_by_itself_and_has_the_forces_as_points(in_rerun: dict[str, list]) -> None:
+def test_rerun_has_the_forces_as_points(in_rerun: dict[str, list]) -> None:
     instants = sum(batch.num_rows for batch in in_rerun["/forces/lines"] if "Points3D:positions" in batch.schema.names)
     assert instants == 76
-    for what in ("position", "velocity", "effort"):
-        batches = [b for b in in_rerun[f"/joint_states/{what}"] if "Scalars:scalars" in b.schema.names]
-        values = [row for batch in batches for row in batch.column("Scalars:scalars").to_pylist() if row]
-        assert len(values) == instants
-        assert {len(row) for row in values} == {14}
 
 
-def test_rerun_reads_what_was_measured(in_rerun: dict[str, list], written: WrittenLog) -> None:
-    batches = [b for b in in_rerun["/joint_states/position"] if "Scalars:scalars" in b.schema.names]
-    first = next(row for batch in batches for row in batch.column("Scalars:scalars").to_pylist() if row)
-    expected = [written.columns[f"/{side}/arm"]["q"][0] for side in SIDES]
-    np.testing.assert_array_equal(first, np.concatenate(expected))
+def test_rerun_has_the_joints_as_measured_where_the_blueprint_looks_for_them(
+    in_rerun: dict[str, list], written: WrittenLog
+) -> None:
+    for side in SIDES:
+        batches = [b for b in in_rerun[f"/{side}/arm"] if "rtstack.ArmSample:message" in b.schema.names]
+        rows = [row for batch in batches for row in batch.column("rtstack.ArmSample:message").to_pylist()]
+        np.testing.assert_array_equal([row[0]["q"] for row in rows], written.columns[f"/{side}/arm"]["q"])
 
 
 def test_review_writes_a_recording_that_rerun_verifies(written: WrittenLog, tmp_path: Path, command_line) -> None:
@@ -173,7 +213,7 @@ def test_review_writes_a_recording_that_rerun_verifies(written: WrittenLog, tmp_
         [RERUN, "rrd", "print", out], capture_output=True, text=True, env=environment, check=True
     ).stdout
     assert "Blueprint" in printed
-    assert "/cell/visual_geometries/left_link3/" in printed
+    assert all(topic in printed for topic in VOXELS)
     again = command_line("review", written.path, "--rrd", out)
     assert (again.returncode, again.stderr) == (2, f"rtstack: cannot write {out}: File exists\n")
 
