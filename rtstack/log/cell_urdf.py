@@ -1,4 +1,4 @@
-"""The whole cell as one URDF whose links are the frames of /tf: what viewers draw without our code.
+"""The whole cell as one URDF whose links are the frames of /tf: the solids that viewers draw are taken from it.
 
 Both arms with their pads, table and object. Where a link is, /tf says; the joints only say what hangs on what.
 """
