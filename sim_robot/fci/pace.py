@@ -6,14 +6,18 @@
    last answer came late, the plant's step came late too. This delays a millisecond by one period at most, and so an
    answer later than 1 ms is lost.
 3. Where the server itself is late by more than a period (its host took the CPU away), the clock stands still for as
-   long, and nobody loses packets. That time is made up for while everybody who is awaited has answered; beyond
+   long, and nobody loses packets, unless everybody who is awaited has been silent for LONGEST_SILENCE states already:
+   who is silent gains no time by it. That time is made up for while everybody who is awaited has answered; beyond
    LARGEST_LAG_NS it is given up.
-4. An answer counts that the kernel got before the window's end, and one that came while the server was stalled.
+4. An answer counts that the kernel got before the window's end, and one that came while the server was stalled, if it
+   is not from who has been silent for as long.
 """
 
 PERIOD_NS = 1_000_000
 # further behind than this, the robot's time slips instead of being caught up
 LARGEST_LAG_NS = 50_000_000
+# states in a row without an answer, after which it is the client that is silent, not the host that stalls both
+LONGEST_SILENCE = 3
 
 
 class Pace:

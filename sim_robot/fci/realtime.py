@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from sim_robot.fci.pace import PERIOD_NS, Pace
+from sim_robot.fci.pace import LONGEST_SILENCE, PERIOD_NS, Pace
 from sim_robot.fci.server import Server
 from sim_robot.fci.station import Station
 from sim_robot.model import SIDES
@@ -112,8 +112,10 @@ class Realtime:
         self.worst_stall_ns = max(self.worst_stall_ns, late_ns)
         ids = " and ".join(str(station.message_id) for station in self._server.stations)
         self._last_stalls.append(f"{1e-6 * late_ns:.1f} ms before message {ids}")
-        for one in self._clocks:
-            one.stand_still(late_ns)
+        awaited = [station for station in self._server.stations if station.awaited]
+        if not awaited or any(station.silent < LONGEST_SILENCE for station in awaited):
+            for one in self._clocks:
+                one.stand_still(late_ns)
 
     def report(self) -> str:
         """How well the pace was kept, and one line an arm on how fast its client answered."""

@@ -14,7 +14,7 @@ from sim_robot.fci.answers import AnswerTimes
 from sim_robot.fci.drive import CARTESIAN_GENERATORS, DrivenBox
 from sim_robot.fci.link import Link
 from sim_robot.fci.move import GOAL_DEVIATION, PATH_DEVIATION, MoveRequest, Tolerances, deviates
-from sim_robot.fci.pace import PERIOD_NS
+from sim_robot.fci.pace import LONGEST_SILENCE, PERIOD_NS
 from sim_robot.fci.protocol import (
     GENERATOR_IDLE,
     Command,
@@ -75,6 +75,7 @@ class Station:
         self.repeats, self.repeat_due_s = 0, 0.0  # states shown since Move without an answer, and when the next is due
         self.answered = False  # the client has answered that state
         self.punctual = False  # and the state before
+        self.silent = 0  # states in a row before that one that it has not answered
         self.due_ns = _NEVER_NS  # until when an answer to that state counts, ns of time.time_ns
         self.joined = False  # the client has answered at least once since Move
         self.answers, self._shown_ns, self._shown_before_ns = AnswerTimes(), 0, 0
@@ -125,8 +126,10 @@ class Station:
             shown_ns = self._shown_before_ns
             if self.link.arrived_ns > shown_ns + PERIOD_NS:
                 return
-        elif self.link.arrived_ns > self.due_ns and time.time_ns() - self.due_ns < PERIOD_NS:
-            return  # and not because the server was stalled
+        elif self.link.arrived_ns > self.due_ns:
+            stalled = time.time_ns() - self.due_ns >= PERIOD_NS
+            if not stalled or self.silent >= LONGEST_SILENCE:
+                return
         self.answered = self.joined = True
         self.answers.note(max(0, self.link.arrived_ns - shown_ns))
         if finished:
@@ -225,6 +228,7 @@ class Station:
         if not (self.patient or self.asynchronous):
             # an answer within a ms of the last state counts though this one is out: for this one's ms
             self.first_id = max(self.first_id, self.message_id + self.answered)
+        self.silent = 0 if self.answered or not self.moving else self.silent + 1
         self.punctual, self.answered = self.answered, False
         self._shown_before_ns, self._shown_ns = self._shown_ns, time.time_ns()
         self.show()

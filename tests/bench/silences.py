@@ -56,6 +56,9 @@ def silent(raw: RawClient, milliseconds: float, busy: bool) -> tuple[bool, float
             while raw.answer()[2] != b"\0":
                 raw.send(Command.AUTOMATIC_ERROR_RECOVERY)
             return True, 1e3 * longest_s
+    while state["robot_mode"] == RobotMode.MOVE:  # the last answer may have come too late
+        raw.command(state, torque_command_finished=1)
+        state = raw.state()
     raw.answer()
     return False, 1e3 * longest_s
 

@@ -226,6 +226,25 @@ def test_a_stall_during_a_silence_does_not_count(rig, stall_ms: int, silent: int
     assert left.errors == ((COMMUNICATION,) if caught else ())
 
 
+@pytest.mark.parametrize(("stalled_ms", "caught"), [(1, False), (10, True), (18, True)])
+def test_who_is_silent_gains_no_time_by_a_stall(rig, stalled_ms: int, caught: bool) -> None:
+    """A silence of 21 ms with a stall of 2 ms in it: at its beginning it may be the host's, later it is no excuse."""
+    cell = rig()
+    left = cell.wires[0]
+    left.move()
+    left.silence = range(50, 10_000)
+    cell.stalls = {50 + stalled_ms: 2000}
+
+    def wake_up() -> None:
+        left.silence = range(50, len(left.shown))
+        left.answer(left.shown[-1][1], cell.now_ns)
+
+    cell.at(cell.start_ns + (50_000 + 150 + 21_000) * US, wake_up)
+    pace = cell.run(150)
+    assert pace.stalls == 1
+    assert left.errors == ((COMMUNICATION,) if caught else ())
+
+
 def test_an_answer_that_comes_during_a_stall_counts(rig) -> None:
     cell = rig()
     left = cell.wires[0]
