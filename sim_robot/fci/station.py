@@ -226,8 +226,10 @@ class Station:
         """Send a state that the plant has not shown before: only an answer to it counts from now on."""
         self.answers.lost += self.awaited and self.joined
         if not (self.patient or self.asynchronous):
-            # an answer within a ms of the last state counts though this one is out: for this one's ms
-            self.first_id = max(self.first_id, self.message_id + self.answered)
+            # a torque within a ms of the last state counts though this one is out, for this one's ms; a motion's point
+            # would come a ms behind what has been bridged meanwhile
+            late_counts = not self.answered and self.motion["following"]
+            self.first_id = max(self.first_id, self.message_id + (not late_counts))
         self.silent = 0 if self.answered or not self.moving else self.silent + 1
         self.punctual, self.answered = self.answered, False
         self._shown_before_ns, self._shown_ns = self._shown_ns, time.time_ns()
