@@ -1,0 +1,76 @@
+"""Extension points: what installed packages offer under a group of entry points, found by name, loaded when needed."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from typing import Generic, TypeVar
+
+T = TypeVar("T")
+
+
+class ExtensionError(Exception):
+    """An extension that is not there, is offered twice, or cannot be loaded. One line that says what to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExtensionPoint(Generic[T]):
+    """A group of entry points. what: one thing of the group, for messages; kind: the type that all of them have."""
+
+    group: str
+    what: str
+    kind: type[T]
+
+    def names(self) -> tuple[str, ...]:
+        """Return the names that are offered, sorted. Imports nothing."""
+        return tuple(sorted(_offered(self.group)))
+
+    def load(self, name: str) -> T:
+        """Import and return what is offered under a name. Raises ExtensionError."""
+        offered = _offered(self.group).get(name, [])
+        if not offered:
+            raise ExtensionError(f"unknown {self.what} {name!r}: choose one of {', '.join(self.names())}")
+        if len(offered) > 1:
+            packages = ", ".join(sorted(map(_package, offered)))
+            raise ExtensionError(f"{self.what} {name!r} is offered more than once: uninstall all but one of {packages}")
+        entry = offered[0]
+        try:
+            found = entry.load()
+        except Exception as error:  # whatever the module of another author raises
+            reason = " ".join(f"{type(error).__name__}: {error}".split())
+            raise ExtensionError(self._refusal(entry, f"cannot be loaded: {reason}")) from error
+        if not isinstance(found, self.kind):
+            raise ExtensionError(self._refusal(entry, f"is {type(found).__name__}, not {self.kind.__name__}"))
+        return found
+
+    def loadable(self) -> tuple[dict[str, T], tuple[str, ...]]:
+        """Return everything that can be loaded, by name, and one line for each that cannot."""
+        found: dict[str, T] = {}
+        refused: list[str] = []
+        for name in self.names():
+            try:
+                found[name] = self.load(name)
+            except ExtensionError as error:
+                refused.append(str(error))
+        return found, tuple(refused)
+
+    def _refusal(self, entry: EntryPoint, reason: str) -> str:
+        what = f"{self.what} {entry.name!r}: {entry.value} of {_package(entry)}"
+        return f"{what} {reason}; repair or uninstall that package"
+
+
+@cache
+def _offered(group: str) -> dict[str, list[EntryPoint]]:
+    """Entry points by name: to read the metadata of all packages takes some 10 ms."""
+    return _by_name(entry_points(group=group))
+
+
+def _by_name(entries: Iterable[EntryPoint]) -> dict[str, list[EntryPoint]]:
+    found: dict[str, list[EntryPoint]] = {}
+    for entry in entries:
+        found.setdefault(entry.name, []).append(entry)
+    return found
+
+
+def _package(entry: EntryPoint) -> str:
+    return f"{entry.dist.name} {entry.dist.version}" if entry.dist is not None else "a package without a name"
