@@ -1,43 +1,53 @@
-"""Where compiled code is kept: a folder that is named after the sources that it was compiled from.
+"""Compiled functions, and where their machine code is kept from one process to the next.
 
-numba keeps one cache a source file and does not see that a function which it inlined from another file has changed:
-after an edit, old machine code would go on running. A folder a state of the sources cannot be stale.
+numba's own cache (`cache=True`) looks at a function's own file only: after an edit of a function that was inlined from
+another file, old machine code would go on running. Here machine code is kept under a digest of all that it is made
+from, in a folder of the user's, and written under a lock. It is a property of each function: numba's settings, and
+functions that others compile, stay as they are.
 """
 
-import hashlib
 import os
-import sys
 import tempfile
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numba
 import numpy as np
+from numba.core import config
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, InTreeCacheLocator
+
+from hal.compiled_from import digest_of
+from hal.files import locked
 
 _TYPES: dict[Any, Any] = {}  # of arrays that were bound
-_PREFIX = "rtstack-"
-_LOCATOR = "hal.compiled_cache.SharedCacheLocator"
-_ROOT = Path(__file__).resolve().parents[1]
-# the packages in which something is compiled, and what they take constants from
-_COMPILED = (
-    "hal", "rtstack/control", "rtstack/log", "rtstack/loop", "rtstack/model", "rtstack/monitor", "rtstack/safety",
-    "rtstack/studies/planar", "rtstack/teleoperation", "sim_robot",
-)  # fmt: skip
 
 
-def keep_compiled_code_by_its_sources() -> None:
-    """Point numba's cache to the folder of the present sources. Call before anything is compiled."""
-    folder = str(_base() / f"{_PREFIX}{_digest()}")
-    # read by numba when it is imported, here and in child processes
-    os.environ["NUMBA_CACHE_DIR"], os.environ["NUMBA_CACHE_LOCATOR_CLASSES"] = folder, _LOCATOR
-    if "numba" in sys.modules:
-        config = sys.modules["numba"].config
-        config.CACHE_DIR, config.CACHE_LOCATOR_CLASSES = folder, _LOCATOR
+def compiled(signature: Callable[..., Any] | str | None = None, **options: Any) -> Any:
+    """Compile a function as numba.njit does, with the error model of numpy, and keep the machine code.
+
+    Used as `@compiled`, or with a signature and numba's options, as `@compiled("void(int64)", nogil=True)`: then it is
+    compiled at once, for this signature only. For functions of any package.
+    """
+    if callable(signature):
+        return compiled()(signature)
+
+    def compile_and_keep(function: Callable[..., Any]) -> Any:
+        with_defaults: dict[str, Any] = {"error_model": "numpy", **options}
+        made: Any = numba.njit(**with_defaults)(function)
+        if made is not function:  # NUMBA_DISABLE_JIT
+            made._cache = _Cache(made)
+            if signature is not None:
+                made.compile(signature)
+                made.disable_compile()
+        return made
+
+    return compile_and_keep
 
 
 def bound(function: Callable[..., Any], *arguments: Any, later: tuple[Any, ...] = ()) -> Callable[..., Any]:
-    """Return a compiled function with its first arguments bound, compiled now: a call asks nobody for their types.
+    """Return a compiled function with its first arguments bound, compiled now: a call looks at no type.
 
     later: what the arguments that are still to come look like; those that are arrays have to be contiguous. Such a call
     costs half of one through numba's dispatcher, which looks at each argument's type. Bind arrays, whose contents may
@@ -46,8 +56,6 @@ def bound(function: Callable[..., Any], *arguments: Any, later: tuple[Any, ...] 
     compile_for = getattr(function, "compile", None)
     if compile_for is None:  # NUMBA_DISABLE_JIT
         return partial(function, *arguments)
-    import numba
-
     types = []
     for value in (*arguments, *later):
         if not isinstance(value, np.ndarray):
@@ -60,24 +68,57 @@ def bound(function: Callable[..., Any], *arguments: Any, later: tuple[Any, ...] 
     return partial(compile_for(tuple(types)), *arguments)
 
 
-def _base() -> Path:
-    """The user's choice, else the user's cache folder, else one for temporary files."""
-    chosen = os.environ.get("NUMBA_CACHE_DIR")
-    if chosen:
-        path = Path(chosen)
-        return path.parent if path.name.startswith(_PREFIX) else path
+def cache_folder() -> Path:
+    """Return where machine code is kept: the folder that the user chose for numba, else one of the user's cache.
+
+    Where that cannot be made, one for temporary files.
+    """
+    if chosen := config.CACHE_DIR:
+        return Path(chosen)
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     try:
         (cache / "rtstack").mkdir(parents=True, exist_ok=True)
     except OSError:
         cache = Path(tempfile.gettempdir()) / f"cache-{os.getuid()}"
-    return cache / "rtstack"
+    return cache / "rtstack" / "compiled"
 
 
-def _digest() -> str:
-    digest = hashlib.sha256()
-    for package in _COMPILED:
-        for source in sorted((_ROOT / package).rglob("*.py")):
-            digest.update(source.name.encode())
-            digest.update(source.read_bytes())
-    return digest.hexdigest()[:16]
+class _Locator(InTreeCacheLocator):
+    """Names a folder of the user's for each folder of sources."""
+
+    def __init__(self, function: Any, file: str) -> None:
+        super().__init__(function, file)
+        self._cache_path = str(cache_folder() / self.get_suitable_cache_subpath(file))
+
+
+class _Files(CompileResultCacheImpl):
+    _locator_classes = (_Locator, *CompileResultCacheImpl._locator_classes)  # the others: of functions without a file
+
+
+class _Cache(FunctionCache):
+    """numba's cache of one function, with its digest for the time of its file, and a lock.
+
+    Without one, two processes that compile different signatures at the same moment take the same number for their
+    files, and the index then names the one's machine code for the other's call.
+    """
+
+    _impl_class = _Files
+
+    def __init__(self, function: Any) -> None:
+        super().__init__(function.py_func)
+        self._function = function
+        self._lock = Path(self._cache_path) / f"{self._impl.filename_base}.lock"
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        self._stamp()
+        with locked(self._lock, shared=True):
+            return super().load_overload(sig, target_context)
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        self._stamp()
+        with locked(self._lock):
+            super().save_overload(sig, data)
+
+    def _stamp(self) -> None:
+        # now, not when it is decorated: what it calls may stand below it
+        self._cache_file._source_stamp = digest_of(self._function)

@@ -4,7 +4,3 @@ Scene and plant parameters are files; the controller never reads either of them.
 reflexes and the cell do no I/O, so that the same plant can be stepped in one process or served over the
 network.
 """
-
-from hal.compilation import keep_compiled_code_by_its_sources
-
-keep_compiled_code_by_its_sources()

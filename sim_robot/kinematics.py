@@ -2,9 +2,9 @@
 
 from math import cos, sin, sqrt
 
-import numba
 import numpy as np
 
+from hal.compilation import compiled
 from sim_robot.arm_description import JOINTS
 
 # scratch of one arm: nothing is allocated while it runs
@@ -23,7 +23,7 @@ KINEMATICS_RECORD = np.dtype(
 )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def forward_kinematics(kinematics, q):
     """Set T and J of one record of KINEMATICS_RECORD for joint positions `q` (7,), rad."""
     T, axes, origins = kinematics.T, kinematics.axes, kinematics.origins
@@ -51,7 +51,7 @@ def forward_kinematics(kinematics, q):
         J[3, j], J[4, j], J[5, j] = ax, ay, az
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def cholesky(A, shift, L):
     """Factor A + shift I = L L^T, 6 x 6, into the lower part of L; False where not positive definite."""
     for i in range(6):
@@ -68,7 +68,7 @@ def cholesky(A, shift, L):
     return True
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def solve(L, x):
     """Replace x (6,) by the solution y of L L^T y = x, with the factor of `cholesky`."""
     for i in range(6):
@@ -83,7 +83,7 @@ def solve(L, x):
         x[i] = total / L[i, i]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def estimate_wrench(kinematics, tau, smallest_singular_value, damping):
     """Set `wrench` to the damped least-squares solution of J^T F = tau, force first, about the pad's face.
 

@@ -1,8 +1,8 @@
 """Self-collision: a link of an arm that comes near the other arm or the table. Pads and hands may touch anything."""
 
-import numba
 import numpy as np
 
+from hal.compilation import compiled
 from hal.robot_errors import error_bit
 from sim_robot.model import PROXIMITY_M, SIDES
 from sim_robot.plant import Plant
@@ -16,7 +16,7 @@ _NOBODY, _LINK, _PAD, _TABLE = -1, 0, 2, 4  # a link or pad of the right arm is 
 
 
 # one signature, compiled when imported: MuJoCo's views are contiguous or not, depending on how many contacts there are
-@numba.njit("void(int32[:, :], float64[:], int64[:], float64[:])", cache=True, error_model="numpy")
+@compiled("void(int32[:, :], float64[:], int64[:], float64[:])")
 def _nearest(pairs, distances, kinds, nearest):
     for arm in range(2):
         nearest[arm] = np.inf

@@ -6,11 +6,10 @@ They judge what the robot can know: the command it was sent and the state it mea
 from collections.abc import Callable
 from math import sqrt
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.compilation import bound
+from hal.compilation import bound, compiled
 from hal.limits import CONTROL_PERIOD_S, FR3
 from hal.robot_errors import error_bit
 from sim_robot.arm_description import JOINTS
@@ -50,7 +49,7 @@ _LARGEST_STEP = FR3.tau_rate_max * CONTROL_PERIOD_S + 1e-6
 _LIMITS = np.array([FR3.q_lower, FR3.q_upper, FR3.dq_max, FR3.velocity_offset, FR3.deceleration, FR3.tau_max])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _take(tau_last, largest, error, tau):
     for j in range(JOINTS):
         # written so that NaN is too large as well
@@ -61,7 +60,7 @@ def _take(tau_last, largest, error, tau):
     return 0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _judge(states, kinematics, judged, limits, tolerances, masks):
     any_mask, tolerance = 0, tolerances[0]
     for arm in range(2):

@@ -6,10 +6,9 @@ environment. Every float is rounded to float32 at the end, as the wire carries i
 
 from math import exp, floor, pi
 
-import numba
 import numpy as np
 
-from hal.compilation import bound
+from hal.compilation import bound, compiled
 from hal.limits import CONTROL_PERIOD_S
 from hal.state import ARM_STATE
 from sim_robot.arm_description import JOINTS, fr3_description
@@ -37,12 +36,12 @@ SENSOR_RECORD = np.dtype(
 )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _wire(value):
     return np.float64(np.float32(value))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _sense(qpos, qvel, motors, sensors, kinematics, draws, states, k, t_ns):
     """Fill the measured fields of both states. draws[k]: (2, CHANNELS, 7), standard normal; t_ns: of the robot."""
     for arm in range(2):

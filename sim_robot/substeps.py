@@ -9,10 +9,10 @@ from pathlib import Path
 
 import llvmlite.binding
 import mujoco
-import numba
 import numpy as np
 from numba import types
 
+from hal.compilation import compiled
 from sim_robot.arm_description import JOINTS
 from sim_robot.model import GRAVITY, SUBSTEPS, TIMESTEP_S
 
@@ -63,7 +63,7 @@ MOTOR_RECORD = np.dtype(
 )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def advance_millisecond(
     model_address, data_address, qpos, qvel, qfrc_applied, qfrc_constraint, xanchor, xaxis, subtree_com,
     subtree_mass, link1_bodies, joints, motors,

@@ -2,10 +2,9 @@
 
 from math import sqrt
 
-import numba
 import numpy as np
 
-from hal.compilation import bound
+from hal.compilation import bound, compiled
 from hal.tracker import ObjectPose
 from sim_robot.arm_description import JOINTS
 from sim_robot.plant import Plant
@@ -14,7 +13,7 @@ from sim_robot.plant_parameters import TrackerParameters
 BLOCK = 64  # frames of noise drawn at a time
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _see(pose, all_draws, position_noise, half_angle_noise, records, k, t_ns):
     """Write the pose (7,), position and wxyz, with noise into records[0]. all_draws[k] (6,) are standard normal."""
     draws, record = all_draws[k], records[0]

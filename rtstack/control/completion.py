@@ -4,13 +4,13 @@ The reference-spreading paper's own future work (part VI): what tells the interi
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from hal.compilation import compiled
 from rtstack.control.parameters import CompletionParameters
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def contact_now(t_s, force, rotation, velocity, other_velocity, since, force_n, speed_m_s, hold_s):
     """Return whether this pad has been in lasting contact for `hold_s`; since (1,): from when on, negative if not yet.
 

@@ -2,10 +2,10 @@
 
 import math
 
-from numba import njit
+from hal.compilation import compiled
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def cholesky(A, n, L):
     """Write the lower factor of A (n, n), whose lower triangle is read. False where A is not positive definite."""
     for j in range(n):
@@ -24,7 +24,7 @@ def cholesky(A, n, L):
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def solve_lower(L, n, x):
     """Replace x by L^-1 x."""
     for i in range(n):
@@ -34,7 +34,7 @@ def solve_lower(L, n, x):
         x[i] = s / L[i, i]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def solve_lower_transposed(L, n, x):
     """Replace x by L^-T x."""
     for i in range(n - 1, -1, -1):
@@ -44,7 +44,7 @@ def solve_lower_transposed(L, n, x):
         x[i] = s / L[i, i]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def symmetric_eigen(A, n, V):
     """Cyclic Jacobi: A (n, n), symmetric, becomes diagonal, V its eigenvectors in columns (Golub and Van Loan, 8.5)."""
     for i in range(n):

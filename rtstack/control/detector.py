@@ -3,13 +3,13 @@
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from hal.compilation import compiled
 from rtstack.control.parameters import DetectorParameters
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def impact_now(force, velocity, history, head, count, force_low, force_high, velocity_bound):
     """Push (|f|, v) into the history of one arm and return whether 1)-3) hold now.
 

@@ -2,10 +2,10 @@
 
 import math
 
-from numba import njit
+from hal.compilation import compiled
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def friction_torque(dq, p1, p2, p3, scale, out):
     """Write the torque (7,), Nm, that overcomes the friction at dq: it has the sign of the velocity."""
     for i in range(7):

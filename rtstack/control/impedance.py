@@ -2,13 +2,12 @@
 
 import math
 
-from numba import njit
-
+from hal.compilation import compiled
 from rtstack.control.dense import cholesky, solve_lower, symmetric_eigen
 from rtstack.model.rotation import log_so3, quaternion_from_rotation, transpose_multiply
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def task_inertia(work):
     """Lambda^-1 = J M^-1 J^T (8) and sqrt(Lambda) from its eigenvectors."""
     L = work.factor
@@ -43,7 +42,7 @@ def task_inertia(work):
             work.sqrt_Lambda[j, i] = s
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def impedance_feedback(work, setpoint, control):
     """Write feedforward + weight D (v_d - v) + K error; work.six holds the pose error."""
     error = work.six
@@ -59,7 +58,7 @@ def impedance_feedback(work, setpoint, control):
         )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def acceleration_feedback(work, setpoint, control):
     """Write feedforward + Lambda times the feedback of the acceleration tasks; work.six holds the pose error."""
     error, half = work.six, work.seven
@@ -78,7 +77,7 @@ def acceleration_feedback(work, setpoint, control):
         control.wrench_desired[i] = setpoint.wrench_ff[i] + force
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def desired_wrench(work, setpoint, control):
     """(5), (22), (27): feedforward + weight D (v_d - v) + K (pose error, along the inertial axes); D from (7).
 
@@ -105,7 +104,7 @@ def desired_wrench(work, setpoint, control):
     quaternion_from_rotation(setpoint.rotation, control.pose_ref[3:7])
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def desired_posture(q, dq, setpoint, control, joint):
     """(10), (24), (31): beta = beta_ff + 2 sqrt(k) weight (dxi_d - dxi) + k (xi_d - xi)."""
     k = setpoint.posture_gain
@@ -116,7 +115,7 @@ def desired_posture(q, dq, setpoint, control, joint):
     )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def quadratic_cost(work, control, joint, weight_impedance, weight_posture, regularisation):
     """Hessian and gradient of (15) and (26): w_imp |J ddq + dJ dq - Lambda^-1 f|^2 + w_pos (ddq_joint - beta)^2."""
     b = work.six

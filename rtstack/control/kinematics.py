@@ -1,9 +1,9 @@
 """Pose, twist and Jacobian of the pad's face from the model's arrays at the world's origin."""
 
-from numba import njit
+from hal.compilation import compiled
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def end_effector(work, J0, dJ0, R7, p7, face, R_joint_ee, dq):
     """Write position, rotation, J (6, 7), twist and dJ dq (6,) of the end effector, along the world's axes (1)-(2).
 

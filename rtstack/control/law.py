@@ -2,8 +2,7 @@
 
 import math
 
-from numba import njit
-
+from hal.compilation import compiled
 from rtstack.control.dense import cholesky, solve_lower, solve_lower_transposed
 from rtstack.control.detector import impact_now
 from rtstack.control.friction import friction_torque
@@ -16,7 +15,7 @@ from rtstack.samples import QpStatus
 UNCONSTRAINED = int(QpStatus.UNCONSTRAINED)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def observe(
     samples, workspaces, controls, M, C, g, J0, dJ0, R7, p7, face, R_joint_ee, R_world_base, B_theta,
     p1, p2, p3, friction_scale, gravity_share, observer_gain, dt, history, head, count, force_low, force_high,
@@ -49,7 +48,7 @@ def observe(
     return impact_now(work.force_world, work.twist, history, head, count, force_low, force_high, velocity_bound)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def torque(workspaces, samples, tau_step):
     """tau = M ddq + C dq + friction (4), gravity excluded, at most tau_step Nm away from the last applied torque."""
     work = workspaces[0]
@@ -62,7 +61,7 @@ def torque(workspaces, samples, tau_step):
         out[i] = min(max(tau, last - tau_step), last + tau_step)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def pose_problem(
     samples, workspaces, setpoints, controls, joint, weight_impedance, weight_posture, regularisation,
     limits_table, tau_max, dt, tau_step,
@@ -97,7 +96,7 @@ def pose_problem(
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def force_norm(left, right):
     """(33): the norm of both arms' desired wrenches in one vector of twelve. Written to both controls."""
     square = 0.0

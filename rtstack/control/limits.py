@@ -2,10 +2,10 @@
 
 import math
 
-from numba import njit
+from hal.compilation import compiled
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def acceleration_bounds(q, dq, limits_table, dt, lower, upper):
     """Write the bounds of ddq, (7,), rad/s^2.
 
@@ -29,7 +29,7 @@ def acceleration_bounds(q, dq, limits_table, dt, lower, upper):
         lower[i] = min(low, braking)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def torque_bounds(work, tau_max):
     """Write the bounds of M ddq: -tau_max <= M ddq + C dq + g + friction <= tau_max, Nm."""
     for i in range(7):

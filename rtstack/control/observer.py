@@ -7,10 +7,10 @@ r(0) = 0: a robot whose gravity torque is off, or whose tau_J leaves gravity out
 So r begins where it would be had the arm always rested: r(0) = g - tau_J - C^T dq.
 """
 
-from numba import njit
+from hal.compilation import compiled
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def momentum_residual(work, M, C, tau_J, dq, gain, dt, control):
     """Advance the observer. control.momentum_residual has the sign of tau_ext_hat_filtered, i.e. -r, Nm."""
     joints = dq.shape[0]

@@ -11,9 +11,9 @@ from typing import Protocol
 import daqp
 import numpy as np
 import proxsuite
-from numba import njit
 from numpy.typing import NDArray
 
+from hal.compilation import compiled
 from rtstack.samples import QpSolver, QpStatus
 
 Array = NDArray[np.floating]
@@ -35,7 +35,7 @@ class Program(Protocol):
         ...
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def optimality_error(H, gradient, lower, upper, M, tau_lower, tau_upper, x, multipliers):
     """Largest violation of the KKT conditions: feasibility (rad/s^2, Nm), signs and complementarity, stationarity.
 

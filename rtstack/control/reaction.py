@@ -4,9 +4,9 @@ Torques stay the controller's and the judge's: a reaction changes what is asked 
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from hal.compilation import compiled
 from rtstack.samples import Mode, Reaction
 
 BRAKE_S = 0.15  # in which the setpoint's velocity goes to zero
@@ -61,7 +61,7 @@ class ReactionMotion:
         return t_s - self._began_s > (RETREAT_S if self.mode is Mode.RETREATING else HOLD_S)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def follow(setpoints, origin, velocity, way, t_s, share):
     """Brake from `velocity` (3,) m/s and go the `way` (3,) m on a quintic; the rotation stays, the wrench fades."""
     setpoint = setpoints[0]

@@ -1,11 +1,10 @@
 """Which reference counts now: the references of (22), (24), (27), (28) and (31) as one setpoint an arm."""
 
-from numba import njit
-
+from hal.compilation import compiled
 from rtstack.model.rotation import exp_so3, log_so3, multiply, transpose_multiply
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def copy_point(point, setpoint):
     """Ask for a point of a reference as it is."""
     for i in range(3):
@@ -20,7 +19,7 @@ def copy_point(point, setpoint):
     setpoint.beta = point.beta
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def blend_points(ante, post, gamma, setpoint, work):
     """Interim mode: ante-impact references at gamma = 0, post-impact ones at gamma = 1, (27), (28), (31).
 
@@ -40,7 +39,7 @@ def blend_points(ante, post, gamma, setpoint, work):
     setpoint.beta = (1.0 - gamma) * ante.beta + gamma * post.beta
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def choose(setpoints, work, samples, controls, ante, post, index, blend, mode, gamma, velocity_weight):
     """Write setpoints[0] from the points ante[index] and post[index]; blend: 0 ante, 1 interim, 2 post.
 

@@ -4,10 +4,9 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from hal.compilation import bound
+from hal.compilation import bound, compiled
 from rtstack.monitor.pair import AFTER, IMPACT, PAIR, TARE, PairParameters, pair_expect, pair_step
 from rtstack.monitor.records import Reason, Verdict, monitor_dtype
 from rtstack.references.impact import ExpectedImpact
@@ -117,7 +116,7 @@ class TrialMonitor:
         return f"unexpected: {where}{self.reason.name.lower().replace('_', ' ')}, margin {pair['margin']:.2f}"
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def watch(
     pairs, states, side, parameters, samples, workspaces, controls, dq_post, net, bounds, period_ns, tare_ticks,
     until, decided_ns, later_ns, patience, t_ns,

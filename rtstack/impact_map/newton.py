@@ -9,8 +9,9 @@ the equations singular but consistent; a proximal term, 1e-9 of their size, pick
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from hal.compilation import compiled
 
 Array = NDArray[np.floating]
 
@@ -32,7 +33,7 @@ def refined(G: Array, b: Array, friction: Array, start: Array) -> tuple[Array, f
     return best.reshape(-1, 3), error
 
 
-@njit(cache=True)
+@compiled(error_model="python")
 def _iterate(G, b, friction, start):
     """Return the best of STEPS iterates, (3n,), and its error."""
     n = len(friction)

@@ -8,9 +8,11 @@ seqlocks get along with programming language memory models?", MSPC 2012, for the
 from typing import Any
 
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
+
+from hal.compilation import compiled
 
 _WORD = ir.IntType(64).as_pointer()
 _BYTES = ir.IntType(8).as_pointer()
@@ -51,7 +53,7 @@ def copy_bytes(_typing: Any, _target: Any, _source: Any, _size: Any) -> Any:
     return types.void(types.int64, types.int64, types.int64), generate
 
 
-@njit("void(int64, int64, int64, int64, int64)", cache=True, nogil=True)
+@compiled("void(int64, int64, int64, int64, int64)", nogil=True)
 def push(head: int, slots: int, stride: int, mask: int, record: int) -> None:
     """Copy the record at address `record` into the ring whose head and slots are at these addresses.
 
@@ -67,7 +69,7 @@ def push(head: int, slots: int, stride: int, mask: int, record: int) -> None:
     _store_release(head, number + 1)
 
 
-@njit("void(int64[:, ::1])", cache=True, nogil=True)
+@compiled("void(int64[:, ::1])", nogil=True)
 def push_all(rows: Any) -> None:
     """Push once for each of rows (n, 5), the arguments of `push`: one call for all that a tick publishes."""
     for k in range(len(rows)):

@@ -1,16 +1,15 @@
 """What the robot says it was commanded, beside what it was sent."""
 
 import numpy as np
-from numba import njit
 
-from hal.compilation import bound
+from hal.compilation import bound, compiled
 from rtstack.control.tick import ArmController
 from rtstack.safety.judge import SafetyJudge
 
 SAME_TORQUE_NM = 1e-3  # the wire rounds to float32: 4e-6 Nm at 87 Nm
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def largest_difference(tau_J_d, tau_applied):
     """Return the largest difference of two torques (7,), Nm; NaN where one of them is no number."""
     largest = 0.0

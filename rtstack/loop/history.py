@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from hal.compilation import compiled
 from hal.tracker import OBJECT_POSE
 from rtstack.log.push import copy_bytes
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, EVENT, TIMING_SAMPLE
@@ -23,7 +23,7 @@ class Columns:
     object: NDArray
 
 
-@njit("void(int64[:, ::1], int64)", cache=True)
+@compiled("void(int64[:, ::1], int64)")
 def _append(rows, k):
     """Copy record k of each of rows (n, 3): address of the memory, bytes a record, address of the source."""
     for i in range(len(rows)):

@@ -2,8 +2,7 @@
 
 import math
 
-from numba import njit
-
+from hal.compilation import compiled
 from hal.limits import CONTROL_PERIOD_S
 
 
@@ -14,7 +13,7 @@ def low_pass_share(cutoff_hz: float) -> float:
     return CONTROL_PERIOD_S / (CONTROL_PERIOD_S + 1.0 / (2.0 * math.pi * cutoff_hz))
 
 
-@njit(cache=True)
+@compiled
 def low_pass(samples, workspaces, share):
     """Move samples[0].tau_desired to where it is `share` of the way from the last applied torque: never a larger step.
 

@@ -3,10 +3,11 @@
 import math
 
 import numpy as np
-from numba import njit
+
+from hal.compilation import compiled
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def log_so3(R, out):
     """Write (log R)^vee, shape (3,), rad, with an angle in [0, pi]."""
     x = R[2, 1] - R[1, 2]
@@ -37,7 +38,7 @@ def log_so3(R, out):
             out[i] = angle * (u if i == k else 0.25 * (R[i, k] + R[k, i]) / u)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def exp_so3(w, scale, out):
     """Write exp(hat(scale w)), shape (3, 3), by Rodrigues' formula."""
     x = w[0] * scale
@@ -62,7 +63,7 @@ def exp_so3(w, scale, out):
     out[2, 1] = b * y * z + a * x
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def multiply(A, B, out):
     """Write A B, shapes (3, 3)."""
     for i in range(3):
@@ -70,7 +71,7 @@ def multiply(A, B, out):
             out[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def transpose_multiply(A, B, out):
     """Write A^T B, shapes (3, 3)."""
     for i in range(3):
@@ -78,7 +79,7 @@ def transpose_multiply(A, B, out):
             out[i, j] = A[0, i] * B[0, j] + A[1, i] * B[1, j] + A[2, i] * B[2, j]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def quaternion_from_rotation(R, out):
     """Write the unit quaternion wxyz of R, shape (4,), w >= 0 (Shepperd's method)."""
     t = R[0, 0] + R[1, 1] + R[2, 2]

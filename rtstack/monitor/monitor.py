@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from hal.compilation import compiled
 from rtstack.monitor.parameters import MonitorParameters
 from rtstack.monitor.records import Reason, Verdict, monitor_dtype
 from rtstack.monitor.step import monitor_expect, monitor_step
@@ -62,7 +62,7 @@ class Monitor:
         )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _follow(states, parameters, t_ns, residual, q, dq, dq_ref, trace):
     for k in range(t_ns.shape[0]):
         monitor_step(states, parameters, t_ns[k], residual[k], q[k], dq[k], dq_ref[k])

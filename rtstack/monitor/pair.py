@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from hal.compilation import compiled
 from rtstack.monitor.parameters import MonitorParameters
 from rtstack.monitor.records import Reason, Verdict
 from rtstack.monitor.step import monitor_expect, monitor_step
@@ -104,7 +104,7 @@ class PairParameters:
             raise ValueError(f"later_s has to be a positive number, not {self.later_s}")
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def pair_expect(pairs, states, t_d_ns, q_d):
     """Begin anew with both arms: one impact at t_d_ns, in the configurations q_d (2, n)."""
     pair = pairs[0]
@@ -122,7 +122,7 @@ def pair_expect(pairs, states, t_d_ns, q_d):
         monitor_expect(states[k : k + 1], t_d_ns, q_d[k])
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def pair_step(
     pairs, states, side, parameters, t_ns, residual, q, dq, dq_ref, force, net_ref, bound, phase, decided_ns, later_ns,
     patience,
@@ -159,7 +159,7 @@ def pair_step(
             _decide(pair, t_ns, _EXPECTED, _NO_REASON, BOTH)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _decide(pair, t_ns, verdict, reason, side):
     pair.verdict = verdict
     pair.reason = reason
@@ -167,7 +167,7 @@ def _decide(pair, t_ns, verdict, reason, side):
     pair.t_verdict_ns = t_ns
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _net_force(pair, side, t_ns, force, net_ref, bound, phase):
     """Return the margin of the net force: 1 where it is the reference's, 0 at the bound."""
     if phase == TARE and t_ns >= TARE_FROM_NS:

@@ -7,8 +7,7 @@ behind it, into the phase that the reset is there to leave out). Times are whole
 
 import math
 
-from numba import njit
-
+from hal.compilation import compiled
 from rtstack.monitor.records import LONGEST_WINDOW, Reason, Verdict
 
 _NONE, _EXPECTED, _UNEXPECTED = int(Verdict.NONE), int(Verdict.EXPECTED), int(Verdict.UNEXPECTED)
@@ -17,7 +16,7 @@ _ENVELOPE, _NO_IMPACT, _NO_REASON = int(Reason.ENVELOPE), int(Reason.NO_IMPACT),
 _ROWS = LONGEST_WINDOW + 1
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def monitor_expect(states, t_d_ns, q_d):
     """Forget everything and expect one (simultaneous) impact at t_d_ns in the configuration q_d (n,) rad."""
     state = states[0]
@@ -43,7 +42,7 @@ def monitor_expect(states, t_d_ns, q_d):
         state.rate[i] = state.error[i] = state.lower[i] = state.upper[i] = 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def monitor_step(states, parameters, t_ns, residual, q, dq, dq_ref):
     """Take a tick into states[0], (1,) of monitor_dtype, with the tuning parameters[0], (1,) of parameters_dtype.
 
@@ -69,7 +68,7 @@ def monitor_step(states, parameters, t_ns, residual, q, dq, dq_ref):
         _judge(state, p, t_ns, gap_ns, q)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _rises(state, p, period_ns, residual):
     """(8), (9): the rate of a joint's residual reaches its bound, and had not in the tick before."""
     rises = False
@@ -83,7 +82,7 @@ def _rises(state, p, period_ns, residual):
     return rises
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _restart(state, t_ns):
     """An impact: envelopes and window begin anew."""
     if state.impacts == 0:
@@ -96,7 +95,7 @@ def _restart(state, t_ns):
         state.history[0, i] = state.lower[i] = state.upper[i] = state.error[i]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _envelope(state, p, period_ns):
     """(15), (16) over the ticks since the last impact, m_max + 1 at most."""
     state.since_impact += 1
@@ -114,7 +113,7 @@ def _envelope(state, p, period_ns):
         state.upper[i] = max(high, (1.0 - fade) * state.upper[i] + fade * high)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _judge(state, p, t_ns, gap_ns, q):
     """Algorithm 1."""
     if state.impact != 0:
@@ -137,7 +136,7 @@ def _judge(state, p, t_ns, gap_ns, q):
         state.verdict = max(state.instantaneous, state.post_impact)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _instantaneous(state, p, t_ns, gap_ns, q):
     """(10)-(12) for this impact; what an earlier one has not met stays so."""
     square = 0.0
@@ -164,7 +163,7 @@ def _instantaneous(state, p, t_ns, gap_ns, q):
     state.post_impact = _NONE if state.instantaneous == _EXPECTED else _UNEXPECTED
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _time_window(state, p):
     """(17): zero lies within every joint's envelope, widened by e_m."""
     for i in range(state.error.shape[0]):

@@ -7,8 +7,9 @@ is left, since it is asked for before the last ramp begins.
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from hal.compilation import compiled
 
 RAMP_S = 0.5
 SLOWEST, FASTEST = 0.1, 4.0  # the range of the console's player; what the arms can do is asked in limits.py
@@ -34,7 +35,7 @@ def end_s(paces: NDArray) -> float:
     return float(paces["brake_t"][0]) + RAMP_S
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def follow(paces, t, out):
     """Write out (3,): place s in the log, ds/dt, d2s/dt2, at t s after the start; held before and after."""
     p = paces[0]
@@ -53,7 +54,7 @@ def follow(paces, t, out):
         out[2] = (p.brake_rate * 6.0 * x * (x - 1.0) + pull * (1.0 - x) * (1.0 - 3.0 * x)) / RAMP_S
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def brake(paces, t, out):
     """Brake from the time t on; where the last ramp has begun there is nothing to do. out (3,): working memory."""
     if t >= paces[0].brake_t:

@@ -6,9 +6,9 @@ With the chain rule, for the place s(t) in the log: velocity = s' along, acceler
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from hal.compilation import compiled
 from rtstack.control.tick import ArmController
 from rtstack.model.rotation import exp_so3, multiply
 from rtstack.playback.motion import LoggedMotion
@@ -70,12 +70,12 @@ def arm_path(motion: LoggedMotion, side: int, arm: ArmController) -> ArmPath:
     return ArmPath(found, q, dq, ddq, M, gravity, coriolis)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _between(a, b, share, i):
     return a[i] + share * (b[i] - a[i])
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def write_point(stations, moment, three, turn, points):
     """Write points[0] of POINT for moment (3,): place s, ds/dt, d2s/dt2. three (3,), turn (3, 3): working memory."""
     s, rate, acceleration = moment[0], moment[1], moment[2]

@@ -2,8 +2,7 @@
 
 import math
 
-from numba import njit
-
+from hal.compilation import compiled
 from rtstack.safety.geometry import arm_distance
 from rtstack.safety.reasons import Reason
 
@@ -27,7 +26,7 @@ TICK_NS = 1_000_000
 S = 1e-9
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def note(memory, joint, value, bound):
     """Remember what was found; once a stop is latched its evidence stays."""
     if memory["stopping"] == 0:
@@ -36,7 +35,7 @@ def note(memory, joint, value, bound):
         memory["bound"] = bound
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def take_time(sample, other, rule, memory):
     """Count what has passed since the last state, here and for the other arm; return a reason to stop, or 0.
 
@@ -79,7 +78,7 @@ def take_time(sample, other, rule, memory):
     return 0
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def find_not_finite(sample, residual, memory):
     """Return NOT_FINITE where a value that somebody computes with is not, else 0."""
     for i in range(7):
@@ -99,7 +98,7 @@ def find_not_finite(sample, residual, memory):
     return 0
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def find_joint(sample, residual, rule, memory):
     """Return the first reason to stop that a joint of a finite state gives, else 0."""
     for i in range(7):
@@ -132,7 +131,7 @@ def find_joint(sample, residual, rule, memory):
     return 0
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def find_arm(sample, other, rule, memory):
     """Return the first reason to stop that the arm as a whole gives, where it was placed, else 0."""
     for a in range(3):

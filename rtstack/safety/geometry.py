@@ -5,12 +5,11 @@ Fields are indexed by name, as plain Python can too: so the tests run and mutate
 
 import math
 
-from numba import njit
-
+from hal.compilation import compiled
 from rtstack.safety.body import CAPSULES, LINKS
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def place_arm(q, dq, rule, memory):
     """Write face_world, face_velocity and ends_world of the arm at q (7,) rad, dq (7,) rad/s."""
     turn, following, place = memory["turn"], memory["next"], memory["place"]
@@ -37,7 +36,7 @@ def place_arm(q, dq, rule, memory):
     memory["placed"] = 1
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _next_joint(angle, j, rule, memory, turn, following, place):
     """Go on from one link's frame to the next one's: translation, fixed rotation, then `angle` about z."""
     sine, cosine = math.sin(angle), math.cos(angle)
@@ -54,14 +53,14 @@ def _next_joint(angle, j, rule, memory, turn, following, place):
         memory["origins"][j, a] = place[a]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _point(local, turn, place, out):
     """Write a point of the present link's frame in the world's to `out`, which may be `place` itself."""
     for a in range(3):
         out[a] = place[a] + turn[a, 0] * local[0] + turn[a, 1] * local[1] + turn[a, 2] * local[2]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def segment_distance(a, b, c, d):
     """Return the distance of the segments a b and c d, none of them a point (Ericson, Real-Time Collision Detection,
     5.1.9)."""
@@ -91,7 +90,7 @@ def segment_distance(a, b, c, d):
     return math.sqrt(total)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def arm_distance(mine, other, rule, enough):
     """Return the smallest distance of two capsules, one of each arm, or `enough` where none is closer."""
     closest = enough

@@ -7,10 +7,9 @@ hal's own description, and allocates, logs, waits and raises nowhere in `judge`.
 from collections.abc import Callable
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from hal.compilation import bound
+from hal.compilation import bound, compiled
 from rtstack.safety.body import Base, Tool, arm_body
 from rtstack.safety.checks import find_arm, find_joint, find_not_finite, take_time
 from rtstack.safety.geometry import place_arm
@@ -29,7 +28,7 @@ _PASS, _LIMITED = Verdict.PASS, Verdict.LIMITED
 NEVER_NS = 2**62
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def find_violation(sample, residual, other, rule, memory):
     """Look at everything, place the arm; return the first reason to stop, or 0."""
     late = take_time(sample, other, rule, memory)
@@ -42,7 +41,7 @@ def find_violation(sample, residual, other, rule, memory):
     return found if found != 0 else late
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def judge(samples, residual, memories, others, all_rules, demand):
     """Judge samples[0].tau_desired, write samples[0].tau_applied, return (verdict, reason).
 

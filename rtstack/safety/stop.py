@@ -2,15 +2,14 @@
 
 import math
 
-from numba import njit
-
+from hal.compilation import compiled
 from rtstack.safety.checks import note
 from rtstack.safety.reasons import Reason
 
 TORQUE, TORQUE_RATE = int(Reason.TORQUE), int(Reason.TORQUE_RATE)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def begin_stop(sample, memory, reason):
     """Latch a stop that begins where the arm is, or, joint by joint, where it was last seen."""
     memory["stopping"] = 1
@@ -24,7 +23,7 @@ def begin_stop(sample, memory, reason):
             memory["dq_hold"][i] = sample["dq"][i]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def braking_torque(sample, rule, memory):
     """Write the torque of the braking profile to tau_applied; a value that is not finite counts as no error.
 
@@ -53,7 +52,7 @@ def braking_torque(sample, rule, memory):
         sample["tau_applied"][i] = tau
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def clip(sample, rule, memory, wanted):
     """Bring `wanted` (7,) inside torque and torque rate, write it to tau_applied; return the reason for a change.
 

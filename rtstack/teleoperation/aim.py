@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
-from numba import njit
 
+from hal.compilation import compiled
 from rtstack.teleoperation.follower import coordinates
 from rtstack.teleoperation.reach import AHEAD_M, AHEAD_RAD, GAP_M, TILT_RAD
 
@@ -14,7 +14,7 @@ LENGTH_TOLERANCE = 1e-3  # of a quaternion
 AIM = np.dtype([("position", "f8", 3), ("rotation", "f8", (3, 3)), ("goal", "f8", 6), ("usable", "i8")])
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _rotation(pose, out):
     """Write the rotation of the quaternion wxyz in pose[3:7], normalised first."""
     n = math.sqrt(pose[3] ** 2 + pose[4] ** 2 + pose[5] ** 2 + pose[6] ** 2)
@@ -30,7 +30,7 @@ def _rotation(pose, out):
     out[2, 2] = 1.0 - 2.0 * (x * x + y * y)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _usable(pose):
     """Whether a pose (7,) is finite, and its quaternion of length one."""
     square = 0.0
@@ -42,7 +42,7 @@ def _usable(pose):
     return abs(math.sqrt(square) - 1.0) <= LENGTH_TOLERANCE
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def aim(poses, followers, aims, lower, upper):
     """Make the poses (2, 7) of (left, right) the followers' goals, inside of the box; return how many were not taken.
 

@@ -14,8 +14,8 @@ speed bounds the angular velocity too: rotation vectors are never shorter than t
 import math
 
 import numpy as np
-from numba import njit
 
+from hal.compilation import compiled
 from hal.limits import CONTROL_PERIOD_S
 from rtstack.model.rotation import exp_so3, log_so3, multiply, transpose_multiply
 
@@ -44,7 +44,7 @@ FOLLOWER = np.dtype(
 )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def begin(followers, position, rotation):
     """Begin at rest at a position (3,), m, and rotation (3, 3), in the world."""
     f = followers[0]
@@ -64,7 +64,7 @@ def begin(followers, position, rotation):
     f.tick = 0
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def coordinates(followers, position, rotation, out):
     """Write the coordinates (6,) of a pose, m and rad."""
     f = followers[0]
@@ -75,7 +75,7 @@ def coordinates(followers, position, rotation, out):
         out[3 + i] = f.three[i]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def hold(followers):
     """Ask for no more than what the first step has reached: the command brakes within BRAKING_S."""
     f = followers[0]
@@ -83,7 +83,7 @@ def hold(followers):
         f.goal[i] = f.followed[i]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _approach(f, start, speed):
     """Low-pass one half of the coordinates, no faster than `speed` a second."""
     square = 0.0
@@ -97,7 +97,7 @@ def _approach(f, start, speed):
         f.followed[i] += share * (f.goal[i] - f.followed[i])
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def advance(followers, speed, turn_speed):
     """One tick further towards the goal, at most `speed` m/s and `turn_speed` rad/s."""
     f = followers[0]
@@ -120,7 +120,7 @@ def advance(followers, speed, turn_speed):
         f.command[i] = command
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def write_point(followers, points):
     """Write the command as a point's position, rotation and twist, along the world's axes."""
     f = followers[0]

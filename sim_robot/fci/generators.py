@@ -6,9 +6,9 @@ motion with the vendor's error; everything that is broken is named.
 
 from math import acos, cos, sin, sqrt
 
-import numba
 import numpy as np
 
+from hal.compilation import compiled
 from hal.limits import CONTROL_PERIOD_S, FR3
 from hal.robot_errors import error_bit
 from sim_robot.arm_description import JOINTS
@@ -66,7 +66,7 @@ CMG_JOINT_VELOCITY_JUMP = error_bit("cartesian_motion_generator_joint_velocity_d
 CMG_JOINT_ACCELERATION_JUMP = error_bit("cartesian_motion_generator_joint_acceleration_discontinuity")
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _judge_joints(q, dq, ddq, dddq, position, velocity, velocity_jump, acceleration_jump):
     """Errors of one joint step, (7,) each; written so that NaN is an error."""
     mask, L = 0, _JOINTS
@@ -86,7 +86,7 @@ def _judge_joints(q, dq, ddq, dddq, position, velocity, velocity_jump, accelerat
     return mask
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _beyond(ddq, dddq):
     """True when a joint step, (7,) each, is beyond the published limits, with a spare for float32 states."""
     for j in range(JOINTS):
@@ -95,7 +95,7 @@ def _beyond(ddq, dddq):
     return False
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _rotation_between(A, B, w):
     """w (3,): the rotation vector from A to B, R_B = exp(w) R_A, along the base's axes."""
     trace = 0.0
@@ -115,7 +115,7 @@ def _rotation_between(A, B, w):
         w[k] *= angle / s if s > 1e-12 else 1.0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _step_between(A, B, step):
     """step (6,): from pose A to pose B, (4, 4) each, m and rad along the base's axes."""
     w = np.empty(3)
@@ -124,7 +124,7 @@ def _step_between(A, B, step):
         step[r], step[r + 3] = B[r, 3] - A[r, 3], w[r]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _turn(T, w, dt):
     """Turn and move T by the twist w (6,) for dt, along the base's axes."""
     for r in range(3):
@@ -144,12 +144,12 @@ def _turn(T, w, dt):
         T[2, k] = d + s * e + c * (z * along - d)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _norm(v, first):
     return sqrt(v[first] * v[first] + v[first + 1] * v[first + 1] + v[first + 2] * v[first + 2])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def inverse_step(body, setting, T_goal, elbow, with_elbow, q):
     """Move q (7,) towards the pose T_goal of the end effector by one damped Newton step; return the error's norm.
 
@@ -193,7 +193,7 @@ def inverse_step(body, setting, T_goal, elbow, with_elbow, q):
     return size
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def start_motion(motion, body, setting, q_start):
     """Begin at rest at q_start (7,): the pose, the elbow and all rates follow from it."""
     forward_kinematics(body, q_start)
@@ -210,14 +210,14 @@ def start_motion(motion, body, setting, q_start):
     motion.first, motion.with_elbow = 1, 0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _start_of(commanded, measured, desired):
     """Return where a motion starts whose first command is this one: where it is commanded, unless that is a step."""
     start = measured if abs(commanded - measured) < abs(commanded - desired) else desired
     return commanded if abs(commanded - start) <= _START_NOISE else start
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def follow_joints(motion, command, kind, q_measured):
     """Take a joint position or velocity; return the errors, and change nothing when there are any.
 
@@ -248,7 +248,7 @@ def follow_joints(motion, command, kind, q_measured):
     return mask
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def take_target(motion, command):
     """Take a target of an asynchronous motion; return the errors, and change nothing when there are any."""
     for j in range(JOINTS):
@@ -259,7 +259,7 @@ def take_target(motion, command):
     return 0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def approach_target(motion):
     """Go on for 1 ms towards the target of an asynchronous motion, every joint by itself."""
     largest_step = _ASYNCHRONOUS_ACCELERATION * DT
@@ -274,7 +274,7 @@ def approach_target(motion):
         motion.q_d[j] += dq * DT
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def follow_cartesian(motion, command, kind, body, setting, q_measured):
     """Take a pose or a twist; return the errors, and change nothing when there are any.
 
@@ -376,7 +376,7 @@ def follow_cartesian(motion, command, kind, body, setting, q_measured):
     return mask
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def extrapolate(motion, kind, body, setting):
     """Get over a lost packet with constant acceleration, joints or pose, as the robot does."""
     if kind <= JOINT_VELOCITY:
@@ -401,7 +401,7 @@ def extrapolate(motion, kind, body, setting):
         motion.q_d[j], motion.dq_d[j] = q[j], dq
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def ends_too_fast(motion):
     """True when a motion that ends now would end while it moves."""
     for j in range(JOINTS):  # noqa: SIM110 - compiled

@@ -2,9 +2,9 @@
 
 from math import sqrt
 
-import numba
 import numpy as np
 
+from hal.compilation import compiled
 from hal.limits import FR3
 from sim_robot.arm_description import JOINTS
 from sim_robot.fci.robot_state import product
@@ -17,7 +17,7 @@ _NULL_STIFFNESS, _NULL_DAMPING = 20.0, 5.0
 _TAU_MAX = np.array(FR3.tau_max)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def cartesian_impedance(state, motion, setting, measured, desired, tau):
     """Set tau (7,), Nm without gravity: J^T (K_x e + D_x de) along the axes of the stiffness frame, and the elbow.
 

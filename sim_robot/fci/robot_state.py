@@ -2,9 +2,9 @@
 
 from math import cos, floor, log, pi, sin, sqrt
 
-import numba
 import numpy as np
 
+from hal.compilation import compiled
 from sim_robot.arm_description import JOINTS
 from sim_robot.kinematics import forward_kinematics
 
@@ -53,7 +53,7 @@ MOTION_RECORD = np.dtype(
 JOINT_COLLISION, CARTESIAN_COLLISION = 1, 2
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def product(A, B, C):
     """C = A B for transforms (4, 4); C is neither A nor B."""
     for r in range(3):
@@ -65,20 +65,20 @@ def product(A, B, C):
     C[3, 3] = 1.0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def elbow_sign(q4):
     """Return elbow[1] for a position of joint 4, rad."""
     return 1.0 if q4 > ELBOW_FLIP else (-1.0 if q4 < ELBOW_FLIP else 0.0)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _columns(T, wire):
     for c in range(4):
         for r in range(4):
             wire[4 * c + r] = T[r, c]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _twist(kinematics, dq, lever, twist):
     """twist (6,) of a point at `lever` (3,) from the Jacobian's point, along the base's axes."""
     for r in range(6):
@@ -91,7 +91,7 @@ def _twist(kinematics, dq, lever, twist):
     twist[2] += twist[3] * lever[1] - twist[4] * lever[0]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _acceleration(kinematics, motion, T, acceleration):
     """acceleration (6,) of the point that T (4, 4) places, J ddq + dJ/dt dq of what is desired, link by link."""
     w, dw, a = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
@@ -112,12 +112,12 @@ def _acceleration(kinematics, motion, T, acceleration):
         acceleration[i], acceleration[i + 3] = a[i], dw[i]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _cross(a, b):
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _levels(value, lower, upper, watching, contact, collision):
     """Set contact (n,) anew, raise collision (n,) for good; True when a collision is new or goes on."""
     over = False
@@ -129,7 +129,7 @@ def _levels(value, lower, upper, watching, contact, collision):
     return over
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def fill_states(states, measured, desired, settings, motions, motors, wires, collisions):
     """Fill both wires from both states, all of them (2,), and tell in `collisions` (2,) who is above its thresholds.
 
@@ -233,7 +233,7 @@ def fill_states(states, measured, desired, settings, motions, motors, wires, col
         _accelerometers(body, state.q, motors[arm].dq, motion, wire)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _uniform(motion):
     """SplitMix64 (Steele, Lea, Flood, OOPSLA 2014), in (0, 1)."""
     motion.noise += np.uint64(0x9E3779B97F4A7C15)
@@ -244,13 +244,13 @@ def _uniform(motion):
     return (float(x >> np.uint64(11)) + 0.5) / 9007199254740992.0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _normal(motion):
     """A standard normal number (Box and Muller); the sensors' own draws stay what they are."""
     return sqrt(-2.0 * log(_uniform(motion))) * cos(2.0 * pi * _uniform(motion))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _accelerometers(body, q, dq, motion, wire):
     """What an accelerometer at each end of links 1 to 6 reads: acceleration minus gravity, along the link's axes.
 

@@ -18,6 +18,7 @@ from pathlib import Path
 import httpx
 import pytest
 
+from hal.compilation import cache_folder
 from rtstack.cli.host_setup import unit_texts
 from rtstack.live import notify
 from rtstack.live.client import RobotClient
@@ -161,8 +162,8 @@ def manager(unprivileged):
 
 
 def _managing(folder: Path, unprivileged: list[str]) -> Iterator[Manager]:
-    cache = Path(os.environ["NUMBA_CACHE_DIR"])  # what was compiled already
-    shutil.copytree(cache, folder / "cache" / cache.name if cache.is_dir() else folder / "cache")
+    if cache_folder().is_dir():  # what was compiled already
+        shutil.copytree(cache_folder(), folder / "cache")
     for name in ("run", "state"):
         (folder / name).mkdir()
     folder.chmod(0o755)

@@ -12,6 +12,8 @@ from pathlib import Path
 import httpx
 import pytest
 
+from hal.compilation import cache_folder
+
 ROOT = Path(__file__).parents[2]
 TIMEOUT_S = 120.0
 PAGES = ("/", "/logs", "/trials", "/campaigns", "/api", "/api/openapi.json", "/static/css/frame.css")
@@ -33,28 +35,24 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     with zipfile.ZipFile(made) as archive:
         archive.extractall(folder / "installed")
     shutil.rmtree(folder / "source")
-    cache = folder / "cache" / Path(os.environ["NUMBA_CACHE_DIR"]).name
+    cache = folder / "cache"
     take_compiled(folder / "installed", cache)
     own = {"PYTHONPATH": str(folder / "installed"), "PYTHONSAFEPATH": "1", "NUMBA_CACHE_DIR": str(cache)}
     return os.environ | own
 
 
 def take_compiled(installed: Path, cache: Path) -> None:
-    """Take what was compiled of the same sources in the clone; numba keeps it by a source's folder, time and size.
+    """Take what was compiled of the same sources in the clone, which is kept by the folder of a source.
 
     What cannot be taken is compiled anew: that costs time, and says nothing about what was packed.
     """
-    for source in installed.rglob("*.py"):
-        ours = ROOT / source.relative_to(installed)
-        if ours.exists():
-            os.utime(source, ns=(ours.stat().st_atime_ns, ours.stat().st_mtime_ns))
     for folder in {source.parent for source in installed.rglob("*.py")}:
         ours = ROOT / folder.relative_to(installed)
         before, now = (
             f"{place.name}_{hashlib.sha1(str(place).encode(), usedforsecurity=False).hexdigest()}"
             for place in (ours, folder)
         )
-        compiled = Path(os.environ["NUMBA_CACHE_DIR"]) / before
+        compiled = cache_folder() / before
         if compiled.is_dir():
             shutil.copytree(compiled, cache / now)
 

@@ -1,77 +1,111 @@
-"""Compiled code is kept by the state of its sources: an edit anywhere in them gives another folder."""
+"""Compiled code is kept for the next process, and never used after an edit of anything that it was made from."""
 
-import contextlib
 import os
+import re
 import subprocess
 import sys
-import threading
+from pathlib import Path
 
+import pytest
+
+ROOT = Path(__file__).parents[2]
+FILES = {
+    "__init__.py": "",
+    "numbers_.py": "FACTOR = 2.0\nOFFSETS = (0.0, 10.0)\n",
+    "below.py": "from hal.compilation import compiled\nfrom outside import numbers_\n\n\n"
+    "@compiled\ndef below(x):\n    return x + numbers_.OFFSETS[1]\n",
+    "inner.py": "from hal.compilation import compiled\nfrom outside.below import below\n"
+    "from outside.numbers_ import FACTOR\n\n\n@compiled\ndef inner(x):\n    return FACTOR * below(x)\n",
+    "outer.py": "from hal.compilation import compiled\nfrom outside.inner import inner\n\n\n"
+    "def made(step):\n    @compiled\n    def outer(x):\n        return inner(x) + step\n\n    return outer\n\n\n"
+    "outer = made(0.5)\n",
+}
+CALL = "from outside.outer import outer; print(outer(1.0), sum(outer.stats.cache_misses.values()))"
+
+
+class Outside:
+    """A package of compiled functions that is none of ours, and a folder for its machine code."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self.write(**{name.removesuffix(".py"): text for name, text in FILES.items()})
+
+    def write(self, **files: str) -> None:
+        (self._folder / "outside").mkdir(exist_ok=True)
+        for name, text in files.items():
+            (self._folder / "outside" / f"{name}.py").write_text(text)
+
+    def start(self, program: str = CALL) -> "subprocess.Popen[str]":
+        environment = os.environ | {
+            "NUMBA_CACHE_DIR": str(self._folder / "cache"),
+            "PYTHONPATH": f"{self._folder}:{ROOT}",
+            "PYTHONDONTWRITEBYTECODE": "1",  # Python itself sees an edit by time and size only
+        }
+        return subprocess.Popen([sys.executable, "-c", program], env=environment, stdout=subprocess.PIPE, text=True)
+
+    def run(self, program: str = CALL) -> list[str]:
+        with self.start(program) as process:
+            said, _ = process.communicate(timeout=60)
+        assert process.returncode == 0
+        return said.split()
+
+
+@pytest.fixture
+def outside(tmp_path: Path) -> Outside:
+    return Outside(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "before", "after", "result"),
+    [
+        ("numbers_", "2.0", "3.0", "33.5"),
+        ("numbers_", "10.0", "20.0", "42.5"),
+        ("below", "x +", "x -", "-17.5"),
+        ("inner", "FACTOR *", "FACTOR +", "13.5"),
+        ("outer", "made(0.5)", "made(1.5)", "23.5"),
+    ],
+)
+def test_an_edit_is_never_answered_by_old_machine_code(
+    outside: Outside, name: str, before: str, after: str, result: str
+) -> None:
+    assert outside.run() == ["22.5", "1"]
+    assert outside.run() == ["22.5", "0"]
+    outside.write(**{name: FILES[f"{name}.py"].replace(before, after)})
+    assert outside.run() == [result, "1"]
+    assert outside.run() == [result, "0"]
+
+
+SLOW = """
+import sys, time
 from numba.core.caching import IndexDataCacheFile
-
-import hal.compiled_cache  # noqa: F401  # the lock
-from hal import compilation
-
-
-def test_the_folder_follows_the_sources(tmp_path, monkeypatch):
-    for name, text in (
-        ("hal/limits.py", "A = 1\n"),
-        ("rtstack/control/law.py", "B = 1\n"),
-        ("console/page.py", "C = 1\n"),
-    ):
-        path = tmp_path / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text)
-    monkeypatch.setattr(compilation, "_ROOT", tmp_path)
-    first = compilation._digest()
-    (tmp_path / "console/page.py").write_text("C = 2\n")
-    assert compilation._digest() == first
-    (tmp_path / "rtstack/control/law.py").write_text("B = 2\n")
-    assert compilation._digest() != first
+read = IndexDataCacheFile._load_index
+def read_slowly(cache):
+    found = read(cache)
+    time.sleep(1.0)
+    return found
+IndexDataCacheFile._load_index = read_slowly
+from outside.below import below
+print("ready", flush=True)
+below({argument})
+"""
 
 
-def test_a_program_and_its_children_share_one_folder(tmp_path):
-    program = "import os, rtstack, sim_robot, numba; print(os.environ['NUMBA_CACHE_DIR'], numba.config.CACHE_DIR)"
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-    seen = set()
-    for _ in range(2):
-        done = subprocess.run(
-            [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
-        )
-        seen.update(done.stdout.split())
-        environment["NUMBA_CACHE_DIR"] = done.stdout.split()[0]
-    assert len(seen) == 1
-    assert seen.pop().startswith(str(tmp_path / "rtstack-"))
-
-
-def test_two_that_compile_at_once_keep_what_is_each_ones(tmp_path, monkeypatch):
+def test_two_processes_that_compile_at_once_keep_what_is_each_ones(outside: Outside) -> None:
     """Neither takes the other's number: each waits until the other one has written."""
-    read, both_have_read = IndexDataCacheFile._load_index, threading.Barrier(2)
-
-    def read_and_wait(cache):
-        found = read(cache)
-        with contextlib.suppress(threading.BrokenBarrierError):
-            both_have_read.wait(0.5)
-        return found
-
-    def save(key):
-        IndexDataCacheFile(str(tmp_path), "f", "stamp").save(key, f"code for {key}")
-
-    monkeypatch.setattr(IndexDataCacheFile, "_load_index", read_and_wait)
-    savers = [threading.Thread(target=save, args=(key,)) for key in ("int", "float")]
-    for saver in savers:
-        saver.start()
-    for saver in savers:
-        saver.join()
-    monkeypatch.setattr(IndexDataCacheFile, "_load_index", read)
-    for key in ("int", "float"):
-        assert IndexDataCacheFile(str(tmp_path), "f", "stamp").load(key) == f"code for {key}"
+    outside.write(below=FILES["below.py"].replace("numbers_.OFFSETS[1]", "x"))
+    processes = [outside.start(SLOW.format(argument=argument)) for argument in ("1", "1.5")]
+    for process in processes:
+        with process:
+            assert process.communicate(timeout=60)[0] == "ready\n"
+        assert process.returncode == 0
+    look = "from outside.below import below as f; print(f(1), f(1.5), sum(f.stats.cache_misses.values()))"
+    assert outside.run(look) == ["2", "3.0", "0"]
 
 
-def test_every_process_that_compiles_writes_under_the_lock():
-    program = (
-        "import rtstack.model.rotation; from numba.core.caching import IndexDataCacheFile as file;"
-        "print(hasattr(file.save, '__wrapped__'))"
-    )
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_CACHE_LOCATOR")}
-    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["True"]
+def test_all_that_is_compiled_is_kept_this_way() -> None:
+    """No function of ours goes to numba directly, whose cache misses edits."""
+    sources = [
+        path for package in ("hal", "sim_robot", "rtstack", "console") for path in (ROOT / package).rglob("*.py")
+    ]
+    used = {path.name for path in sources if re.search(r"\b(njit|jit|cfunc|vectorize|guvectorize)\(", path.read_text())}
+    assert used == {"compilation.py"}

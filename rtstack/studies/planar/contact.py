@@ -2,10 +2,10 @@
 
 import math
 
-from numba import njit
+from hal.compilation import compiled
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def contact_force(depth, rate, stiffness, exponent, damping):
     """Return F = k d^n e^(lambda d-dot), N, for depth m and its rate m/s; 0 out of contact.
 

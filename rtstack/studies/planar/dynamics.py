@@ -2,10 +2,10 @@
 
 import math
 
-from numba import njit
+from hal.compilation import compiled
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def absolute(q, psi):
     """Write psi (3,) for the joints q (3,); rates likewise."""
     psi[0] = q[0]
@@ -13,7 +13,7 @@ def absolute(q, psi):
     psi[2] = q[0] + q[1] + q[2]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def inertia(arm, psi, M):
     """Write M (3, 3), kg m^2, in the joints' coordinates (1). arm: a record of ARM."""
     for i in range(3):
@@ -25,7 +25,7 @@ def inertia(arm, psi, M):
             M[i, j] = total
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def coriolis(arm, psi, dpsi, C):
     """Write C (3, 3) in the joints' coordinates, of Christoffel's symbols: dM/dt = C + C^T."""
     for i in range(3):
@@ -38,7 +38,7 @@ def coriolis(arm, psi, dpsi, C):
             C[i, j] = total
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def weight(arm, psi, g):
     """Write g (3,), Nm."""
     below = 0.0
@@ -47,7 +47,7 @@ def weight(arm, psi, g):
         g[i] = below
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def tip(arm, psi, dpsi, x, J, dJdq):
     """Write the plate's middle x (3,): x m, y m, phi rad (0 where the last link points down), J (3, 3), J-dot q-dot."""
     x[0] = x[1] = 0.0

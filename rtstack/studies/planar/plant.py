@@ -7,18 +7,17 @@ like B_theta (the paper's [24]): tau_act = B/B_theta tau_d + (1 - B/B_theta) tau
 
 import math
 
-from numba import njit
-
+from hal.compilation import compiled
 from rtstack.studies.planar.contact import contact_force
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def transmitted(arm, state, j):
     """Return tau_t of joint j: what a joint torque sensor sees, Nm."""
     return arm.K[j] * (state[3 + j] - state[j]) + arm.D[j] * (state[9 + j] - state[6 + j])
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def derivative(arm, surface, state, tau_d, rate, forces):
     """Write the rate (12,) of the state under the torques tau_d (3,), and the forces (2,), N, of the two corners."""
     psi1 = state[0]
@@ -77,7 +76,7 @@ def derivative(arm, surface, state, tau_d, rate, forces):
         rate[9 + j] = (tau_act - tau_t) / arm.B[j]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def advance(arm, surface, state, tau_d, step_s, steps, work, forces):
     """Take so many steps of step_s in place. work: (5, 12). forces (2,): of the corners, at the last step's end."""
     k1, k2, k3, k4, between = work[0], work[1], work[2], work[3], work[4]

@@ -1,9 +1,9 @@
 """One impact, compiled: tracking law at 1 kHz, plant, momentum observer, detection for the switch of references."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from hal.compilation import compiled
 from rtstack.control.observer import momentum_residual
 from rtstack.studies.planar.dynamics import absolute, coriolis, inertia, tip, weight
 from rtstack.studies.planar.parameters import Contact, Gains, PlanarArm, Task
@@ -63,7 +63,7 @@ def simulate(
     return ticks
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _run(arms, surfaces, numbers, q_start, x_a, dx_a, ddx_a, x_p, dx_p, ddx_p, ticks):
     arm, surface, gains = arms[0], surfaces[0], numbers[0]
     psi, dpsi, dJdq, g, tau_d, tau_J = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
@@ -110,7 +110,7 @@ def _run(arms, surfaces, numbers, q_start, x_a, dx_a, ddx_a, x_p, dx_p, ddx_p, t
         advance(arm, surface, state, tau_d, step_s, gains.substeps, work, tick.forces)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _track(gains, M_r, C, J, dJdq, g, tick, x, dx, ddx, tau_d):
     """Impedance with the reference's acceleration fed forward; after the impact y is not tracked but pressed down.
 

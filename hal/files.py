@@ -1,0 +1,48 @@
+"""Files that several processes share: written whole or not at all, and changed by one process at a time."""
+
+import fcntl
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+@contextmanager
+def replacing(path: Path, mode: int | None = None) -> Iterator[Path]:
+    """Give the path of a new file beside `path`; it takes its place when the block ends, and is removed otherwise.
+
+    A reader sees the old file or the new one, also after a power failure. mode: permissions; None: the process's usual
+    ones. Raises OSError.
+    """
+    new = path.with_name(f".{path.name}.{os.uname().nodename}-{os.getpid()}.part")
+    try:
+        new.unlink(missing_ok=True)
+        os.close(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666 if mode is None else mode))
+        yield new
+        with new.open("rb") as written:
+            os.fsync(written.fileno())
+        os.replace(new, path)
+    finally:
+        new.unlink(missing_ok=True)
+
+
+def write_whole(path: Path, content: str | bytes, mode: int | None = None) -> None:
+    """Replace a file's content in one step. Text is written as UTF-8. See `replacing`. Raises OSError."""
+    with replacing(path, mode) as new:
+        new.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
+@contextmanager
+def locked(path: Path, shared: bool = False, wait: bool = True) -> Iterator[None]:
+    """Hold the lock of a file, which is made if it is not there, or of a folder. It ends with the process, too.
+
+    shared: beside others that share it. Raises OSError, BlockingIOError where wait is False and another one holds it.
+    """
+    flags = os.O_RDONLY if path.is_dir() else os.O_RDWR | os.O_CREAT
+    descriptor = os.open(path, flags | os.O_CLOEXEC, 0o666)
+    try:
+        kind = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
+        fcntl.flock(descriptor, kind if wait else kind | fcntl.LOCK_NB)
+        yield
+    finally:
+        os.close(descriptor)
