@@ -1,8 +1,4 @@
-"""The limits of a Franka Research 3, each with its source.
-
-Source FR3: the vendor's limits for system version >= 5.9 (robot specification, "Limits for Franka Research 3").
-Source FCI: the interface's own constants (libfranka, rate_limiting.h).
-"""
+"""What this stack is written for, 7 joints at 1 kHz, and what a limit of an arm is. The numbers: hal/robots/*.toml."""
 
 from dataclasses import dataclass
 
@@ -11,19 +7,25 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.floating]
 
+# The one place for both. Compiled records, the wire and the log have these sizes: an arm of another kind needs more
+# than a description (docs/howto/robot.md)
+DOF = 7
+CONTROL_RATE_HZ = 1000  # FCI: one state and one command every millisecond
+CONTROL_PERIOD_S = 1.0 / CONTROL_RATE_HZ
 
-def _fixed(*values: float) -> Array:
-    array = np.array(values, dtype=np.float64)
-    array.flags.writeable = False
-    return array
+# An external torque that is a collision and no impact that was meant, Nm: what hal asks of the robot, and what the
+# safety judge bounds. Ours: wanted impacts reach some 40 Nm at the base and 15 Nm at the wrist.
+COLLISION_TORQUES = (100.0, 100.0, 100.0, 100.0, 60.0, 60.0, 60.0)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class ArmLimits:
-    """Limits of one arm. Arrays have shape (7,), SI units.
+    """Limits of one arm. Arrays have shape (7,), SI units, and are read-only.
 
-    The velocity limit depends on the position (source FR3): close to a position limit q_upper,
+    The velocity limit depends on the position: close to a position limit q_upper,
     dq <= min(dq_max, max(0, sqrt(2 deceleration (q_upper - q)) - velocity_offset)), and likewise below.
+    velocity_law_enforced: the robot itself stops beyond that line; otherwise it stops at dq_max alone, and the line is
+    ours, inside which a joint can brake before its position limit.
     """
 
     q_lower: Array
@@ -35,6 +37,7 @@ class ArmLimits:
     dddq_max: Array
     tau_max: Array
     tau_rate_max: float
+    velocity_law_enforced: bool = True
 
     def dq_upper(self, q: Array) -> Array:
         """Largest allowed velocity at `q`, shape (7,), rad/s."""
@@ -45,6 +48,21 @@ class ArmLimits:
         """Smallest (most negative) allowed velocity at `q`, shape (7,), rad/s."""
         room = np.maximum(q - self.q_lower, 0.0)
         return -np.minimum(self.dq_max, np.maximum(0.0, np.sqrt(2.0 * self.deceleration * room) - self.velocity_offset))
+
+    def enforced_velocity_law(self) -> tuple[Array, Array]:
+        """Return velocity_offset and deceleration, (7,), of the line at which the robot itself stops.
+
+        Without a line of its own they are -dq_max and 0, with which the formula above is dq_max everywhere.
+        """
+        if self.velocity_law_enforced:
+            return self.velocity_offset, self.deceleration
+        return -self.dq_max, np.zeros(DOF)
+
+
+def _fixed(*values: float) -> Array:
+    array = np.array(values, dtype=np.float64)
+    array.flags.writeable = False
+    return array
 
 
 FR3 = ArmLimits(
@@ -58,9 +76,3 @@ FR3 = ArmLimits(
     tau_max=_fixed(87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0),  # FR3
     tau_rate_max=1000.0,  # FCI, Nm/s
 )
-
-CONTROL_PERIOD_S = 1e-3  # FCI: one state and one command every millisecond
-
-# An external torque that is a collision and no impact that was meant, Nm: what hal asks of the robot, and what the
-# safety judge bounds. Ours: wanted impacts reach some 40 Nm at the base and 15 Nm at the wrist.
-COLLISION_TORQUES = (100.0, 100.0, 100.0, 100.0, 60.0, 60.0, 60.0)

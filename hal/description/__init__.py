@@ -1,8 +1,8 @@
-"""The description of the arm: our own URDF of the Franka Research 3, from published numbers."""
+"""The description of the Franka Research 3."""
 
-from importlib.resources import files
+from hal.robots import FR3
 
 
 def fr3_urdf() -> str:
     """Return the text of the URDF of a Franka Research 3 (links link0 to link8, joints joint1 to joint7)."""
-    return (files("hal.description") / "fr3.urdf").read_text(encoding="utf-8")
+    return FR3.urdf

@@ -1,0 +1,41 @@
+"""Models of robots as data: a TOML and a URDF each. Ours are registered as any package's are (group rtstack.robots).
+
+FR3: the Franka Research 3, which a cell has unless its file says otherwise. FER: its predecessor, the Panda.
+"""
+
+from dataclasses import replace
+from functools import cache
+from importlib.resources import as_file, files
+from pathlib import Path
+
+from hal.extensions import ExtensionPoint
+from hal.robots.file import RobotFileError, read_robot
+from hal.robots.model import CartesianLimits, RobotModel
+
+__all__ = ["DEFAULT", "FER", "FR3", "ROBOTS", "CartesianLimits", "RobotFileError", "RobotModel", "read_robot", "robot"]
+
+ROBOTS = ExtensionPoint("rtstack.robots", "robot model", RobotModel)
+DEFAULT = "fr3"
+
+
+def _ours(name: str) -> RobotModel:
+    with as_file(files("hal.robots") / f"{name}.toml") as path:
+        return replace(read_robot(path), reference=name)
+
+
+FR3 = _ours("fr3")
+FER = _ours("fer")
+
+
+@cache
+def robot(reference: str = DEFAULT) -> RobotModel:
+    """Return the model of a registered name, or of a TOML's path: always the same object for the same reference.
+
+    Raises RobotFileError for a file, ExtensionError for a name, with one line.
+    """
+    if reference == DEFAULT:  # whatever is installed
+        return FR3
+    if reference.endswith(".toml"):
+        return read_robot(Path(reference))
+    found = ROBOTS.load(reference)
+    return found if found.reference == reference else replace(found, reference=reference)

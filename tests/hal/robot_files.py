@@ -1,0 +1,41 @@
+"""A robot that nobody builds, as the two files that describe it, for tests: shorter and slower than a Franka arm."""
+
+import re
+from importlib.resources import files
+from pathlib import Path
+
+from hal.robots import FR3
+
+SHORTER = 0.95  # of some of the arm's lengths
+DQ_MAX = (1.9, 1.8, 1.9, 1.8, 2.2, 2.2, 2.2)
+
+
+def robot_files(name: str = "shorty") -> tuple[str, str]:
+    """Return the TOML and the URDF, NAME.urdf, with names of links and joints of their own."""
+    urdf = FR3.urdf.replace('"joint', f'"{name}_joint').replace('"link', f'"{name}_link')
+    for length in ("0.333", "0.316", "0.384"):
+        urdf = urdf.replace(f"{length} ", f"{SHORTER * float(length)!r} ").replace(
+            f'{length}"', f'{SHORTER * float(length)!r}"'
+        )
+    text = (files("hal.robots") / "fr3.toml").read_text(encoding="utf-8")
+    text = with_key(text, "title", f'"{name.title()}"')
+    text = with_key(text, "urdf", f'"{name}.urdf"')  # the first one: the other one is among the sources
+    text = with_key(text, "joints", str([f"{name}_joint{number}" for number in range(1, 8)]))
+    text = with_key(text, "flange", f'"{name}_link8"')
+    return with_key(text, "dq_max", str(list(DQ_MAX))), urdf
+
+
+def with_key(text: str, key: str, value: str | None) -> str:
+    """Return a TOML with another value for the first key of this name, or without it."""
+    line = "" if value is None else f"{key} = {value}\n"
+    found, count = re.subn(rf"(?m)^{re.escape(key)} = .*\n", lambda _: line, text, count=1)
+    assert count == 1, key
+    return found
+
+
+def write_robot(folder: Path, name: str = "shorty") -> Path:
+    """Write both files; return the TOML's path."""
+    text, urdf = robot_files(name)
+    (folder / f"{name}.urdf").write_text(urdf)
+    (folder / f"{name}.toml").write_text(text)
+    return folder / f"{name}.toml"
