@@ -20,14 +20,15 @@ from rtstack.log.ring import Rings
 from rtstack.log.scenery import Scenery, scenery_schemas
 from rtstack.log.sink import encoded, topic_schemas
 from rtstack.log.voxels import VOXELS
-from rtstack.samples import SIDES, TOPICS
+from rtstack.samples import SIDES
+from rtstack.topics import ARM_TOPICS, OBJECT_TOPIC, TOPICS
 
 SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
 PERIOD_S = 0.05
-_EVERY = 10  # of a thousand samples a second
+_RATE_HZ = 100
 _MESSAGE = struct.Struct("<BIQ")  # opcode 1, subscription, time ns
 _TIME = struct.Struct("<BQ")  # opcode 2, time ns
-_CLOCK = "/left/arm"  # the topic whose stamps are told as the time: two control boxes have two clocks
+_CLOCK = ARM_TOPICS[0]  # the topic whose stamps are told as the time: two control boxes have two clocks
 _NEAR_NS = 20_000_000  # what is later than the newest state by more is from before the clock began again
 _MAX_SUBSCRIPTIONS = 64
 _SESSION = uuid4().hex  # by it a client that connects again knows whether this is still the same console
@@ -48,7 +49,7 @@ class Feed:
         self._made = self._schemas.keys() & scenery_schemas().keys()
         self._topics = dict(enumerate(self._schemas, start=1))
         self._readers = {topic: rings.reader(topic) for topic in TOPICS}
-        self._seen = dict.fromkeys(TOPICS, 0)
+        self._counted = dict.fromkeys(TOPICS, 0)
         self._frames = frames
         self._scenery = Scenery(frames, fr3_urdf())
         self._now_ns = 0
@@ -89,7 +90,8 @@ class Feed:
         subscribed = self._subscribed.copy()  # the client may send another one meanwhile
         records = self._thinned()
         earlier, clock = self._clock(records[_CLOCK]["t_ns"].tolist())
-        poses, arms = records["/object/pose"], {side: records[f"/{side}/arm"] for side in SIDES}
+        poses = records[OBJECT_TOPIC]
+        arms = {side: records[topic] for side, topic in zip(SIDES, ARM_TOPICS, strict=True)}
         if earlier is not None:
             self._scenery = Scenery(self._frames, fr3_urdf())  # its transforms are due by a clock that goes on
             poses = poses[poses["t_ns"] <= clock[-1]]
@@ -116,13 +118,11 @@ class Feed:
         records = {}
         for topic, reader in self._readers.items():
             new = reader.drain()
-            if topic == "/object/pose":
+            if "seen" in (new.dtype.names or ()):
                 new = new[new["seen"] != 0]
-            elif topic != "/events":
-                seen = self._seen[topic]
-                self._seen[topic] = seen + len(new)
-                new = new[(-seen) % _EVERY :: _EVERY]
-            records[topic] = new
+            every, counted = max(1, TOPICS[topic].rate_hz // _RATE_HZ), self._counted[topic]
+            self._counted[topic] += len(new)
+            records[topic] = new[-counted % every :: every]
         return records
 
     def _clock(self, stamps: list[int]) -> tuple[list[int] | None, list[int]]:

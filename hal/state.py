@@ -11,6 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.record import JOINTS, MATRIX, WRENCH, Field, record_of
+from hal.robot_errors import ROBOT_ERRORS
+
 
 class RobotMode(IntEnum):
     """libfranka's RobotMode."""
@@ -24,28 +27,31 @@ class RobotMode(IntEnum):
     AUTOMATIC_ERROR_RECOVERY = 6
 
 
-# Shapes and units: joints (7,) in rad, rad/s, Nm; O_T_EE (4, 4) row-major here, column-major on the wire and in the
-# log (libfranka's layout); O_F_ext_hat_K (6,) = force N, torque Nm about the stiffness frame K (here the pad's face),
-# along the axes of the base O, positive where the robot pushes the environment. tau_J includes gravity, tau_J_d
-# excludes it. tau_ext_hat_filtered has the sign of the wrench. current_errors is a bit mask, see hal.robot_errors.
-ARM_STATE = np.dtype(
-    [
-        ("t_ns", "i8"),
-        ("q", "f8", 7),
-        ("dq", "f8", 7),
-        ("tau_J", "f8", 7),
-        ("tau_J_d", "f8", 7),
-        ("dtau_J", "f8", 7),
-        ("theta", "f8", 7),
-        ("dtheta", "f8", 7),
-        ("tau_ext_hat_filtered", "f8", 7),
-        ("O_T_EE", "f8", (4, 4)),
-        ("O_F_ext_hat_K", "f8", 6),
-        ("control_command_success_rate", "f8"),
-        ("robot_mode", "i8"),
-        ("current_errors", "i8"),
-    ]
-)
+# O_T_EE is row-major here, column-major on the wire and in the log (libfranka's layout). O_F_ext_hat_K is positive
+# where the robot pushes the environment, and tau_ext_hat_filtered has its sign.
+ARM_STATE_FIELDS = (
+    Field("q", "Joint positions, {unit}.", "rad", JOINTS),
+    Field("dq", "Joint velocities, {unit}.", "rad/s", JOINTS),
+    Field("tau_J", "Measured joint torques, {unit}, gravity included.", "Nm", JOINTS),
+    Field("tau_J_d", "Commanded joint torques as the robot echoes them, {unit}, gravity excluded.", "Nm", JOINTS),
+    Field("dtau_J", "Derivative of the measured joint torques, {unit}.", "Nm/s", JOINTS),
+    Field("theta", "Motor positions, {unit}.", "rad", JOINTS),
+    Field("dtheta", "Motor velocities, {unit}.", "rad/s", JOINTS),
+    Field("tau_ext_hat_filtered", "Estimated external torques, {unit}.", "Nm", JOINTS),
+    Field(
+        "O_T_EE", "Pose of the end effector (the pad's face) in the base: 4x4, column-major, {unit}.", "m", MATRIX,
+        frame="base", shape=(4, 4), column_major=True,
+    ),
+    Field(
+        "O_F_ext_hat_K",
+        "External wrench about the stiffness frame along the base's axes: force N, torque Nm.", "N, Nm", WRENCH,
+        frame="base",
+    ),
+    Field("control_command_success_rate", "Share of the commands of the last 100 ms that arrived in time, 0 to 1."),
+    Field("robot_mode", "What the robot is doing.", enum=RobotMode),
+    Field("current_errors", "Active errors, by the vendor's names.", bits=ROBOT_ERRORS, plotted=False),
+)  # fmt: skip
+ARM_STATE = record_of(ARM_STATE_FIELDS)
 
 
 @dataclass(frozen=True, slots=True)

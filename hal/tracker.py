@@ -6,8 +6,14 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-# position (3,) m, quaternion wxyz (4,), both of the object in the world; seen = 0 until the tracker saw it once
-OBJECT_POSE = np.dtype([("t_ns", "i8"), ("position", "f8", 3), ("orientation_wxyz", "f8", 4), ("seen", "i8")])
+from hal.record import POSITION, QUATERNION, Field, record_of
+
+OBJECT_POSE_FIELDS = (
+    Field("position", "Position of the object, {unit}.", "m", POSITION, frame="world"),
+    Field("orientation_wxyz", "Orientation of the object, a unit quaternion.", "", QUATERNION, frame="world"),
+    Field("seen", "0 until the tracker has seen the object.", kind="i8", plotted=False),
+)
+OBJECT_POSE = record_of(OBJECT_POSE_FIELDS)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,16 +1,14 @@
-"""What a tick says about itself: one fixed-size record a topic, the same in the tick, the rings, the log and the plots.
+"""The records of a tick, the same in compiled code, rings, log and plots; rtstack.topics says where they go.
 
-The records are the single source of the log's schema (rtstack.log.schema) and of the live view. Units are SI,
-wrenches and twists are [linear, angular] along the world's axes about the pad's face; `wrench_desired` is the wrench
-that the controller wants to act on the end effector.
+Units are SI, wrenches and twists are [linear, angular] along the world's axes about the pad's face; `wrench_desired` is
+the wrench that the controller wants to act on the end effector.
 """
 
 from enum import IntEnum, StrEnum
 
-import numpy as np
-
-from hal.state import ARM_STATE
-from hal.tracker import OBJECT_POSE
+from hal.record import JOINTS, POSE, TWIST, WRENCH, Field, record_of
+from hal.state import ARM_STATE_FIELDS
+from rtstack.monitor.records import Reason, Verdict
 
 SIDES: tuple[str, str] = ("left", "right")
 
@@ -57,43 +55,59 @@ class Reaction(StrEnum):
 
 
 # hal's state and the torques: what the controller wanted, and what the safety judge let through
-ARM_SAMPLE = np.dtype([*ARM_STATE.descr, ("tau_desired", "f8", 7), ("tau_applied", "f8", 7)])
-
-CONTROL_SAMPLE = np.dtype(
-    [
-        ("t_ns", "i8"),
-        ("mode", "i8"),  # Mode
-        ("gamma", "f8"),  # blending parameter (29), 0 outside the interim mode's ramp, 1 after it
-        ("wrench_desired", "f8", 6),  # (5), (22), (27): N, Nm
-        ("pose_ref", "f8", 7),  # T_world_ee: position m, quaternion wxyz
-        ("twist_ref", "f8", 6),  # m/s, rad/s
-        ("wrench_ff", "f8", 6),  # feedforward part of wrench_desired
-        ("beta", "f8"),  # posture acceleration (10), (24), (31), rad/s^2
-        ("qp_status", "i8"),  # QpStatus
-        ("qp_iterations", "i8"),
-        ("momentum_residual", "f8", 7),  # Nm, sign of tau_ext_hat_filtered
-        ("residual_rate", "f8", 7),  # Nm/s
-        ("force_norm", "f8"),  # (33), over both arms
-        # of the aim-aware monitor (rtstack.monitor)
-        ("impact_verdict", "i8"),  # Verdict of this arm
-        ("impact_reason", "i8"),  # Reason
-        ("impact_margin", "f8"),  # 1 as meant, 0 at the nearest bound
-        ("pair_verdict", "i8"),  # Verdict of both arms and what is in between
-        ("pair_reason", "i8"),
-        ("pair_margin", "f8"),
-    ]
+ARM_FIELDS = (
+    *ARM_STATE_FIELDS,
+    Field("tau_desired", "Torques that the controller wanted, {unit}, gravity excluded.", "Nm", JOINTS),
+    Field("tau_applied", "Torques that the safety judge let through, {unit}, gravity excluded.", "Nm", JOINTS),
 )
+ARM_SAMPLE = record_of(ARM_FIELDS)
 
-TIMING_SAMPLE = np.dtype(
-    [
-        ("t_ns", "i8"),
-        ("period_us", "f8"),
-        ("compute_us", "f8"),
-        ("lateness_us", "f8"),
-        ("missed_deadlines", "i8"),
-        ("pair_skew_us", "f8"),
-    ]
+_AXES = "along the world's axes"
+CONTROL_FIELDS = (
+    Field("mode", "What the controller is doing.", enum=Mode),
+    Field("gamma", "Blending parameter of the interim mode, 0 to 1."),  # (29): 0 outside of its ramp, 1 after it
+    Field(  # (5), (22), (27)
+        "wrench_desired", f"Wrench wanted at the end effector {_AXES}: force N, torque Nm.", "N, Nm", WRENCH, "world"
+    ),
+    Field("pose_ref", "Reference pose T_world_ee: x y z in m, then the quaternion qw qx qy qz.", "m", POSE, "world"),
+    Field("twist_ref", f"Reference twist {_AXES}: linear m/s, angular rad/s.", "m/s, rad/s", TWIST, "world"),
+    Field("wrench_ff", "Feedforward part of wrench_desired: force N, torque Nm.", "N, Nm", WRENCH, "world"),
+    Field("beta", "Posture acceleration, {unit}.", "rad/s^2"),  # (10), (24), (31)
+    Field("qp_status", "How the torque of this tick was found.", enum=QpStatus),
+    Field("qp_iterations", "Iterations of the solver.", kind="i8"),
+    Field(
+        "momentum_residual",
+        "Momentum observer's residual, {unit}, with the sign of tau_ext_hat_filtered.",
+        "Nm",
+        JOINTS,
+    ),
+    Field("residual_rate", "Rate of the residual, {unit}.", "Nm/s", JOINTS),
+    Field("force_norm", "Norm of the interaction wrenches of both arms."),  # (33)
+    # of the aim-aware monitor (rtstack.monitor)
+    Field("impact_verdict", "Whether this arm's impact was the one that was meant.", enum=Verdict),
+    Field("impact_reason", "The first condition of this arm that was not met.", enum=Reason),
+    Field(
+        "impact_margin",
+        "1 where all is as meant, 0 at the bound of this arm's nearest condition, negative beyond it.",
+    ),
+    Field("pair_verdict", "Whether the impact of both arms was the one that was meant.", enum=Verdict),
+    Field("pair_reason", "The first condition of either arm, or of both, that was not met.", enum=Reason),
+    Field("pair_margin", "As impact_margin, of both arms and their net force."),
 )
+CONTROL_SAMPLE = record_of(CONTROL_FIELDS)
+
+TIMING_FIELDS = (
+    Field("period_us", "Time since the last tick, {unit}.", "us", host_clock=True),
+    Field("compute_us", "Time from the state's arrival to the command, {unit}.", "us", host_clock=True),
+    Field("lateness_us", "How late the state was, {unit}.", "us", host_clock=True),
+    Field("missed_deadlines", "Ticks missed since the start.", kind="i8"),
+    Field(
+        "pair_skew_us",
+        "Between the arrivals of the two arms' newest states, {unit}; 0 where both come together.", "us",
+        host_clock=True,
+    ),
+)  # fmt: skip
+TIMING_SAMPLE = record_of(TIMING_FIELDS)
 
 
 class Level(IntEnum):
@@ -106,16 +120,9 @@ class Level(IntEnum):
     FATAL = 5
 
 
-# `name` says who speaks (mode, impact, verdict, safety, operator), `text` what; both ASCII, cut to fit
-EVENT = np.dtype([("t_ns", "i8"), ("level", "i8"), ("name", "S24"), ("text", "S200")])
-
-# topic -> record: the table from which rings, schema, log and live view are made
-TOPICS: dict[str, np.dtype] = {
-    "/left/arm": ARM_SAMPLE,
-    "/right/arm": ARM_SAMPLE,
-    "/left/control": CONTROL_SAMPLE,
-    "/right/control": CONTROL_SAMPLE,
-    "/timing": TIMING_SAMPLE,
-    "/object/pose": OBJECT_POSE,
-    "/events": EVENT,
-}
+EVENT_FIELDS = (
+    Field("level", "Severity.", enum=Level),
+    Field("name", "The source: mode, impact, verdict, safety, operator. ASCII, cut to fit.", kind="S24"),
+    Field("text", "What happened. ASCII, cut to fit.", kind="S200"),
+)
+EVENT = record_of(EVENT_FIELDS)

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from console.review.columns import ColumnWriter, Index, Mark
-from console.review.signals import PLOTTED_TOPICS
 from rtstack.log.errors import LogError
 from rtstack.log.reader import Log, read_log
 from rtstack.samples import SIDES, Level, Mode
+from rtstack.topics import CONTROL_TOPICS, EVENT_TOPIC, PLOTTED_TOPICS
 
 _NICE = 5  # the robot's loop may run on this machine
 _NS = 1e-9
@@ -85,16 +85,16 @@ def convert(log: Log, folder: Path, begun: Callable[[], None] = _nothing) -> Ind
     events = list(index.events)
     try:
         parent = os.getppid()
-        for batch in log.batches([*PLOTTED_TOPICS, "/events"]):
+        for batch in log.batches([*PLOTTED_TOPICS, EVENT_TOPIC]):
             if os.getppid() != parent:
                 raise SystemExit(1)  # whoever asked has gone, and starts anew
             for topic, records in batch.records.items():
-                if topic == "/events":
+                if topic == EVENT_TOPIC:
                     events += _marks(records, log.start_ns)
                 elif topic in writers:
                     writers[topic].append(records)
-            for side in SIDES:
-                modes[side].add(batch.records.get(f"/{side}/control", np.zeros(0)))
+            for side, topic in zip(SIDES, CONTROL_TOPICS, strict=True):
+                modes[side].add(batch.records.get(topic, np.zeros(0)))
             index = replace(
                 index,
                 rows={topic: writers[topic].rows if topic in writers else 0 for topic in PLOTTED_TOPICS},

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from console.review.columns import BUCKET, Columns, Index
 from console.review.signals import Signal
-from rtstack.samples import SIDES
+from rtstack.topics import ARM_TOPICS, OBJECT_TOPIC
 
 _NS = 1e-9
 _ALIGNED = 8  # bytes: what a Float64Array of a browser asks for
@@ -130,7 +130,7 @@ def moment(folder: Path, index: Index, signals: Sequence[Signal], t_s: float) ->
     """Return the newest samples at t_s."""
     t_ns = index.start_ns + round(t_s * 1e9)
     blocks: dict[str, tuple[int, NDArray[np.float32]]] = {}
-    needed = {signal.topic for signal in signals} | {f"/{side}/arm" for side in SIDES} | {"/object/pose"}
+    needed = {signal.topic for signal in signals} | {*ARM_TOPICS, OBJECT_TOPIC}
     for topic in needed:
         rows = index.rows.get(topic, 0)
         if not rows:
@@ -143,8 +143,8 @@ def moment(folder: Path, index: Index, signals: Sequence[Signal], t_s: float) ->
         signal.name: _finite(blocks[signal.topic][1][signal.column]) if signal.topic in blocks else None
         for signal in signals
     }
-    arms = [blocks.get(f"/{side}/arm") for side in SIDES]
-    pose = blocks.get("/object/pose")
+    arms = [blocks.get(topic) for topic in ARM_TOPICS]
+    pose = blocks.get(OBJECT_TOPIC)
     newest = max((t for t, _ in blocks.values()), default=t_ns)
     return Moment(
         t_s=(newest - index.start_ns) * _NS,

@@ -14,7 +14,7 @@ from concept_figures import concept_figures  # noqa: E402
 from example_pages import examples_page  # noqa: E402
 from fidelity import fidelity_commands, fidelity_errors, fidelity_fields  # noqa: E402
 from http_api import http_api_page  # noqa: E402
-from log_topics import host_clock_fields, log_topics  # noqa: E402
+from log_topics import host_clock_fields, log_messages, topic_table  # noqa: E402
 from mkdocs.structure.files import File, Files  # noqa: E402
 from versions import pinned  # noqa: E402
 
@@ -26,7 +26,8 @@ PAGES = {
 TOP_PAGES = ("ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md")
 _VERSION = re.compile(r"\{\{ version\(\"([^\"]+)\"\) \}\}")
 FILLED = {
-    "{{ log_topics }}": log_topics,
+    "{{ topic_table }}": topic_table,
+    "{{ log_messages }}": log_messages,
     "{{ host_clock_fields }}": host_clock_fields,
     "{{ papers }}": papers,
     "{{ fidelity_fields }}": fidelity_fields,

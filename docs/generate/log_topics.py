@@ -1,30 +1,43 @@
-"""The log format's tables, from the descriptors that are inside every log."""
+"""The log format's tables: the topic table, and the descriptors that are inside every log."""
 
-from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto
+from google.protobuf.descriptor_pb2 import FileDescriptorProto
 
-from rtstack.log.schema import COLUMN_MAJOR_FIELD, HOST_CLOCK_FIELDS, MESSAGES, TOPIC_MESSAGES, sample_file
-
-_KINDS = {
-    FieldDescriptorProto.TYPE_DOUBLE: "double",
-    FieldDescriptorProto.TYPE_STRING: "string",
-    FieldDescriptorProto.TYPE_SFIXED64: "sfixed64",
-}
+from hal.record import Field
+from rtstack.log.schema import sample_file
+from rtstack.topics import HOST_CLOCK_FIELDS, MESSAGES, TOPICS, Topic
 
 
-def log_topics() -> str:
+def topic_table() -> str:
+    """Return the rows of the topics that are recorded, in Markdown: topics of one message in one row."""
+    rows: dict[str, list[str]] = {}
+    for topic in TOPICS.values():
+        row = f"{_schema(topic)} | {_rate(topic.rate_hz)} | {topic.text or topic.message.text}"
+        rows.setdefault(row, []).append(f"`{topic.name}`")
+    return "\n".join(f"| {', '.join(names)} | {row} |" for row, names in rows.items())
+
+
+def _schema(topic: Topic) -> str:
+    name = topic.message.schema
+    return f"[`{name}`](#{name.lower().replace('.', '')})" if topic.message.is_ours else f"`{name}`"
+
+
+def _rate(hz: int) -> str:
+    return "events" if not hz else f"{hz // 1000} kHz" if hz % 1000 == 0 else f"{hz} Hz"
+
+
+def log_messages() -> str:
     """Return the tables of our own messages, in Markdown: topics, fields, units, and what the enumerations mean."""
-    file = sample_file()
-    comments = {tuple(one.path): one.leading_comments.strip() for one in file.source_code_info.location}
     parts = []
-    for index, message in enumerate(file.message_type):
-        topics = ", ".join(f"`{topic}`" for topic, name in TOPIC_MESSAGES.items() if name == message.name)
-        parts += [f"### rtstack.{message.name}", "", f"{topics}. {comments[(4, index)]}", ""]
-        parts += ["| field | type | what |", "|---|---|---|"]
-        for number, field in enumerate(message.field):
-            what = comments[(4, index, 2, number)]
-            parts.append(f"| `{field.name}` | {_kind(message.name, field)} | {what} |")
+    for message in MESSAGES.values():
+        topics = ", ".join(f"`{topic.name}`" for topic in TOPICS.values() if topic.message is message)
+        parts += [f"### {message.schema}", "", f"{topics}. {message.text}", ""]
+        parts += ["| field | type | unit | frame | what |", "|---|---|---|---|---|"]
+        parts += [
+            f"| `{field.name}` | {_kind(field)} | {field.unit} | {field.frame} | {field.comment} |"
+            for field in message.fields
+        ]
         parts.append("")
-    return "\n".join([*parts, *_enumerations(file)])
+    return "\n".join([*parts, *_enumerations(sample_file())])
 
 
 def host_clock_fields() -> str:
@@ -34,15 +47,15 @@ def host_clock_fields() -> str:
     )
 
 
-def _kind(message: str, field: FieldDescriptorProto) -> str:
-    if field.type == FieldDescriptorProto.TYPE_ENUM:
-        name = field.type_name.rpartition(".")[2]
-        return f"[{name}](#{name.lower()})"
-    record = MESSAGES[message][field.name]
-    count = "" if field.name == COLUMN_MAJOR_FIELD else "".join(f"[{size}]" for size in record.shape)
-    repeated = field.label == FieldDescriptorProto.LABEL_REPEATED
-    many = "[16]" if field.name == COLUMN_MAJOR_FIELD else count or "[]" * repeated
-    return _KINDS[field.type] + many
+def _kind(field: Field) -> str:
+    if field.enum is not None:
+        return f"[{field.enum.__name__}](#{field.enum.__name__.lower()})"
+    if field.bits:
+        return "string[]"
+    size = 1
+    for length in field.dtype.shape:
+        size *= length
+    return ("sfixed64" if field.kind == "i8" else "double") + (f"[{size}]" if field.dtype.shape else "")
 
 
 def _enumerations(file: FileDescriptorProto) -> list[str]:

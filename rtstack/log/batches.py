@@ -8,6 +8,7 @@ from rtstack.log.job import Evidence
 from rtstack.log.scenery import Messages, Scenery
 from rtstack.log.sink import McapSink
 from rtstack.samples import SIDES
+from rtstack.topics import ARM_TOPICS, OBJECT_TOPIC
 
 
 class BatchWriter:
@@ -30,8 +31,9 @@ class BatchWriter:
     def _made(self, batches: dict[str, NDArray]) -> Messages:
         if self._scenery is None:
             return {}
-        poses = batches["/object/pose"]
-        return self._scenery.update({side: batches[f"/{side}/arm"] for side in SIDES}, poses[poses["seen"] != 0])
+        poses = batches[OBJECT_TOPIC]
+        arms = {side: batches[topic] for side, topic in zip(SIDES, ARM_TOPICS, strict=True)}
+        return self._scenery.update(arms, poses[poses["seen"] != 0])
 
     def finish(self, result: dict[str, str], ended: str, evidence: Evidence | None, lost: dict[str, int]) -> None:
         """Write result, evidence and the account of what was lost, by topic, and finish the file."""

@@ -1,4 +1,4 @@
-"""Messages of a log back into records, for every topic of rtstack.samples.
+"""Messages of a log back into records, for every topic of the table.
 
 Messages that our encoder wrote, in this version or another, are decoded in one go: the schema inside the file and its
 first message tell how their bytes lie. Any other valid protobuf encoding is for the protobuf library, one by one.
@@ -11,11 +11,11 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from mcap.records import Schema
 from numpy.typing import NDArray
 
-from hal.robot_errors import ROBOT_ERRORS, error_bit
 from rtstack.log.encoding import WireFormat, wire_format, wire_format_of
 from rtstack.log.errors import LogError
-from rtstack.log.schema import COLUMN_MAJOR_FIELD, ERRORS_FIELD, TOPIC_MESSAGES, sample_descriptors
-from rtstack.samples import TOPICS
+from rtstack.log.schema import sample_descriptors
+from rtstack.log.standard import STANDARD
+from rtstack.topics import TOPICS
 
 
 def message_class(schema: Schema) -> type[Any]:
@@ -34,12 +34,13 @@ class TopicDecoder:
 
     def __init__(self, topic: str, schema: Schema) -> None:
         self._topic = topic
-        self._record = TOPICS[topic]
+        self._ours = TOPICS[topic].message
+        self._record = self._ours.record
         self._message = message_class(schema)
         self._wire: WireFormat | None = None
-        self._learns = topic in TOPIC_MESSAGES
+        self._learns = self._ours.is_ours
         if self._learns and schema.data == sample_descriptors():
-            self._wire, self._learns = wire_format(TOPIC_MESSAGES[topic]), False
+            self._wire, self._learns = wire_format(self._ours.name), False
 
     def decode(
         self, data: bytes, t_ns: NDArray[np.int64], start: NDArray[np.int64], size: NDArray[np.int64]
@@ -54,8 +55,9 @@ class TopicDecoder:
             self._wire, self._learns = self._learnt(data[start[0] : start[0] + size[0]]), False
         if self._wire is not None:
             records, rest = self._decode_templates(self._wire, records, data, start, size)
+        fill = self._fill_sample if self._ours.is_ours else STANDARD[self._ours.schema].fill
         for row in np.flatnonzero(rest).tolist():
-            self._fill(records[row : row + 1], self._parsed(data[start[row] : start[row] + size[row]]))
+            fill(records[row : row + 1], self._parsed(data[start[row] : start[row] + size[row]]))
         records["t_ns"] = t_ns
         return records
 
@@ -69,7 +71,7 @@ class TopicDecoder:
         """The format of another version's messages, of which this is one."""
         message, descriptor = self._parsed(data), self._message.DESCRIPTOR
         counts = {field.name: len(getattr(message, field.name)) for field in descriptor.fields if field.is_repeated}
-        return wire_format_of(self._record, descriptor, counts)
+        return wire_format_of(self._ours, descriptor, counts)
 
     def _decode_templates(
         self,
@@ -87,11 +89,12 @@ class TopicDecoder:
         decoded, mine = wire.decode(windows[start[long_enough]])
         for index in np.flatnonzero(size[long_enough] > wire.size).tolist():
             row = long_enough[index]
-            errors = wire.decode_tail(data[start[row] + wire.size : start[row] + size[row]])
-            if errors is None:
+            masks = wire.decode_tail(data[start[row] + wire.size : start[row] + size[row]])
+            if masks is None:
                 mine[index] = False
-            else:
-                decoded[ERRORS_FIELD][index] = errors
+                continue
+            for name, mask in masks.items():
+                decoded[name][index] = mask
         rest = np.ones(len(start), np.bool_)
         rest[long_enough[mine]] = False
         if not rest.any():
@@ -99,31 +102,21 @@ class TopicDecoder:
         records[long_enough[mine]] = decoded[mine]
         return records, rest
 
-    def _fill(self, record: NDArray[Any], message: Any) -> None:
-        if self._topic == "/object/pose":
-            p, q = message.pose.position, message.pose.orientation
-            record["position"] = (p.x, p.y, p.z)
-            record["orientation_wxyz"] = (q.w, q.x, q.y, q.z)
-            record["seen"] = 1
-        elif self._topic == "/events":
-            record["level"] = message.level
-            record["name"] = message.name.encode("ascii", "replace")
-            record["text"] = message.message.encode("ascii", "replace")
-        else:
-            self._fill_sample(record, message)
-
     def _fill_sample(self, record: NDArray[Any], message: Any) -> None:
-        for name in self._record.names or ():
-            if name == "t_ns" or name not in message.DESCRIPTOR.fields_by_name:
+        for field in self._ours.fields:
+            name = field.name
+            if name not in message.DESCRIPTOR.fields_by_name:
                 continue
             value = getattr(message, name)
-            if name == ERRORS_FIELD:
-                record[name] = sum({error_bit(error) for error in value if error in ROBOT_ERRORS})
+            if field.bits:
+                record[name] = sum({1 << field.bits.index(each) for each in value if each in field.bits})
             elif not self._record[name].shape:
                 record[name] = value
             elif len(value):
                 array = np.array(value)
                 if array.size != record[name].size:
                     raise LogError(f"{self._topic}: {name} has {array.size} values, not {record[name].size}")
-                array = array.reshape(record[name].shape)
-                record[name] = array.transpose(0, 2, 1) if name == COLUMN_MAJOR_FIELD else array
+                if field.column_major:
+                    record[name] = array.reshape(self._record[name].shape[::-1]).T
+                else:
+                    record[name] = array.reshape(record[name].shape)

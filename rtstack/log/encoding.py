@@ -16,8 +16,8 @@ import numpy as np
 from google.protobuf.descriptor import Descriptor, FieldDescriptor
 from numpy.typing import NDArray
 
-from hal.robot_errors import ROBOT_ERRORS, error_names
-from rtstack.log.schema import COLUMN_MAJOR_FIELD, ENUM_FIELDS, ERRORS_FIELD, MESSAGES
+from hal.record import Field
+from rtstack.topics import MESSAGES, Message
 
 _VARINT, _I64, _LENGTH = 0, 1, 2  # wire types
 _INT32 = np.iinfo(np.int32)
@@ -36,52 +36,57 @@ def varint(value: int) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class WireField:
-    """A field on the wire. payload: "u1" an enum's one byte, "f8" or "i8"; count: of a packed array, None for one."""
+    """A field on the wire. payload: "u1" an enum's one byte, "f8", "i8", or "" for names of bits; count: of a packed
+    array, None for one. bits, column_major: see hal.record.Field."""
 
     name: str
     number: int
     payload: str
     count: int | None = None
+    bits: tuple[str, ...] = ()
+    column_major: bool = False
+
+    @property
+    def tag(self) -> bytes:
+        """Its number and wire type."""
+        array = self.count is not None or not self.payload
+        return varint(self.number << 3 | (_VARINT if self.payload == "u1" else _LENGTH if array else _I64))
 
 
 class WireFormat:
-    """A message on the wire: `template` is the dtype of one without errors, `size` its bytes.
+    """A message on the wire: `template` is the dtype of one without names of bits, `size` its bytes.
 
-    record: what it is decoded into; fields in the order of their bytes, the names of errors among them with payload "".
+    record: what it is decoded into; fields: in the order of their bytes.
     Fields that the record does not have are passed over, and of what only the record has nothing is known: zeros.
     """
 
     def __init__(self, record: np.dtype, fields: Sequence[WireField]) -> None:
         self.record = record
-        self.tags: dict[str, bytes] = {}
         parts: list[tuple[str, str, int | tuple[int, ...]]] = []
-        constants = bytearray()
+        constants, fixed = bytearray(), bytearray()
         for field in fields:
-            name, array = field.name, field.count is not None
-            wire_type = _VARINT if field.payload == "u1" else _LENGTH if array or name == ERRORS_FIELD else _I64
-            self.tags[name] = tag = varint(field.number << 3 | wire_type)
-            if name == ERRORS_FIELD:
+            if not field.payload:
                 continue
             payload = np.dtype((field.payload, (field.count if field.count is not None else 1,)))
-            prefix = tag + varint(payload.itemsize) if array else tag
-            parts.append((f"{name} prefix", "u1", (len(prefix),)))
-            parts.append((name, field.payload, payload.shape))
+            prefix = field.tag if field.count is None else field.tag + varint(payload.itemsize)
+            parts.append((f"{field.name} prefix", "u1", (len(prefix),)))
+            parts.append((field.name, field.payload, payload.shape))
             constants += prefix + bytes(payload.itemsize)
+            fixed += b"\1" * len(prefix) + bytes(payload.itemsize)
         self.template = np.dtype(parts)
         self.size = self.template.itemsize
-        known = record.names or ()
-        self.names = [field.name for field in fields if field.name != ERRORS_FIELD and field.name in known]
-        self._empty = np.frombuffer(bytes(constants), self.template)
+        known = [field for field in fields if field.name in (record.names or ())]
+        self._masks = [field for field in known if not field.payload]
+        self._enums = [field for field in known if field.payload == "u1"]
+        self._turned = [field for field in known if field.column_major]
         # fields whose bytes are on the wire as they are in the record: copied as such, not number by number
-        self._plain = [name for name in self.names if name not in ENUM_FIELDS and name != COLUMN_MAJOR_FIELD]
+        others = {*self._masks, *self._enums, *self._turned}
+        self._plain = [field.name for field in known if field not in others]
+        self._empty = np.frombuffer(bytes(constants), self.template)
         self._wire_bytes, self._record_bytes = (_as_bytes(dtype, self._plain) for dtype in (self.template, self.record))
-        fixed = np.zeros(1, self.template)
-        for field in fields:
-            if field.name != ERRORS_FIELD:
-                fixed[f"{field.name} prefix"] = 0xFF
-        self._fixed_bytes = np.flatnonzero(fixed.view(np.uint8))
+        self._fixed_bytes = np.flatnonzero(np.frombuffer(bytes(fixed), np.uint8))
         self._fixed_values = np.frombuffer(bytes(constants), np.uint8)[self._fixed_bytes]
-        self._errors_of_tail: dict[bytes, int] = {}
+        self._masks_of_tail: dict[bytes, dict[str, int]] = {}
 
     def encode(self, records: NDArray) -> list[bytes]:
         """Return one message for each record of `records`, shape (n,)."""
@@ -90,67 +95,68 @@ class WireFormat:
         wire_bytes, record_bytes = wire.view(self._wire_bytes), records.view(self._record_bytes)
         for name in self._plain:
             wire_bytes[name] = record_bytes[name]
-        for name in self.names:
-            if name in ENUM_FIELDS:
-                values = records[name]
-                wide = (values < 0) | (values > 0x7F)
-                wire[name][:, 0] = np.where(wide, 0, values)
-                for row in np.flatnonzero(wide).tolist():
-                    value = int(np.clip(values[row], _INT32.min, _INT32.max))
-                    tails[row] = tails.get(row, b"") + self.tags[name] + varint(value)
-            elif name == COLUMN_MAJOR_FIELD:
-                wire[name] = records[name].transpose(0, 2, 1).reshape(wire[name].shape)
-        if ERRORS_FIELD in self.tags:
-            errors = records[ERRORS_FIELD]
-            for row in np.flatnonzero(errors).tolist():
-                tails[row] = tails.get(row, b"") + self._errors_tail(int(errors[row]))
+        for field in self._enums:
+            values = records[field.name]
+            wide = (values < 0) | (values > 0x7F)
+            wire[field.name][:, 0] = np.where(wide, 0, values)
+            for row in np.flatnonzero(wide).tolist():
+                value = int(np.clip(values[row], _INT32.min, _INT32.max))
+                tails[row] = tails.get(row, b"") + field.tag + varint(value)
+        for field in self._turned:
+            wire[field.name] = records[field.name].transpose(0, 2, 1).reshape(wire[field.name].shape)
+        for field in self._masks:
+            masks = records[field.name]
+            for row in np.flatnonzero(masks).tolist():
+                tails[row] = tails.get(row, b"") + _names_of(field, int(masks[row]))
         size, data = self.size, wire.tobytes()
         messages = [data[start : start + size] for start in range(0, len(data), size)]
         for row, tail in tails.items():
             messages[row] += tail
         return messages
 
-    def _errors_tail(self, mask: int) -> bytes:
-        tag = self.tags[ERRORS_FIELD]
-        return b"".join(tag + varint(len(name)) + name.encode() for name in error_names(mask))
-
     def decode(self, rows: NDArray[np.uint8]) -> tuple[NDArray, NDArray[np.bool_]]:
         """Return the records of `rows`, shape (n, size), t_ns left out, and which rows are of this format."""
         records = np.zeros(len(rows), self.record)
         mine = (rows[:, self._fixed_bytes] == self._fixed_values).all(axis=1)
         wire = np.ascontiguousarray(rows).view(self.template)[:, 0]
-        for name in self.names:
-            values = wire[name]
-            if name in ENUM_FIELDS:
-                mine &= values[:, 0] <= 0x7F  # the first byte of a longer varint
-                records[name] = values[:, 0]
-            elif name == COLUMN_MAJOR_FIELD:
-                records[name] = values.reshape(-1, 4, 4).transpose(0, 2, 1)
-            else:
-                records[name] = values.reshape(records[name].shape)
+        for name in self._plain:
+            records[name] = wire[name].reshape(records[name].shape)
+        for field in self._enums:
+            values = wire[field.name][:, 0]
+            mine &= values <= 0x7F  # the first byte of a longer varint
+            records[field.name] = values
+        for field in self._turned:
+            rows_of, columns_of = self.record[field.name].shape
+            records[field.name] = wire[field.name].reshape(-1, columns_of, rows_of).transpose(0, 2, 1)
         return records, mine
 
-    def decode_tail(self, tail: bytes) -> int | None:
-        """Return the errors that follow a template as a bit mask, None if something else follows it."""
-        if tail not in self._errors_of_tail:
-            mask = self._parse_errors(tail)
-            if mask is None:
+    def decode_tail(self, tail: bytes) -> dict[str, int] | None:
+        """Return the bit masks whose names follow a template, by field; None if something else follows it."""
+        if tail not in self._masks_of_tail:
+            masks = self._parse_names(tail)
+            if masks is None:
                 return None
-            self._errors_of_tail[tail] = mask
-        return self._errors_of_tail[tail]
+            self._masks_of_tail[tail] = masks
+        return self._masks_of_tail[tail]
 
-    def _parse_errors(self, tail: bytes) -> int | None:
-        tag, mask, position = self.tags.get(ERRORS_FIELD), 0, 0
+    def _parse_names(self, tail: bytes) -> dict[str, int] | None:
+        masks, position = {field.name: 0 for field in self._masks}, 0
         while position < len(tail):
-            if tag is None or not tail.startswith(tag, position) or position + len(tag) == len(tail):
+            field = next((field for field in self._masks if tail.startswith(field.tag, position)), None)
+            if field is None or position + len(field.tag) == len(tail):
                 return None
-            start = position + len(tag) + 1
+            start = position + len(field.tag) + 1
             position = start + tail[start - 1]
             name = tail[start:position].decode("ascii", "replace")
-            if name not in ROBOT_ERRORS:
+            if name not in field.bits:
                 return None
-            mask |= 1 << ROBOT_ERRORS.index(name)
-        return mask
+            masks[field.name] |= 1 << field.bits.index(name)
+        return masks
+
+
+def _names_of(field: WireField, mask: int) -> bytes:
+    names = [name.encode() for bit, name in enumerate(field.bits) if mask >> bit & 1]
+    return b"".join(field.tag + varint(len(name)) + name for name in names)
 
 
 def _as_bytes(dtype: np.dtype, names: list[str]) -> np.dtype:
@@ -163,39 +169,39 @@ def _as_bytes(dtype: np.dtype, names: list[str]) -> np.dtype:
 
 @cache
 def wire_format(message: str) -> WireFormat:
-    """Return the format of one of the messages of rtstack.log.schema.MESSAGES, as we write it."""
-    record = MESSAGES[message]
-    names = [name for name in record.names or () if name != "t_ns"]
-    return WireFormat(record, [_own_field(record, name, number) for number, name in enumerate(names, start=1)])
+    """Return the format of one of the messages of rtstack.topics.MESSAGES, as we write it."""
+    ours = MESSAGES[message]
+    return WireFormat(ours.record, [_own_field(field, number) for number, field in enumerate(ours.fields, start=1)])
 
 
-def _own_field(record: np.dtype, name: str, number: int) -> WireField:
-    dtype = record[name]
-    if name == ERRORS_FIELD:
-        return WireField(name, number, "")
+def _own_field(field: Field, number: int) -> WireField:
+    if field.bits:
+        return WireField(field.name, number, "", bits=field.bits)
+    dtype = field.dtype
     count = int(np.prod(dtype.shape)) if dtype.shape else None
-    return WireField(name, number, "u1" if name in ENUM_FIELDS else dtype.base.str[1:], count)
+    payload = "u1" if field.enum is not None else dtype.base.str[1:]
+    return WireField(field.name, number, payload, count, column_major=field.column_major)
 
 
-def wire_format_of(record: np.dtype, descriptor: Descriptor, counts: Mapping[str, int]) -> WireFormat | None:
+def wire_format_of(message: Message, descriptor: Descriptor, counts: Mapping[str, int]) -> WireFormat | None:
     """Return the format of messages that an older or a newer version wrote, by the descriptor in their file.
 
     counts: how long the arrays of its messages are, by field. None where a field has a form that we never wrote, or
-    another one than the record asks for: such messages are for the protobuf library.
+    another one than ours has: such messages are for the protobuf library.
     """
-    fields = []
-    for field in sorted(descriptor.fields, key=lambda field: field.number):
-        payload = _PAYLOADS.get(field.type, "")
-        if field.name == ERRORS_FIELD and field.type == FieldDescriptor.TYPE_STRING:
-            fields.append(WireField(field.name, field.number, ""))
+    ours, fields = {field.name: field for field in message.fields}, []
+    for described in sorted(descriptor.fields, key=lambda field: field.number):
+        name, number = described.name, described.number
+        own = _own_field(ours[name], number) if name in ours else None
+        if own is not None and own.bits and described.type == FieldDescriptor.TYPE_STRING:
+            fields.append(own)
             continue
-        count = counts.get(field.name, 0) if field.is_repeated else None
-        found = WireField(field.name, field.number, payload, count)
-        known = field.name in (record.names or ()) and field.name != "t_ns"
-        if not payload or (known and found != _own_field(record, field.name, field.number)):
+        payload = _PAYLOADS.get(described.type, "")
+        count = counts.get(name, 0) if described.is_repeated else None
+        if not payload or (own is not None and (own.payload, own.count) != (payload, count)):
             return None
-        fields.append(found)
-    return WireFormat(record, fields) if fields else None
+        fields.append(own or WireField(name, number, payload, count))
+    return WireFormat(message.record, fields) if fields else None
 
 
 _PAYLOADS = {

@@ -18,9 +18,8 @@ from rtstack.log.batches import BatchWriter
 from rtstack.log.job import Evidence, LogJob, get_job, get_result
 from rtstack.log.ring import LogState, Rings
 from rtstack.log.scenery import Scenery
-from rtstack.log.schema import TOPIC_MESSAGES
 from rtstack.log.sink import McapSink
-from rtstack.samples import TOPICS
+from rtstack.topics import TICK_TOPICS, TOPICS
 
 POLL_S = 0.04  # forty records a topic at 1 kHz: enough for a batch, little for a ring, a tenth of what may be lost
 _FAR_FUTURE_NS = np.iinfo(np.int64).max
@@ -35,8 +34,8 @@ class RingDrain:
         self._sink = sink
         self._writer = BatchWriter(sink, scenery)
         self._readers = {topic: rings.log_reader(topic) for topic in TOPICS}
-        self._held = {topic: np.zeros(0, record) for topic, record in TOPICS.items()}
-        self._newest = dict.fromkeys(TOPIC_MESSAGES, _NOTHING_YET_NS)
+        self._held = {name: np.zeros(0, topic.record) for name, topic in TOPICS.items()}
+        self._newest = dict.fromkeys(TICK_TOPICS, _NOTHING_YET_NS)
 
     def step(self, final: bool = False) -> None:
         """Read every ring and write what was in it, in order of robot's time; `final` holds nothing back."""
@@ -51,7 +50,7 @@ class RingDrain:
         What a tick says, it says before the next tick's samples: what is older is complete, and the file does not
         depend on when the rings are read.
         """
-        for topic in TOPIC_MESSAGES:
+        for topic in TICK_TOPICS:
             if len(batches[topic]):
                 self._newest[topic] = int(batches[topic]["t_ns"][-1])
         limit = _FAR_FUTURE_NS if final else min(self._newest.values())

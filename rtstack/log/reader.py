@@ -31,11 +31,10 @@ from rtstack.log.decoding import TopicDecoder
 from rtstack.log.errors import LogError
 from rtstack.log.job import Attachment
 from rtstack.log.scenery import scenery_schemas
-from rtstack.log.schema import PACKAGE
-from rtstack.samples import TOPICS, Level
+from rtstack.samples import Level
+from rtstack.topics import ARM, ARM_TOPICS, EVENT_TOPIC, TOPICS
 
-_NEEDED_TOPIC = "/left/arm"
-_NEEDED_SCHEMA = f"{PACKAGE}.ArmSample"
+_NEEDED_TOPIC = ARM_TOPICS[0]
 _NS = 1e-9
 
 
@@ -99,7 +98,7 @@ class Log:
     @property
     def events(self) -> tuple[Event, ...]:
         """All events, in order of time."""
-        records = self.topic("/events")
+        records = self.topic(EVENT_TOPIC)
         return tuple(
             Event(
                 t_ns=int(record["t_ns"]),
@@ -111,14 +110,14 @@ class Log:
         )
 
     def topic(self, name: str) -> NDArray[Any]:
-        """Return all records of a topic of rtstack.samples.TOPICS, shape (n,), in the order of the file.
+        """Return all records of a topic of rtstack.topics.TOPICS, shape (n,), in the order of the file.
 
         t_ns is the message's log time, O_T_EE row-major, current_errors the bit mask. Raises LogError for
         another topic, or for messages that are not of its schema.
         """
         if name not in TOPICS:
             raise LogError(f"{name} is not a topic of records: there are {', '.join(TOPICS)}")
-        parts = [np.zeros(0, TOPICS[name])]
+        parts = [np.zeros(0, TOPICS[name].record)]
         decoders: dict[int, TopicDecoder] = {}
         for data, table in self._tables(name):
             for channel_id in np.unique(table.channel_id).tolist():
@@ -225,7 +224,7 @@ def read_log(path: Path, truncated: bool = False) -> Log:
     topics = {channel.topic for channel in contents.channels.values()}
     for channel in contents.channels.values():
         schema = contents.schemas.get(channel.schema_id)
-        if channel.topic == _NEEDED_TOPIC and schema is not None and schema.name == _NEEDED_SCHEMA:
+        if channel.topic == _NEEDED_TOPIC and schema is not None and schema.name == ARM.schema:
             return Log(path, contents, complete)
     if {"log", "trial"} & contents.metadata.keys() and topics <= {*TOPICS, *scenery_schemas()}:
         return Log(path, contents, complete)  # ours, of a run that ended before its first tick

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtstack.log.errors import LogError
-from rtstack.samples import TOPICS
+from rtstack.topics import TOPICS
 
 CAPACITY = 8192  # records, 8 s at 1 kHz: what a start-up of the log process takes, several times over
 _DIRECTORY = "/dev/shm"  # shm_overview(7): where Linux keeps named shared memory
@@ -49,7 +49,7 @@ _SLOTS_OFFSET = _CONTROL.itemsize + len(TOPICS) * _TOPIC.itemsize
 
 
 def _slot_dtype(topic: str) -> np.dtype:
-    return np.dtype([("sequence", "i8"), ("record", TOPICS[topic])])
+    return np.dtype([("sequence", "i8"), ("record", TOPICS[topic].record)])
 
 
 class Pusher:
@@ -192,7 +192,7 @@ class Rings:
             raise LogError(f"no shared memory for the log ({size / 1e6:.0f} MB): {error.strerror}") from error
         for index, (topic, records) in enumerate(sizes.items()):
             rings._topics[index]["capacity"] = records
-            rings._topics[index]["itemsize"] = TOPICS[topic].itemsize
+            rings._topics[index]["itemsize"] = TOPICS[topic].record.itemsize
         rings._control["magic"] = _MAGIC
         return rings
 
@@ -204,7 +204,7 @@ class Rings:
             rings = cls(name, None)
         except (OSError, ValueError) as error:
             raise LogError(f"there are no rings named {name}") from error
-        sizes = [dtype.itemsize for dtype in TOPICS.values()]
+        sizes = [topic.record.itemsize for topic in TOPICS.values()]
         if rings._control["magic"][0] != _MAGIC or rings._topics["itemsize"].tolist() != sizes:
             raise LogError(f"the rings {name} belong to another version of the program")
         return rings

@@ -7,32 +7,16 @@ from typing import BinaryIO
 import foxglove
 import numpy as np
 from foxglove.mcap import MCAPCompression, MCAPWriteOptions
-from foxglove.messages import (
-    Log,
-    LogLevel,
-    Pose,
-    PoseInFrame,
-    Quaternion,
-    Vector3,
-)
 from numpy.typing import NDArray
 
 from rtstack.log.encoding import wire_format
-from rtstack.log.frames import WORLD
-from rtstack.log.instants import stamp
 from rtstack.log.scenery import Messages, scenery_schemas
-from rtstack.log.schema import PACKAGE, TOPIC_MESSAGES, sample_descriptors
-from rtstack.samples import TOPICS, Level
+from rtstack.log.schema import sample_descriptors
+from rtstack.log.standard import STANDARD
+from rtstack.topics import TOPICS
 
 # a killed writer loses at most 0.5 s (contract); the other half is for reading the rings and compressing
 FLUSH_NS = 250_000_000
-_LEVELS: dict[int, LogLevel] = {
-    Level.DEBUG: LogLevel.Debug,
-    Level.INFO: LogLevel.Info,
-    Level.WARNING: LogLevel.Warning,
-    Level.ERROR: LogLevel.Error,
-    Level.FATAL: LogLevel.Fatal,
-}
 
 
 class _File:
@@ -102,10 +86,10 @@ class McapSink:
         writes: list[Callable[[bytes, int], None]] = []
         messages: list[bytes] = []
         for topic, records in batches.items():
-            # an object that was never seen says nothing
-            said = records[records["seen"] != 0] if topic == "/object/pose" else records
-            times.append(np.maximum(said["t_ns"], 0))
-            self._take(topic, encoded(topic, said), writes, messages)
+            # an object that was never seen is not in the log
+            seen = records[records["seen"] != 0] if "seen" in (records.dtype.names or ()) else records
+            times.append(np.maximum(seen["t_ns"], 0))
+            self._take(topic, encoded(topic, seen), writes, messages)
         for topic, each in made.items():
             times.append(np.array([t for t, _ in each], np.int64))
             self._take(topic, [message for _, message in each], writes, messages)
@@ -154,39 +138,19 @@ class McapSink:
 
 def topic_schemas() -> dict[str, foxglove.Schema]:
     """Return the schema of every topic of a log."""
-    descriptors = sample_descriptors()
-    schemas = {
-        topic: foxglove.Schema(name=f"{PACKAGE}.{name}", encoding="protobuf", data=descriptors)
-        for topic, name in TOPIC_MESSAGES.items()
-    }
-    schemas["/object/pose"] = PoseInFrame.get_schema()
-    schemas["/events"] = Log.get_schema()
-    return schemas | scenery_schemas()
+    return {name: _schema(topic.message.schema) for name, topic in TOPICS.items()} | scenery_schemas()
+
+
+def _schema(name: str) -> foxglove.Schema:
+    if name in STANDARD:
+        return STANDARD[name].schema
+    return foxglove.Schema(name=name, encoding="protobuf", data=sample_descriptors())
 
 
 def encoded(topic: str, records: NDArray) -> list[bytes]:
     """Return one message a record."""
-    if topic in TOPIC_MESSAGES:
-        return wire_format(TOPIC_MESSAGES[topic]).encode(records)
-    if topic == "/object/pose":
-        return [_pose(record) for record in records]
-    return [_event(record) for record in records]
-
-
-def _pose(record: np.void) -> bytes:
-    x, y, z = record["position"].tolist()
-    qw, qx, qy, qz = record["orientation_wxyz"].tolist()
-    pose = Pose(position=Vector3(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
-    return PoseInFrame(timestamp=stamp(int(record["t_ns"])), frame_id=WORLD, pose=pose).encode()
-
-
-def _event(record: np.void) -> bytes:
-    return Log(
-        timestamp=stamp(int(record["t_ns"])),
-        level=_LEVELS.get(int(record["level"]), LogLevel.Unknown),
-        name=bytes(record["name"]).decode("utf-8", "replace"),
-        message=bytes(record["text"]).decode("utf-8", "replace"),
-    ).encode()
-
-
-assert set(TOPICS) == {*TOPIC_MESSAGES, "/object/pose", "/events"}, "every topic has an encoder"
+    message = TOPICS[topic].message
+    if message.is_ours:
+        return wire_format(message.name).encode(records)
+    encode, frame = STANDARD[message.schema].encode, message.fields[0].frame
+    return [encode(record, frame) for record in records]

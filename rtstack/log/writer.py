@@ -15,7 +15,7 @@ from rtstack.log.errors import LogError
 from rtstack.log.frames import CellFrames
 from rtstack.log.job import Attachment, Evidence, LogJob, put_job, put_result
 from rtstack.log.ring import LogState, Rings
-from rtstack.samples import TOPICS
+from rtstack.topics import TOPICS
 
 __all__ = ["Attachment", "CellFrames", "Evidence", "LogProcess", "LogSummary", "check_log_path"]
 

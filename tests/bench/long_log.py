@@ -19,7 +19,7 @@ from rtstack.log.reader import Log, read_log
 from rtstack.log.ring import Rings
 from rtstack.log.writer import CellFrames, LogProcess, LogSummary
 from rtstack.model.cell_description import load_cell_description
-from rtstack.samples import TOPICS
+from rtstack.topics import TOPICS
 from rtstack.trials.record import frames
 
 _TICK_NS = 1_000_000

@@ -13,7 +13,7 @@ from served_console import serve_console
 
 from rtstack.log.reader import read_log
 from rtstack.log.sink import McapSink
-from rtstack.samples import TOPICS
+from rtstack.topics import TOPICS
 from rtstack.trials.specification import Controller
 
 pytestmark = pytest.mark.browser
@@ -26,7 +26,7 @@ def add_spike(source, target):
     log = read_log(source)
     columns = {topic: log.topic(topic) for topic in TOPICS}
     columns["/left/arm"]["tau_J"][round(SPIKE_S * 1e3), 3] = SPIKE_NM
-    warning = np.zeros(1, TOPICS["/events"])
+    warning = np.zeros(1, TOPICS["/events"].record)
     warning["t_ns"] = columns["/left/arm"]["t_ns"][round(SPIKE_S * 1e3)]
     warning["level"], warning["name"], warning["text"] = 3, b"safety", b"<img src=x onerror=alert(1)>"
     columns["/events"] = np.concatenate([columns["/events"], warning])

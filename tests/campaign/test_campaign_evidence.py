@@ -16,7 +16,8 @@ from rtstack.cli.campaign_cell import open_conditioned_cell
 from rtstack.cli.cells import default_cell_file
 from rtstack.log.reader import read_log
 from rtstack.loop.end import End
-from rtstack.samples import TOPICS, Mode
+from rtstack.samples import Mode
+from rtstack.topics import TOPICS
 from rtstack.trials.company import Company
 from rtstack.trials.record import frames, open_log
 from rtstack.trials.specification import Controller, TrialSpecification

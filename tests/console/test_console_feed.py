@@ -18,7 +18,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from console.feed import Feed
-from rtstack.samples import TOPICS
+from rtstack.topics import TOPICS
 from rtstack.trials.record import frames
 
 PROTOCOL = "foxglove.sdk.v1"
@@ -102,7 +102,7 @@ def test_a_clock_that_begins_again_is_told_between_the_last_event_and_the_first(
     feed.hear(json.dumps({"op": "subscribe", "subscriptions": [{"id": 3, "channelId": channel}]}))
 
     def push(topic, times_ms):
-        record, pusher = np.zeros(1, TOPICS[topic]), served.rings.pusher(topic)
+        record, pusher = np.zeros(1, TOPICS[topic].record), served.rings.pusher(topic)
         for t_ms in times_ms:
             record["t_ns"] = t_ms * 1_000_000
             pusher.push(record)
@@ -122,7 +122,7 @@ def test_a_clock_that_begins_again_is_told_between_the_last_event_and_the_first(
 
 def test_a_client_may_subscribe_while_its_messages_are_put_together(served):
     feed, ends = Feed(served.rings, frames(served.parts.cell, "rice_box")), threading.Event()
-    pusher, record = served.rings.pusher("/left/arm"), np.zeros(1, TOPICS["/left/arm"])
+    pusher, record = served.rings.pusher("/left/arm"), np.zeros(1, TOPICS["/left/arm"].record)
     record["O_T_EE"] = np.eye(4)
     everything = [{"id": number, "channelId": 1 + number} for number in range(1 + len(TOPICS))]
 
@@ -152,7 +152,7 @@ def pushed_and_received(served, client, told=None, from_tick=0):
     """
     told = [] if told is None else told
     pushers = {side: served.rings.pusher(f"/{side}/arm") for side in ("left", "right")}
-    record = np.zeros(1, TOPICS["/left/arm"])
+    record = np.zeros(1, TOPICS["/left/arm"].record)
     record["O_T_EE"] = np.eye(4)
     frames, tick, deadline_s = {}, from_tick, time.monotonic() + 30.0
     began_ns, ended_ns = from_tick * 1_000_000, (from_tick + 20_000) * 1_000_000  # what came before is passed over

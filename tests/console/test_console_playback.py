@@ -10,7 +10,7 @@ from websockets.sync.client import connect
 from rtstack.log.catalogue import Catalogue
 from rtstack.log.sink import McapSink
 from rtstack.loop.target import TARGET
-from rtstack.samples import TOPICS
+from rtstack.topics import TOPICS
 
 MS = 1_000_000
 VIEW = "a-page-of-mine"
@@ -21,7 +21,7 @@ def write_motion(path, first):
     with open(path, "wb") as file:
         sink = McapSink(file)
         sink.write_metadata("trial", {"object": "rice_box"})
-        batches = {topic: np.zeros(1 if topic == "/events" else 1000, TOPICS[topic]) for topic in TOPICS}
+        batches = {topic: np.zeros(1 if topic == "/events" else 1000, TOPICS[topic].record) for topic in TOPICS}
         for batch in batches.values():
             batch["t_ns"] = np.arange(len(batch)) * MS
         for side in ("left", "right"):

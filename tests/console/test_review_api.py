@@ -15,7 +15,7 @@ from console.review.cache import FOLDER, ReviewCache
 from console.scenes import Detail
 from rtstack.log.catalogue import Catalogue
 from rtstack.log.sink import McapSink
-from rtstack.samples import TOPICS
+from rtstack.topics import TOPICS
 
 MS = 1_000_000
 SPIKE_S = 1.234
@@ -29,7 +29,7 @@ def write_log(path, trial, result=None, spike=80.0, complete=True):
         sink.attach("cell.toml", "application/toml", f"[pad]\nsize = {trial.get('seed', 0)}\n".encode())
         batches = {}
         for topic in TOPICS:
-            batches[topic] = np.zeros(1 if topic == "/events" else 2000, TOPICS[topic])
+            batches[topic] = np.zeros(1 if topic == "/events" else 2000, TOPICS[topic].record)
             batches[topic]["t_ns"] = np.arange(len(batches[topic])) * MS
         batches["/left/arm"]["tau_J"][round(SPIKE_S * 1e3), 3] = spike
         batches["/events"]["t_ns"], batches["/events"]["name"] = int(SPIKE_S * 1e9), b"impact"

@@ -10,10 +10,11 @@ from console.review.columns import BUCKET, Columns, ColumnWriter, read_index
 from console.review.conversion import convert
 from console.review.conversion import main as conversion
 from console.review.series import Tabled, Window, csv_lines, curves, moment
-from console.review.signals import PLOTTED_TOPICS, column_block, signals, topic_signals
+from console.review.signals import column_block, signals, topic_signals
 from rtstack.log.reader import read_log
 from rtstack.log.sink import McapSink
-from rtstack.samples import TOPICS, Mode
+from rtstack.samples import Mode
+from rtstack.topics import PLOTTED_TOPICS, TOPICS
 
 MS = 1_000_000
 TICKS = 20_000
@@ -25,7 +26,7 @@ OBJECT_EVERY = 4
 def made_records(topic, ticks, rng):
     """Records of a topic: noise everywhere, 1 ms apart, the object every fourth tick."""
     rows = ticks // OBJECT_EVERY if topic == "/object/pose" else ticks
-    records = np.zeros(rows, TOPICS[topic])
+    records = np.zeros(rows, TOPICS[topic].record)
     for name in records.dtype.names:
         if records[name].dtype == np.float64:
             records[name] = rng.normal(size=records[name].shape)
@@ -43,7 +44,7 @@ def made(tmp_path_factory):
     columns["/object/pose"]["seen"] = np.arange(TICKS // OBJECT_EVERY) >= 100
     for side, first in (("left", Mode.ANTE_IMPACT), ("right", Mode.TELEOPERATION)):
         columns[f"/{side}/control"]["mode"] = np.where(np.arange(TICKS) < 7000, first, Mode.POST_IMPACT)
-    events = np.zeros(2, TOPICS["/events"])
+    events = np.zeros(2, TOPICS["/events"].record)
     events["t_ns"] = START_NS + np.array([7000, 9000]) * MS
     events["level"], events["name"], events["text"] = (2, 4), (b"impact", b"safety"), (b"detected", b"<b>torque</b>")
     columns["/events"] = events

@@ -6,7 +6,7 @@ from log_samples import RESULT, TICKS, TRIAL, WrittenLog, push_all, random_recor
 
 from rtstack.log.ring import Rings
 from rtstack.log.writer import Attachment, CellFrames, LogProcess
-from rtstack.samples import TOPICS
+from rtstack.topics import TOPICS
 
 
 @pytest.fixture(scope="session")

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtstack.log.ring import Rings
-from rtstack.log.schema import ENUM_FIELDS
 from rtstack.log.writer import CellFrames, LogProcess, LogSummary
-from rtstack.samples import TOPICS
+from rtstack.topics import TOPICS
 
 TICKS = 1500
 MS = 1_000_000
@@ -21,8 +20,8 @@ RESULT = {"success": "true", "peak_force_norm": "12.5"}
 def random_records(topic: str, count: int, seed: int = 0) -> NDArray[Any]:
     """Return `count` records of a topic, 1 ms apart, with a value in every field."""
     rng = np.random.default_rng([seed, list(TOPICS).index(topic)])
-    records = np.zeros(count, TOPICS[topic])
-    for name in TOPICS[topic].names or ():
+    records = np.zeros(count, TOPICS[topic].record)
+    for name in TOPICS[topic].record.names or ():
         column = records[name]
         if column.dtype == np.float64:
             column[...] = rng.normal(size=column.shape)
@@ -33,9 +32,9 @@ def random_records(topic: str, count: int, seed: int = 0) -> NDArray[Any]:
         records["current_errors"] = np.where(rng.random(count) < 0.1, rng.integers(1, 1 << 41, count), 0)
         records["O_T_EE"] = np.eye(4)
         records["O_T_EE"][:, :3, 3] = rng.normal(size=(count, 3))
-    for name, enum in ENUM_FIELDS.items():
-        if name in (records.dtype.names or ()):
-            records[name] = rng.choice([int(member) for member in enum], count)
+    for field in TOPICS[topic].message.fields:
+        if field.enum is not None:
+            records[field.name] = rng.choice([int(member) for member in field.enum], count)
     if topic == "/object/pose":
         records["seen"] = 1
         records["orientation_wxyz"] /= np.linalg.norm(records["orientation_wxyz"], axis=1, keepdims=True)
@@ -48,7 +47,7 @@ def random_records(topic: str, count: int, seed: int = 0) -> NDArray[Any]:
 def push_all(rings: Rings, columns: dict[str, NDArray[Any]], log: LogProcess, room: int = 128) -> None:
     """Push records tick by tick, in the order of the loop, waiting for this much room every 16 ticks."""
     pushers = {topic: rings.pusher(topic) for topic in columns}
-    slots = {topic: np.zeros(1, TOPICS[topic]) for topic in columns}
+    slots = {topic: np.zeros(1, TOPICS[topic].record) for topic in columns}
     for tick in range(max(len(records) for records in columns.values())):
         if tick % 16 == 0:
             log.wait_room(room)

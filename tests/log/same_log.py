@@ -11,7 +11,7 @@ import numpy as np
 from mcap.reader import make_reader
 
 from rtstack.log.reader import read_log
-from rtstack.log.schema import HOST_CLOCK_FIELDS
+from rtstack.topics import HOST_CLOCK_FIELDS
 
 RTSTACK = Path(sys.executable).with_name("rtstack")
 

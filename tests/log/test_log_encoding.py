@@ -11,12 +11,14 @@ from hypothesis.extra import numpy as hnp
 from mcap.records import Schema
 from numpy.typing import NDArray
 
-from hal.robot_errors import ROBOT_ERRORS, error_names
+from hal.record import Field
+from hal.robot_errors import error_names
 from rtstack.log.decoding import TopicDecoder, message_class
 from rtstack.log.encoding import WireField, WireFormat, varint, wire_format
-from rtstack.log.schema import ENUM_FIELDS, MESSAGES, TOPIC_MESSAGES, sample_descriptors, sample_file
+from rtstack.log.schema import sample_descriptors, sample_file
+from rtstack.topics import MESSAGES, TOPICS
 
-TOPIC_OF = {message: topic for topic, message in TOPIC_MESSAGES.items()}
+TOPIC_OF = {topic.message.name: name for name, topic in TOPICS.items()}
 
 
 def schema_of(message: str) -> Schema:
@@ -25,22 +27,22 @@ def schema_of(message: str) -> Schema:
 
 def records_of(message: str, enums: st.SearchStrategy[int]) -> st.SearchStrategy[NDArray[Any]]:
     """Batches of up to four records with any bit pattern of doubles, any counts and any set of errors."""
-    dtype = MESSAGES[message]
+    whole = st.integers(-(1 << 63), (1 << 63) - 1)
 
-    def field(name: str) -> st.SearchStrategy[Any]:
-        if name in ENUM_FIELDS:
+    def values(field: Field) -> st.SearchStrategy[Any]:
+        if field.enum is not None:
             return enums
-        if name == "current_errors":
-            return st.one_of(st.just(0), st.integers(0, (1 << len(ROBOT_ERRORS)) - 1))
-        if dtype[name].base == np.int64:
-            return st.integers(-(1 << 63), (1 << 63) - 1)
-        return hnp.arrays(np.float64, dtype[name].shape) if dtype[name].shape else st.floats(width=64)
+        if field.bits:
+            return st.one_of(st.just(0), st.integers(0, (1 << len(field.bits)) - 1))
+        if field.kind == "i8":
+            return whole
+        return hnp.arrays(np.float64, field.dtype.shape) if field.dtype.shape else st.floats(width=64)
 
     def build(rows: list[tuple[Any, ...]]) -> NDArray[Any]:
-        return np.array(rows, dtype)
+        return np.array(rows, MESSAGES[message].record)
 
-    names = dtype.names or ()
-    return st.lists(st.tuples(*(field(name) for name in names)), max_size=4).map(build)
+    fields = MESSAGES[message].fields
+    return st.lists(st.tuples(whole, *(values(field) for field in fields)), max_size=4).map(build)
 
 
 def places(encoded: list[bytes]) -> tuple[bytes, NDArray[np.int64], NDArray[np.int64]]:
@@ -66,7 +68,7 @@ def test_the_protobuf_library_reads_every_field(message: str, data: st.DataObjec
     for record, content in zip(records, encoded, strict=True):
         decoded = message_class(schema_of(message)).FromString(content)
         assert not decoded.DESCRIPTOR.is_extendable
-        for name in MESSAGES[message].names or ():
+        for name in MESSAGES[message].record.names or ():
             if name == "t_ns":
                 assert name not in decoded.DESCRIPTOR.fields_by_name
             elif name == "current_errors":
@@ -75,7 +77,7 @@ def test_the_protobuf_library_reads_every_field(message: str, data: st.DataObjec
                 column_major = np.array(decoded.O_T_EE).reshape((4, 4), order="F")
                 assert same(column_major.copy(order="C"), record[name])
             else:
-                value = np.array(getattr(decoded, name), MESSAGES[message][name].base)
+                value = np.array(getattr(decoded, name), MESSAGES[message].record[name].base)
                 assert same(value, record[name])
 
 
@@ -135,17 +137,19 @@ def older(message: str) -> tuple[Schema, WireFormat]:
     for name, label in (("retired", 3), ("retired_too", 1)):
         described.field.add(name=name, number=1, label=label, type=1)  # a list of doubles, and a double
     described.field[-2].options.packed = True
-    dtype, own, fields = MESSAGES[message], [], []
-    for number, field in enumerate(described.field, start=11):
-        field.number = number
-        known = field.name in (dtype.names or ())
-        form = dtype[field.name] if known else np.dtype(("f8", (3,))) if field.name == "retired" else np.dtype("f8")
+    ours, own, fields = {field.name: field for field in MESSAGES[message].fields}, [], []
+    retired = {"retired": Field("retired", "", axes=("1", "2", "3")), "retired_too": Field("retired_too", "")}
+    for number, added in enumerate(described.field, start=11):
+        added.number = number
+        field = (ours | retired)[added.name]
+        form = field.dtype
         own.append((field.name, form))
-        if field.name == "current_errors":
-            fields.append(WireField(field.name, number, ""))
+        if field.bits:
+            fields.append(WireField(field.name, number, "", bits=field.bits))
             continue
-        payload = "u1" if field.name in ENUM_FIELDS else form.base.str[1:]
-        fields.append(WireField(field.name, number, payload, int(np.prod(form.shape)) if form.shape else None))
+        payload = "u1" if field.enum is not None else form.base.str[1:]
+        count = int(np.prod(form.shape)) if form.shape else None
+        fields.append(WireField(field.name, number, payload, count, column_major=field.column_major))
     data = descriptor_pb2.FileDescriptorSet(file=[file]).SerializeToString(deterministic=True)
     schema = Schema(id=1, data=data, encoding="protobuf", name=f"rtstack.{message}")
     return schema, WireFormat(np.dtype([("t_ns", "i8"), *own]), fields)
@@ -169,7 +173,7 @@ def test_another_versions_messages_are_decoded_at_once_by_the_schema_in_their_fi
     one_by_one = decoder._parsed
     decoder._parsed = lambda part: parsed.append(part) or one_by_one(part)  # type: ignore[method-assign]
     decoded = decoder.decode(content, records["t_ns"], start, size)
-    dropped = (MESSAGES[message].names or ())[-1]
+    dropped = MESSAGES[message].fields[-1].name
     assert not decoded[dropped].any()
     expected = records.copy()
     expected[dropped] = 0

@@ -18,7 +18,7 @@ from rtstack.log.reader import read_log
 from rtstack.log.scenery import scenery_schemas
 from rtstack.log.schema import sample_descriptors
 from rtstack.log.voxels import VOXELS
-from rtstack.samples import TOPICS
+from rtstack.topics import TOPICS
 
 RERUN = Path(sys.executable).with_name("rerun")
 

@@ -16,7 +16,7 @@ from rtstack.log.errors import LogError
 from rtstack.log.reader import read_log
 from rtstack.log.recover import recover
 from rtstack.log.scenery import scenery_schemas
-from rtstack.samples import TOPICS
+from rtstack.topics import TOPICS
 
 RERUN = Path(sys.executable).with_name("rerun")
 

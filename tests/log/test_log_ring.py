@@ -9,7 +9,8 @@ import pytest
 
 from rtstack.log.errors import LogError
 from rtstack.log.ring import LogState, Rings
-from rtstack.samples import ARM_SAMPLE, TIMING_SAMPLE, TOPICS
+from rtstack.samples import ARM_SAMPLE, TIMING_SAMPLE
+from rtstack.topics import TOPICS
 
 # a reader in another process: every record that it gets is whole, and each one is either read or counted as lost
 READER = """
@@ -77,10 +78,10 @@ def test_latest_is_the_newest_and_moves_nothing() -> None:
 
 def test_every_topic_has_a_ring_of_its_own() -> None:
     with Rings.create(capacity=8, capacities={"/events": 2}) as rings:
-        for index, (topic, dtype) in enumerate(TOPICS.items()):
-            record = np.zeros(1, dtype)
+        for index, (name, topic) in enumerate(TOPICS.items()):
+            record = np.zeros(1, topic.record)
             record["t_ns"] = index
-            rings.pusher(topic).push(record)
+            rings.pusher(name).push(record)
         for index, topic in enumerate(TOPICS):
             assert rings.log_reader(topic).drain()["t_ns"].tolist() == [index]
         assert rings.room() == 2

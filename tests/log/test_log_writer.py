@@ -20,7 +20,7 @@ from rtstack.log.recover import recover
 from rtstack.log.ring import CAPACITY, LogState, Rings
 from rtstack.log.scenery import scenery_schemas
 from rtstack.log.writer import LogProcess, check_log_path
-from rtstack.samples import TOPICS
+from rtstack.topics import TOPICS
 
 # a trial that is killed: pushes for ever, at ten times the robot's pace, and says what it has pushed
 TRIAL_PROGRAM = """
@@ -28,12 +28,12 @@ import sys, time
 import numpy as np
 from rtstack.log.ring import Rings
 from rtstack.log.writer import LogProcess
-from rtstack.samples import TOPICS
+from rtstack.topics import TOPICS
 rings = Rings.create()
 log = LogProcess.start(sys.argv[1], rings, {"trial": {"seed": "7"}})
 log.wait_ready()
 pushers = {t: rings.pusher(t) for t in TOPICS if t != "/events"}
-records = {t: np.zeros(1, TOPICS[t]) for t in pushers}
+records = {t: np.zeros(1, TOPICS[t].record) for t in pushers}
 records["/object/pose"]["seen"] = 1
 tick = 0
 while True:

@@ -17,7 +17,8 @@ from rtstack.loop.target import TARGET
 from rtstack.playback.finish import Finish
 from rtstack.playback.pace import RAMP_S
 from rtstack.playback.run import NO_OBJECT, prepare_playback, run_playback, way_to_start
-from rtstack.samples import TOPICS, Mode
+from rtstack.samples import Mode
+from rtstack.topics import TOPICS
 from rtstack.trials.company import Company
 from rtstack.trials.errors import TrialError
 from rtstack.trials.record import open_log

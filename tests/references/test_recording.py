@@ -7,7 +7,8 @@ from rtstack.log.reader import read_log
 from rtstack.log.ring import Rings
 from rtstack.log.writer import LogProcess
 from rtstack.references.recording import Recording, ReferenceError, load_recording
-from rtstack.samples import SIDES, TOPICS
+from rtstack.samples import SIDES
+from rtstack.topics import TOPICS
 from rtstack.trials.assembly import arm_controllers, default_parameters
 
 
