@@ -63,10 +63,10 @@ dead-man: setup  ## key, tab, browser and console let go of moving arms: the fir
 	@$(BIN)/python tests/bench/dead_man.py $(if $(BARE),--bare)
 
 recompute: setup  ## a campaign's numbers from its logs, without our code: make recompute OUT=DIR
-	@$(BIN)/python tests/campaign/recompute.py $(OUT)
+	@$(BIN)/python tests/papers/reference_spreading/recompute.py $(OUT)
 
 kill-campaign: setup  ## campaigns killed with -9 and resumed, TRIALS=N or the whole plan: the same results? (resumes, out/)
-	@$(BIN)/python tests/campaign/kill_campaign.py out/killed $(if $(TRIALS),--trials $(TRIALS))
+	@$(BIN)/python tests/experiments/kill_campaign.py out/killed $(if $(TRIALS),--trials $(TRIALS))
 
 hil: setup  ## the numbered suite against arms: make hil CELL=LEFT,RIGHT HIL="--marks --motion" (report: out/hil/); else simulated
 	$(BIN)/python -m pytest -p no:cacheprovider tests/hil $(if $(CELL),--cell $(CELL)) --hil-report out/hil/$$(date +%Y-%m-%dT%H-%M-%S).md $(HIL)

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from distributed import LocalCluster
 
-from rtstack.campaign.plan import plan_file
 from rtstack.cli.campaign import campaign
+from rtstack.experiments.registry import plan_file
 
 FOLDER = Path("campaign")
 QUIET = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}

@@ -12,7 +12,6 @@ import time
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TextIO
 
 from console.campaigns.folder import Asked, CampaignFolder, Stage
 
@@ -20,7 +19,6 @@ FOLDER = "campaigns"
 NICENESS = 10
 NICEST = 19  # beside arms that are armed
 _END_S = 6.0  # the supervisor gives the console ten
-_PREVIEW_EVERY_S = 30.0
 _WATCH_S = 1.0
 
 
@@ -81,8 +79,6 @@ class _Running:
     process: subprocess.Popen[bytes]
     ending: bool = False
     since: tuple[str, float, int] | None = None  # stage, monotonic s and results when it was first seen
-    drawn: tuple[float, int] = (0.0, -1)  # monotonic s and results of the last preview
-    preview: subprocess.Popen[bytes] | None = None
 
 
 class Campaigns:
@@ -180,7 +176,9 @@ class Campaigns:
         at_once = workers or max(1, len(os.sched_getaffinity(0)) - 1)
         command = ["campaign", asked.name, "--out", str(folder.path), "--workers", str(at_once)]
         command += ["--quick"] * asked.quick + ["--resume"] * resume
-        process = _child("child", [str(niceness), *command], folder.said.open("a", encoding="utf-8"), subprocess.PIPE)
+        child = [sys.executable, "-m", "console.campaigns.child", str(niceness), *command]
+        with folder.said.open("a", encoding="utf-8") as said:
+            process = subprocess.Popen(child, stdin=subprocess.PIPE, stdout=said, stderr=said, start_new_session=True)
         self._running = _Running(folder, process)
 
     def _alive(self) -> _Running | None:
@@ -192,9 +190,6 @@ class Campaigns:
     def _forget(self, running: _Running) -> None:
         if running.process.stdin is not None:
             running.process.stdin.close()
-        if running.preview is not None:
-            running.preview.kill()
-            running.preview.wait()
         self._running = None
 
     def _interrupt(self, running: _Running) -> None:
@@ -218,7 +213,7 @@ class Campaigns:
             time_left_s=self._time_left_s(stage) if state is CampaignState.RUNNING else None,
             message=folder.last_line() if state is CampaignState.FAILED else "",
             report=folder.report is not None,
-            preliminary=any(path.parent == folder.preview for path in figures.values()),
+            preliminary=folder.report is None and bool(figures),
             figures=tuple(Figure(key, path.stem, path.stat().st_mtime) for key, path in figures.items()),
             claims=tuple(folder.claims()),
         )
@@ -251,23 +246,3 @@ class Campaigns:
         stage, now_s = running.folder.stage(), time.monotonic()
         if running.since is None or running.since[0] != stage.label:
             running.since = (stage.label, now_s, stage.done)
-        drawing = running.preview is not None and running.preview.poll() is None
-        drawn_s, drawn = running.drawn
-        if not drawing and stage.done > 0 and stage.done != drawn and now_s - drawn_s > _PREVIEW_EVERY_S:
-            running.drawn = (now_s, stage.done)
-            running.preview = _child("preview", [str(running.folder.path)], subprocess.DEVNULL, subprocess.DEVNULL)
-            os.setpriority(os.PRIO_PROCESS, running.preview.pid, NICEST)
-
-
-def _child(module: str, arguments: list[str], output: TextIO | int, stdin: int) -> subprocess.Popen[bytes]:
-    try:
-        return subprocess.Popen(
-            [sys.executable, "-m", f"console.campaigns.{module}", *arguments],
-            stdin=stdin,
-            stdout=output,
-            stderr=output,
-            start_new_session=True,
-        )
-    finally:
-        if not isinstance(output, int):
-            output.close()

@@ -5,7 +5,6 @@ Read only, while the campaign writes. Beside the folder stand NAME.json, what wa
 
 import hashlib
 import json
-import re
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
@@ -18,15 +17,10 @@ from pydantic.dataclasses import dataclass as checked
 
 from rtstack.messages import MESSAGE, StrictBool, StrictFloat
 
-# as rtstack.campaign.store and .report name them, which would bring half of the controller along
-DATABASE = "campaign.sqlite"
+# what a campaign writes; a test compares them with the names of rtstack.experiments, which would bring Dask along
+DATABASE, PROGRESS = "campaign.sqlite", "progress.json"
 PAGE, FIGURES, NUMBERS = "report.html", "figures", "report.json"
-CLAIMS = "claims.json"  # of a preview
-FINDINGS = "results.jsonl"  # of a study that keeps lines instead of a table
-_REFERENCES = "references"
-_PREPARING = (_REFERENCES, "compiling")  # stages before the trials
-_STAGE = re.compile(r"^([a-z ]+): (\d+) of (\d+)\b", re.MULTILINE)
-_TAIL_BYTES = 65536
+_TAIL_BYTES = 4096
 
 
 @checked(frozen=True, slots=True, config=MESSAGE)
@@ -55,11 +49,6 @@ class CampaignFolder:
         self.id = hidden(path.name)
 
     @property
-    def preview(self) -> Path:
-        """Where figures are drawn before the campaign has drawn its own."""
-        return self.path.with_name(f"{self.path.name}.preview")
-
-    @property
     def said(self) -> Path:
         """What the campaign has said."""
         return self.path.with_name(f"{self.path.name}.txt")
@@ -67,7 +56,7 @@ class CampaignFolder:
     @property
     def begun(self) -> bool:
         """Whether there is something to resume."""
-        return any((self.path / name).exists() for name in (DATABASE, "about.json"))
+        return (self.path / DATABASE).exists()
 
     @property
     def report(self) -> Path | None:
@@ -92,32 +81,12 @@ class CampaignFolder:
         return lines[-1].strip() if lines else ""
 
     def stage(self) -> Stage:
-        """Return how far it is: the totals as the campaign says them, what is done as its results have it."""
-        label, done, total = "starting", 0, None
-        for found in _STAGE.finditer(self._tail()):
-            label, done, total = found[1], int(found[2]), int(found[3])
-        if label == _REFERENCES:
-            done = max(done, sum(1 for _ in (self.path / _REFERENCES).glob("*.mcap")))
-            done = done if total is None else min(done, total)
-        elif label not in _PREPARING:
-            done = self.count()
-        return Stage(label, done, total)
-
-    @property
-    def total(self) -> int | None:
-        """How many trials or simulations there are, None before the campaign has said it."""
-        stage = self.stage()
-        return None if stage.label in _PREPARING else stage.total
-
-    def count(self) -> int:
-        """Return the number of results."""
+        """Return how far it is, as the campaign has noted it."""
         try:
-            with (self.path / FINDINGS).open("rb") as lines:
-                return sum(1 for _ in lines)
-        except OSError:
-            pass
-        with self._database() as database:
-            return 0 if database is None else database.execute("SELECT COUNT(*) FROM results").fetchone()[0]
+            noted = json.loads((self.path / PROGRESS).read_bytes())
+            return Stage(str(noted["stage"]), int(noted["done"]), int(noted["total"]))
+        except (OSError, ValueError, KeyError, TypeError):
+            return Stage("starting", 0, None)
 
     def rows(self, limit: int) -> tuple[list[str], list[dict[str, Any]]]:
         """Return the columns and the newest results."""
@@ -142,22 +111,17 @@ class CampaignFolder:
         return None
 
     def figures(self) -> dict[str, Path]:
-        """Return the figures by hidden names: the campaign's own, and until there are any those drawn meanwhile."""
-        for folder in (self.path / FIGURES, self.preview):
-            drawn = sorted(folder.glob("*.png"))
-            if drawn:
-                return {hidden(f"{folder.name}/{path.name}"): path for path in drawn}
-        return {}
+        """Return the figures by hidden names: as long as there is no report, those of the results so far."""
+        drawn = sorted((self.path / FIGURES).glob("[!.]*.png"))
+        return {hidden(f"{FIGURES}/{path.name}"): path for path in drawn}
 
     def claims(self) -> list[dict[str, str]]:
-        """Return the paper's claims with their verdicts: the report's, and until there is one those drawn meanwhile."""
-        for file in (self.path / NUMBERS, self.preview / CLAIMS):
-            try:
-                parts = json.loads(file.read_text(encoding="utf-8"))["conditions"]
-            except (OSError, ValueError, KeyError):
-                continue
+        """Return the claims with their verdicts: as long as there is no report, about the results so far."""
+        try:
+            parts = json.loads((self.path / NUMBERS).read_bytes())["conditions"]
             return [{"conditions": part["name"], **claim} for part in parts for claim in part["claims"]]
-        return []
+        except (OSError, ValueError, KeyError):
+            return []
 
     @property
     def _note(self) -> Path:

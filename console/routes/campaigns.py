@@ -4,10 +4,10 @@ import contextlib
 import csv
 import io
 import os
-import tomllib
+import pathlib
+import sys
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib.resources import as_file, files
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Query
@@ -21,11 +21,12 @@ from console.campaigns.folder import hidden
 from console.parts import NeedsParts, NeedsSession, Parts
 from console.routes.problems import file_of, problems
 from console.sign_in import Session
-from rtstack.campaign.plan import GRAB_STUDY, load_plan, plan_names
 from rtstack.configuration import ConfigurationError
+from rtstack.experiments.registry import kind_named, kind_of, plan_paths
 from rtstack.live.client import RobotRefused
 from rtstack.live.protocol import Phase
 from rtstack.messages import MESSAGE, NUMBER, StrictBool
+from rtstack.trials.errors import TrialError
 
 router = APIRouter(prefix="/api/campaigns", tags=["campaigns"], responses=problems(404, 409))
 
@@ -57,11 +58,11 @@ class CampaignOrder:
 
 @dataclass(frozen=True, slots=True)
 class PlanView:
-    """A campaign that can be started. trials, quick_trials: None where the plan is a study of another kind."""
+    """A campaign that can be started. quick_trials: of its sample, None where it has none."""
 
     name: str
     title: str
-    trials: int | None
+    trials: int
     quick_trials: int | None
 
 
@@ -203,16 +204,19 @@ def _check(nice: bool, session: Session, parts: Parts) -> None:
 @lru_cache(maxsize=1)
 def _plans() -> tuple[PlanView, ...]:
     """Return what can be started. The files are of the installed version: they are read once."""
-    return (*map(_plan, plan_names()), PlanView(GRAB_STUDY, "Does the monitor know which grab was meant?", None, None))
+    return tuple(view for name, path in plan_paths().items() if (view := _plan(name, path)) is not None)
 
 
-def _plan(name: str) -> PlanView:
-    sizes: list[int | None] = []
-    with as_file(files("deploy.campaigns") / f"{name}.toml") as path:
-        title = tomllib.loads(path.read_text(encoding="utf-8")).get("title", name.replace("-", " "))
-        for quick in (False, True):
-            try:
-                sizes.append(load_plan(path, quick).size())
-            except ConfigurationError:  # a study of another kind: its own program knows its size
-                sizes.append(None)
-    return PlanView(name, title, *sizes)
+def _plan(name: str, path: pathlib.Path) -> PlanView | None:
+    """Return a plan, None where it cannot be run: its kind is not installed, or it is wrong."""
+    try:
+        kind = kind_named(kind_of(path))
+        whole = kind.read(path, quick=False)
+    except (ConfigurationError, TrialError) as error:
+        print(f"rtstack: warning: the campaign {name} is not offered: {error}", file=sys.stderr)
+        return None
+    try:
+        sample = kind.read(path, quick=True).size()
+    except ConfigurationError:
+        sample = None
+    return PlanView(name, whole.title, whole.size(), sample)

@@ -3,25 +3,24 @@
 import os
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
+from typing import TYPE_CHECKING, Any
 
-from rtstack.campaign.plan import GRAB_STUDY, Plan, PlanFile, load_plan, plan_file
-from rtstack.campaign.store import Store, check_folder, check_place
-from rtstack.campaign.worker import Bench, digests
-from rtstack.cli import study, validation
-from rtstack.cli.campaign_cell import LabCell, open_conditioned_cell, plant_files
-from rtstack.cli.cells import load_description, plant_difference
-from rtstack.cli.invocation import crew, end, run_counted
-from rtstack.impact_validation.plan import is_validation
-from rtstack.model.cell_description import CellDescription
-from rtstack.studies.aim_aware.tuned import study_kind
+import typer
+
+from rtstack.experiments.experiment import Experiment, Request, Results
+from rtstack.experiments.registry import kind_named, kind_of, plan_file
+from rtstack.experiments.report import Report
+from rtstack.experiments.store import Store, check_folder
 from rtstack.trials.errors import TrialError
-from rtstack.trials.object import check_object
 
-INTERRUPTED = 1
+if TYPE_CHECKING:  # Dask is loaded once there is work
+    from rtstack.experiments.runner import Tally
+
+INTERRUPTED = FAILED = 1
 
 
 def campaign(
@@ -37,58 +36,80 @@ def campaign(
         raise TrialError("--workers starts processes here, --scheduler has workers of its own: give one of them")
     if logs is not None and "://" not in logs:
         raise TrialError(f"--logs {logs} is no address such as s3://BUCKET/PREFIX; for a folder give --out alone")
-    if name == GRAB_STUDY:
-        _refuse(logs, cell_file, name)
-        from rtstack.cli.grab_study import grab_study
-
-        grab_study(out, quick, workers, scheduler, resume)
-        return
-    file = plan_file(name)
-    out = out.resolve()
-    at_once = workers or len(os.sched_getaffinity(0))
-    kind = study_kind(file.path)
-    if kind is not None:
-        _refuse(logs, cell_file, name)
-        prepared = study.prepare(kind, file, out, quick, resume)
-        with resumable(_again(name, out, quick)):
-            study.run_all(prepared, file, out, at_once, scheduler)
-        return
-    if is_validation(file.path):
-        _refuse(logs, cell_file, name)
-        plan, bench, described = validation.prepare(file, out, quick, resume)
-        with resumable(_again(name, out, quick)):
-            validation.run_all(plan, bench, described, file, at_once, scheduler)
-        return
-    plan = load_plan(file.path, quick)
-    given = cell_file is not None
-    description, cell_file = load_description(cell_file.resolve() if cell_file is not None else None)
-    for thing in dict.fromkeys(reference.object for reference in plan.references()):
-        check_object(thing, description)
-        if given and (other := plant_difference(cell_file, thing)):
-            print(f"rtstack: warning: {other}", file=sys.stderr)
-    sources = [file.path, cell_file, *plant_files()]
-    plan = plan.sealed([path.read_bytes() for path in sources])
-    check_folder(out, plan, resume)
-    open_cell = LabCell(cell_file) if given else open_conditioned_cell
-    bench = Bench(out, cell_file, open_cell, plan.criterion, plan.digest, digests(sources), logs)
-    bench.archive.check()
-    check_place(out, logs)
-    again = _again(name, out, quick) + (f" --logs {logs}" if logs else "")
-    with resumable(again + (f" --cell-file {cell_file}" if given else "")):
-        _run(bench, plan, file, description, at_once, scheduler)
+    request = Request(plan_file(name), out.resolve(), logs, cell_file.resolve() if cell_file is not None else None)
+    experiment = _opened(name, request, quick)
+    check_folder(experiment, resume)
+    again = f"rtstack campaign {name} --out {request.out}{' --quick' * quick} --resume"
+    again += (f" --logs {logs}" if logs else "") + (f" --cell-file {request.cell_file}" if request.cell_file else "")
+    with _resumable(again):
+        _run(experiment, workers or len(os.sched_getaffinity(0)), scheduler)
 
 
-def _refuse(logs: str | None, cell_file: Path | None, name: str) -> None:
-    if cell_file is not None:
-        raise TrialError(f"--cell-file is for campaigns that compare controllers: {name} has a cell of its own")
-    if logs is not None:
-        raise TrialError(f"--logs is for campaigns that compare controllers: {name} works in its folder alone")
+def _opened(name: str, request: Request, quick: bool) -> Experiment[Any, Any]:
+    kind = kind_named(kind_of(request.file.path))
+    for option, given in (("logs", request.logs), ("cell_file", request.cell_file)):
+        if given is not None and option not in kind.options:
+            raise TrialError(
+                f"--{option.replace('_', '-')}: {name} takes none: it is for campaigns that compare controllers"
+            )
+    return kind(kind.read(request.file.path, quick), request)
+
+
+def _run(experiment: Experiment[Any, Any], workers: int, scheduler: str | None) -> None:
+    from rtstack.experiments.preliminary import Preliminary
+    from rtstack.experiments.progress import campaign_progress
+    from rtstack.experiments.report import write_report
+    from rtstack.experiments.runner import Runner
+    from rtstack.experiments.workers import distant_workers, local_workers, slots
+
+    with distant_workers(scheduler) if scheduler else local_workers(workers) as client:
+        at_once = slots(client)
+        experiment.request.out.mkdir(exist_ok=True)
+        with Store(experiment.request.out, experiment.columns) as store:
+            store.claim(experiment)
+            with campaign_progress(store.out) as progress:
+                runner = Runner(experiment, store, client, progress, Preliminary(experiment, store))
+                try:
+                    runner.run()
+                finally:
+                    tally = runner.tally
+                    store.note_invocation(tally.rows, tally.robot_s, tally.wall_s, at_once)
+            rows = store.rows(experiment.cases(store.rows()))
+            report = experiment.report(Results(rows, store.out))
+            page = write_report(report, experiment, store, rows)
+    print(_pace(experiment, tally, at_once))
+    if report.summary:
+        print(report.summary)
+    end(page, tally.failures, report)
+
+
+def _pace(experiment: Experiment[Any, Any], tally: "Tally", at_once: int) -> str:
+    unit = experiment.unit
+    if not tally.rows:
+        return f"no {unit.removesuffix('s')} was missing"
+    return (
+        f"{tally.rows} {unit}, {tally.robot_s:.0f} s of the robot in {tally.wall_s:.0f} s with {at_once} workers: "
+        f"{tally.real_time_factor:.1f} x real time{', logs included' * experiment.logged}"
+    )
+
+
+def end(page: Path, failures: Mapping[str, str], report: Report) -> None:
+    """Say where the report is and what could not be run, and why. Exits with 1 for that, or as the report says."""
+    print(f"report: {page}", flush=True)
+    for line in report.warnings:
+        print(f"rtstack: {line}", file=sys.stderr)
+    for what, reason in failures.items():
+        print(f"rtstack: {what} could not be run: {reason}", file=sys.stderr)
+    if failures:
+        print("rtstack: run the same with --resume to try them again", file=sys.stderr)
+    if failures or not report.reached:
+        raise typer.Exit(FAILED)
 
 
 @contextmanager
-def resumable(again: str) -> Iterator[None]:
+def _resumable(again: str) -> Iterator[None]:
     """End the program in order at Ctrl-C, with the command that goes on."""
-    with interruptible():
+    with _interruptible():
         try:
             yield
         except KeyboardInterrupt:
@@ -98,38 +119,8 @@ def resumable(again: str) -> Iterator[None]:
             os._exit(INTERRUPTED)
 
 
-def _run(
-    bench: Bench, plan: Plan, file: PlanFile, description: CellDescription, workers: int, scheduler: str | None
-) -> None:
-    from rtstack.campaign.crew import slots
-    from rtstack.campaign.report import write_report
-    from rtstack.campaign.runner import Runner
-    from rtstack.cli.campaign_progress import campaign_progress
-
-    with crew(workers, scheduler) as client:
-        at_once = slots(client)
-        bench.out.mkdir(exist_ok=True)
-        with Store(bench.out) as store:
-            store.claim(plan, file, bench.archive.place)
-            with campaign_progress() as progress:
-                runner = Runner(plan, bench, store, client, progress, description)
-                tally = run_counted(runner, store, at_once)
-            page = write_report(store, plan, file, description, runner.chosen, bench.archive)
-    print(
-        f"{tally.trials} trials, {tally.robot_s:.0f} s of the robot in {tally.wall_s:.0f} s with {at_once} workers: "
-        f"{tally.real_time_factor:.1f} x real time, logs included"
-        if tally.trials
-        else "no trial was missing"
-    )
-    end(page, tally.failures)
-
-
-def _again(name: str, out: Path, quick: bool) -> str:
-    return f"rtstack campaign {name} --out {out}{' --quick' * quick} --resume"
-
-
 @contextmanager
-def interruptible() -> Iterator[None]:
+def _interruptible() -> Iterator[None]:
     """Let Ctrl-C and SIGTERM break the work off in order; a second one ends the program at once."""
 
     def interrupt(number: int, frame: FrameType | None) -> None:

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from rtstack.campaign.trial_log import WholeRunLog
 from rtstack.cli.cells import open_cell
 from rtstack.cli.interrupt import interruptible
 from rtstack.cli.monitor import Recorded, split, tuning_toml
@@ -27,6 +26,7 @@ from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.tightening import safety_limits
 from rtstack.trials.trial import PreparedTrial, run_trial
 from rtstack.trials.tuning import Check, GoodRun, check, tune
+from rtstack.trials.whole_run_log import WholeRunLog
 
 SHIFTED_MM = 30.0  # the reference-spreading paper's experiments, and the tunings in deploy/monitor
 FIRST_SEED = 10_000  # trials count from 0: they are to be judged by runs that are none of them

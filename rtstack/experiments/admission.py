@@ -11,7 +11,7 @@ from typing import Any
 
 from distributed import Client, Status, Worker
 
-from rtstack.campaign.version import Version, present
+from rtstack.experiments.version import Version, present
 
 PERIOD_S = 0.5  # between two looks for workers that have joined
 

@@ -1,4 +1,4 @@
-"""The page that a campaign or study ends in: one HTML file that needs nothing else, its figures inside."""
+"""The page that a campaign ends in: one HTML file that needs nothing else, its figures inside."""
 
 import base64
 import html
@@ -8,13 +8,12 @@ from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined, Te
 from markupsafe import Markup
 
 PAGE = "report.html"
-FIGURES = "figures"
 
 
 def page_template(name: str, package: str) -> Template:
     """Return the template `name` of a package's folder `pages`; it may include what all pages share, which is here."""
     environment = Environment(
-        loader=ChoiceLoader([PackageLoader(each, "pages") for each in (package, "rtstack.campaign")]),
+        loader=ChoiceLoader([PackageLoader(each, "pages") for each in (package, "rtstack.experiments")]),
         autoescape=True, undefined=StrictUndefined, trim_blocks=True,
     )  # fmt: skip
     return environment.get_template(name)
@@ -26,5 +25,5 @@ def embedded(path: Path, caption: str) -> Markup:
     text = html.escape(caption)
     return Markup(
         f'<figure><img alt="{text}" src="data:image/png;base64,{data}"><figcaption>{text} '
-        f"<code>{FIGURES}/{path.name}</code></figcaption></figure>"
+        f"<code>{path.parent.name}/{path.name}</code></figcaption></figure>"
     )

@@ -1,39 +1,50 @@
-"""How far a campaign is, on stderr: a bar where a person looks at it, a line now and then where it is a file."""
+"""How far a campaign is: on stderr, a bar where a person looks at it and a line now and then where it is a file; and in
+progress.json in its folder, for programs.
+"""
 
+import json
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
 
 from rich.console import Console
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
-    Progress,
     TaskID,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.progress import Progress as Bar
 
+from hal.files import write_whole
+
+PROGRESS = "progress.json"
 LINE_S = 60.0
+FILE_S = 0.5  # between two writes of the file, but for the beginning and the end of a stage
 
 
-class CampaignProgress:
-    """Counts what is done, and how fast the robot's time goes."""
+class Progress:
+    """Counts what is done, and how fast the robot's time goes. out: the campaign's folder, which exists."""
 
-    def __init__(self, bar: Progress | None) -> None:
+    def __init__(self, out: Path, bar: Bar | None = None) -> None:
+        self._file = out / PROGRESS
         self._bar = bar
         self._task: TaskID | None = None
         self._label = ""
-        self._done = self._total = 0
+        self._done = self._total = self._failed = 0
         self._robot_s = 0.0
         self._began_s = self._said_s = time.monotonic()
+        self._written_s = -FILE_S
 
     def begin(self, label: str, done: int, total: int) -> None:
-        """Start counting: so many are done already."""
-        self._label, self._done, self._total, self._robot_s = label, done, total, 0.0
+        """Start counting a stage: so many are done already."""
+        self._label, self._done, self._total, self._failed, self._robot_s = label, done, total, 0, 0.0
         self._began_s = time.monotonic()
+        self._write()
         if self._bar is None:
             self._say()
             return
@@ -41,14 +52,23 @@ class CampaignProgress:
             self._bar.remove_task(self._task)
         self._task = self._bar.add_task(label, total=total, completed=done, pace="")
 
-    def advance(self, robot_s: float) -> None:
-        """One more is done."""
-        self._done += 1
+    def advance(self, robot_s: float = 0.0, done: int = 1, failed: int = 0) -> None:
+        """So many more are done, of so many seconds of the robot, and so many could not be run."""
+        self._done += done
+        self._failed += failed
         self._robot_s += robot_s
+        ended = self._done + self._failed >= self._total
+        if ended or time.monotonic() - self._written_s >= FILE_S:
+            self._write()
         if self._bar is not None and self._task is not None:
-            self._bar.update(self._task, advance=1, pace=self._pace())
-        elif time.monotonic() - self._said_s > LINE_S or self._done == self._total:
+            self._bar.update(self._task, advance=done + failed, pace=self._pace())
+        elif ended or time.monotonic() - self._said_s > LINE_S:
             self._say()
+
+    def close(self) -> None:
+        """Bring the file to what it is now."""
+        if self._label:
+            self._write()
 
     def _pace(self) -> str:
         passed_s = time.monotonic() - self._began_s
@@ -56,18 +76,27 @@ class CampaignProgress:
 
     def _say(self) -> None:
         self._said_s = time.monotonic()
-        print(f"{self._label}: {self._done} of {self._total} {self._pace()}".rstrip(), file=sys.stderr, flush=True)
+        done = self._done + self._failed
+        print(f"{self._label}: {done} of {self._total} {self._pace()}".rstrip(), file=sys.stderr, flush=True)
+
+    def _write(self) -> None:
+        """Replace the file by a whole one."""
+        self._written_s = time.monotonic()
+        values = {"stage": self._label, "done": self._done, "failed": self._failed, "total": self._total}
+        write_whole(self._file, json.dumps(values) + "\n")
 
 
 @contextmanager
-def campaign_progress() -> Iterator[CampaignProgress]:
+def campaign_progress(out: Path) -> Iterator[Progress]:
     """Show progress for the time of a campaign."""
-    if not sys.stderr.isatty():
-        yield CampaignProgress(None)
-        return
     columns = (
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[pace]}"),
         TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(),
     )  # fmt: skip
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        yield CampaignProgress(bar)
+    shown = Bar(*columns, console=Console(stderr=True), transient=True) if sys.stderr.isatty() else None
+    with shown or nullcontext():
+        progress = Progress(out, shown)
+        try:
+            yield progress
+        finally:
+            progress.close()

@@ -1,50 +1,28 @@
-"""Runs a campaign: records its references, runs what is missing of its trials, keeps each result as it comes."""
+"""Runs a campaign: what its cases need, then what is missing of its cases; keeps the rows of each task as they come."""
 
-import json
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from distributed import Client, Future, as_completed
 
-from rtstack.campaign.evaluation import NAMES
-from rtstack.campaign.measures import measure
-from rtstack.campaign.plan import Experiment, Plan
-from rtstack.campaign.store import COLUMNS, Row, Store
-from rtstack.campaign.trial import Reference, Trial, seed_of
-from rtstack.campaign.trial_log import PARTIAL
-from rtstack.campaign.worker import LOGS, RECORDINGS, Bench, record, run
-from rtstack.log.errors import LogError
-from rtstack.log.reader import read_log
-from rtstack.model.cell_description import CellDescription
+from rtstack.experiments.experiment import Case, Experiment, Row, Stage, Task
+from rtstack.experiments.progress import Progress
+from rtstack.experiments.store import Store
+from rtstack.experiments.task import run_cases, run_stage
 from rtstack.trials.errors import TrialError
-from rtstack.trials.review import log_columns
 
-RETRIES = 2  # of a trial that could not be run: a full disk, a machine that went away
-
-
-class Progress(Protocol):
-    """Who is told how it goes."""
-
-    def begin(self, label: str, done: int, total: int) -> None:
-        """Say what is done from now on."""
-        ...
-
-    def advance(self, robot_s: float) -> None:
-        """Say that one more is done, of so many seconds of the robot."""
-        ...
+RETRIES = 2  # of a task that could not be run: a full disk, a machine that went away
 
 
 @dataclass(slots=True)
 class Tally:
-    """What an invocation has done. failures: trials that could not be run, with the reason."""
+    """What an invocation has done. failures: tasks that could not be run, with the reason."""
 
-    trials: int = 0
+    rows: int = 0
     robot_s: float = 0.0
     wall_s: float = 0.0
-    began_s: float = 0.0
     failures: dict[str, str] = field(default_factory=dict)
 
     @property
@@ -52,153 +30,107 @@ class Tally:
         """Robot's seconds over seconds, logs included."""
         return self.robot_s / self.wall_s if self.wall_s > 0.0 else 0.0
 
-    def begin(self) -> None:
-        """Count the wall's time from now on."""
-        self.began_s = time.perf_counter()
-
-    def keep(self, futures: dict[Future, Any], store: Store, progress: Progress) -> None:
-        """Keep the row of each trial as it comes, and count it; one that could not be run, with its reason."""
-        for future in finished(futures):
-            trial = futures.pop(future)
-            if future.status != "finished":
-                self.failures[trial.id] = reason_of(future)
-                progress.advance(0.0)
-                continue
-            row = future.result()
-            store.add(row)
-            robot_s = row["ticks"] * 1e-3
-            self.trials += 1
-            self.robot_s += robot_s
-            self.wall_s = time.perf_counter() - self.began_s
-            progress.advance(robot_s)
-
 
 class Runner:
-    """One invocation of a campaign."""
+    """One invocation of a campaign. kept: called after each task whose rows were kept."""
 
     def __init__(
-        self, plan: Plan, bench: Bench, store: Store, client: Client, progress: Progress, description: CellDescription
-    ) -> None:
-        self._plan = plan
-        self._bench = bench
+        self, experiment: Experiment[Any, Any], store: Store, client: Client, progress: Progress,
+        kept: Callable[[], None] = lambda: None,
+    ) -> None:  # fmt: skip
+        self._experiment = experiment
         self._store = store
         self._client = client
         self._progress = progress
-        self._description = description
+        self._kept = kept
         self.tally = Tally()
 
     def run(self) -> None:
-        """Record, run, keep. Raises TrialError for a reference that cannot be recorded."""
-        self._record()
-        self.tally.begin()
+        """Prepare, run, keep. Raises TrialError where the cases cannot be run."""
+        stages = self._experiment.stages()
+        try:
+            stage = next(stages)
+            while True:
+                stage = stages.send(self._prepare(stage))
+        except StopIteration:
+            pass
+        began_s = time.perf_counter()
         done = {row["id"] for row in self._store.rows()}
-        self._progress.begin("trials", len(done), self._plan.size())
-        logs = self._bench.archive.names(LOGS)
-        for experiment in self._plan.experiments:
-            trials = self._plan.trials(experiment, self.chosen(experiment))
-            self._run_missing([trial for trial in trials if trial.id not in done and not self._adopt(trial, logs)])
-        for name in self._bench.archive.names(LOGS):
-            if name.endswith(PARTIAL):  # of a worker that was killed
-                self._bench.archive.remove(f"{LOGS}/{name}")
+        self._progress.begin(self._experiment.unit, len(done), self._experiment.size())
+        tried: set[str] = set()
+        while missing := [case for case in self._experiment.cases(self._store.rows()) if case.id not in done | tried]:
+            tried |= {case.id for case in missing}
+            adopted = self._adopt(missing)
+            self._run([case for case in missing if case.id not in adopted], began_s)
+        self._experiment.tidy()
 
-    def chosen(self, experiment: Experiment) -> list[Reference]:
-        """Return the references selected for an experiment: those that succeeded most often in the one before."""
-        selection = experiment.selected
-        if selection is None:
-            return []
-        before = next(e for e in self._plan.experiments if e.name == selection.experiment)
-        rows = self._store.rows(self._plan.trials(before))
-        return select([row for row in rows if row["controller"] in NAMES], selection.count)  # as the paper's four do
-
-    def _record(self) -> None:
-        """Record the references that are missing."""
-        archive = self._bench.archive
-        there = archive.names(RECORDINGS)
-        missing = [reference for reference in self._plan.references() if reference.file not in there]
-        if not missing:
-            return
-        self._progress.begin("references", 0, len(missing))
-        conditions = next(iter(self._plan.conditions.values()))
-        futures = {}
-        for reference in missing:
-            seed = seed_of(self._plan.seed, "reference", reference.name)
-            key = f"reference-{reference.name}-{self._plan.digest}"
-            futures[self._client.submit(record, self._bench, reference, conditions, seed, key=key, pure=False)] = (
-                reference
-            )
-        for future in finished(futures):
-            reason = reason_of(future) if future.status != "finished" else future.result()
+    def _prepare(self, stage: Stage) -> dict[str, str]:
+        """Have all tasks of a stage done. Returns which of them failed, and why. Raises TrialError where a worker
+        broke.
+        """
+        if not stage.tasks:
+            return {}
+        self._progress.begin(stage.label, 0, len(stage.tasks))
+        sources = self._experiment.sources
+        futures = {
+            self._submit(task, run_stage, task.function, task.arguments, sources, retries=0): task
+            for task in stage.tasks
+        }
+        failed: dict[str, str] = {}
+        for future in _finished(futures):
+            task = futures[future]
+            if future.status != "finished":
+                raise TrialError(f"{stage.label}: {task.name}: {_reason_of(future)}")
+            reason = future.result()
             if reason is not None:
-                reference = futures[future]
-                archive.remove(f"{RECORDINGS}/{reference.file}")
-                raise TrialError(f"the reference {reference.name} could not be recorded: {reason}")
-            self._progress.advance(0.0)
+                failed[task.name] = reason
+            self._progress.advance()
+        return failed
 
-    def _run_missing(self, trials: list[Trial]) -> None:
-        futures: dict[Future, Trial] = {}
-        for trial in trials:
-            conditions = self._plan.conditions[trial.conditions]
-            # no other invocation's result under this key: a scheduler may remember
-            key = f"{trial.id}-{self._plan.digest}-{time.time_ns()}"
-            submitted = self._client.submit(run, self._bench, trial, conditions, key=key, retries=RETRIES, pure=False)
-            futures[submitted] = trial
-        self.tally.keep(futures, self._store, self._progress)
+    def _adopt(self, cases: list[Case]) -> set[str]:
+        """Take rows of cases that were run, and logged, before the program was killed. Returns their ids."""
+        found = set()
+        for row in self._experiment.adopt(cases):
+            self._store.add(row)
+            self._progress.advance()
+            found.add(row["id"])
+        return found
 
-    def _adopt(self, trial: Trial, logs: set[str]) -> bool:
-        """Take the result of a trial that was run, and logged, before the program was killed. logs: those there are."""
-        name = f"{trial.id}.mcap"
-        if name not in logs:
-            return False
-        path = self._bench.archive.file(f"{LOGS}/{name}")
-        row = row_of_log(path, trial, self._plan.digest, self._description)
-        if row is None:
-            return False
-        self._store.add(row)
-        self._progress.advance(0.0)
-        return True
+    def _run(self, cases: list[Case], began_s: float) -> None:
+        experiment, tally = self._experiment, self.tally
+        futures = {
+            self._submit(
+                task, run_cases, task.function, task.arguments, experiment.sources, experiment.digest, retries=RETRIES
+            ): task
+            for task in experiment.tasks(cases)
+        }
+        for future in _finished(futures):
+            task = futures.pop(future)
+            if future.status != "finished":
+                tally.failures[_words(task)] = _reason_of(future)
+                self._progress.advance(failed=len(task.cases), done=0)
+                continue
+            rows: list[Row] = future.result()
+            self._store.add(*rows)
+            robot_s = sum(map(experiment.robot_s, rows))
+            tally.rows += len(rows)
+            tally.robot_s += robot_s
+            tally.wall_s = time.perf_counter() - began_s
+            self._progress.advance(robot_s, done=len(rows))
+            self._kept()
 
-
-def select(rows: list[Row], count: int) -> list[Reference]:
-    """Return the `count` references with the most successes, each kind in the order in which they come."""
-    successes: dict[str, int] = {}
-    for row in rows:
-        successes[row["reference"]] = successes.get(row["reference"], 0) + bool(row["success"])
-    best = sorted(successes, key=lambda name: -successes[name])[:count]
-    return [Reference.named(name) for name in successes if name in best]
-
-
-def row_of_log(path: Path, trial: Trial, digest: str, description: CellDescription) -> Row | None:
-    """Return the row of a trial from its log alone, None where there is no complete log of this campaign."""
-    try:
-        log = read_log(path)
-    except LogError:
-        return None
-    about, metadata, recorded = (log.metadata.get(name, {}) for name in ("campaign", "trial", "result"))
-    if about.get("id") != trial.id or about.get("digest") != digest or not recorded:
-        return None
-    result = {name: _value(text, COLUMNS[name]) for name, text in recorded.items() if name in COLUMNS}
-    measures = measure(
-        log_columns(log), description, trial.object, trial.displacement_mm,
-        result["nominal_impact_time_s"], result["detected_impact_time_s"],
-    )  # fmt: skip
-    values = {name: getattr(trial, name) for name in trial.__slots__}
-    values |= result | {name: getattr(measures, name) for name in measures.__slots__}
-    values |= {"id": trial.id, "controller": str(trial.controller), "log": f"{LOGS}/{path.name}", "digest": digest}
-    return values | {"git_commit": metadata.get("git_commit", "unknown"), "wall_s": None, "worker": None}
+    def _submit(self, task: Task, function: Callable[..., Any], *arguments: Any, retries: int) -> Future:
+        # a scheduler may remember: no other invocation's result comes under this key
+        key = f"{task.name}-{self._experiment.digest}-{time.time_ns()}"
+        return self._client.submit(function, *arguments, key=key, retries=retries, pure=False)
 
 
-def _value(text: str, kind: Any) -> Any:
-    return text if kind is str else _loose(text)
+def _words(task: Task) -> str:
+    further = len(task.cases) - 1
+    return f"{task.cases[0].id} and {further} more" if further > 0 else task.name
 
 
-def _loose(text: str) -> Any:
-    try:
-        return json.loads(text)
-    except json.JSONDecodeError:
-        return text  # a reason in words
-
-
-def finished(futures: Iterable[Future]) -> Iterator[Future]:
+def _finished(futures: Iterable[Future]) -> Iterator[Future]:
     """Yield futures as they end; cancel those that have not where the work is broken off."""
     waiting = list(futures)
     try:
@@ -209,7 +141,7 @@ def finished(futures: Iterable[Future]) -> Iterator[Future]:
         raise
 
 
-def reason_of(future: Future) -> str:
+def _reason_of(future: Future) -> str:
     """Return in one line why a future has no result."""
     error = future.exception() if future.status == "error" else None
     return " ".join(f"{type(error).__name__}: {error}".split()) if error is not None else str(future.status)

@@ -1,46 +1,39 @@
-"""Where results are kept: one SQLite table, a transaction a result, and CSV made from it.
-
-The logs are the truth: a result that was written to its log but not to the table, because the program was killed in
-between, is taken from the log.
-"""
+"""Where results are kept: one SQLite table, a transaction for the rows of a task, and CSV made from it."""
 
 import csv
 import fcntl
 import json
 import sqlite3
 import typing
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol, TextIO
+from typing import Any, TextIO
 
-from rtstack.campaign.measures import Measures
-from rtstack.campaign.plan import PlanFile
-from rtstack.campaign.trial import Trial
+from rtstack.experiments.experiment import Case, Experiment, Row
 from rtstack.trials.errors import TrialError
-from rtstack.trials.result import TrialResult
 
 DATABASE = "campaign.sqlite"
 RESULTS = "results.csv"
 TIMES = "times.csv"
 # what a host makes of a trial, and not the trial: in a table of their own when written as CSV
 OF_THE_HOST = ("wall_s", "cpu_s", "worker", "compute_us_p50", "compute_us_p99", "real_time_factor")
-_PROVENANCE: dict[str, Any] = {"git_commit": str, "digest": str, "wall_s": float, "worker": str}
-
-Row = dict[str, Any]
+PROVENANCE: dict[str, Any] = {"git_commit": str, "digest": str, "wall_s": float, "worker": str}
 
 
 def columns_of(*records: type) -> dict[str, Any]:
-    """Return the columns of a table, with their types: of these dataclasses, and of where a result comes from."""
-    columns: dict[str, Any] = {"id": str}
+    """Return the fields of these dataclasses as columns: name -> type."""
+    columns: dict[str, Any] = {}
     for record in records:
         hints = typing.get_type_hints(record)
         columns |= {field.name: hints[field.name] for field in fields(record)}
-    return columns | _PROVENANCE
+    return columns
 
 
-COLUMNS = columns_of(Trial, TrialResult, Measures)
+def stored(columns: Mapping[str, Any]) -> dict[str, Any]:
+    """Return all columns of a table: an experiment's, and where a result comes from."""
+    return {"id": str, **columns} | PROVENANCE
 
 
 def _sql_type(kind: Any) -> str:
@@ -50,31 +43,13 @@ def _sql_type(kind: Any) -> str:
     return "INTEGER" if kinds & {int, bool} else "TEXT"
 
 
-class Campaign(Protocol):
-    """Whose results a folder has. digest: of everything that a result depends on but code."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def quick(self) -> bool: ...
-    @property
-    def digest(self) -> str: ...
-
-
-class Named(Protocol):
-    """A trial, as far as its results are concerned."""
-
-    @property
-    def id(self) -> str: ...
-
-
 class Store:
     """The results in a campaign's folder. A context manager: one program at a time works on a folder."""
 
-    def __init__(self, out: Path, columns: dict[str, Any] = COLUMNS) -> None:
-        """Open or create the table, of these columns. Raises TrialError where another program works here."""
+    def __init__(self, out: Path, columns: Mapping[str, Any]) -> None:
+        """Open or create the table of an experiment's columns. Raises TrialError where another program works here."""
         self.out = out
-        self._columns = columns
+        columns = self._columns = stored(columns)
         self._lock = _locked(out)
         self._database = sqlite3.connect(out / DATABASE)
         self._database.row_factory = sqlite3.Row
@@ -99,11 +74,11 @@ class Store:
         self._database.close()
         self._lock.close()
 
-    def claim(self, plan: Campaign, file: PlanFile, place: str | None = None) -> None:
-        """Note whose results these are. place: of the logs, if not this folder."""
-        values = {"name": plan.name, "quick": json.dumps(plan.quick), "digest": plan.digest, "plan_commit": file.commit}
-        if place is not None and place != str(self.out):
-            values["logs"] = place
+    def claim(self, experiment: Experiment[Any, Any]) -> None:
+        """Note whose results these are."""
+        values = _identity(experiment) | {"plan_commit": experiment.request.file.commit}
+        if experiment.request.logs is not None:
+            values["logs"] = experiment.request.logs
         with self._database as database:
             rows = list(values.items())
             database.executemany("INSERT OR IGNORE INTO campaign VALUES (?, ?)", rows)
@@ -124,17 +99,17 @@ class Store:
         return {row["name"]: row["value"] for row in self._database.execute("SELECT name, value FROM campaign")}
 
     def add(self, *rows: Row) -> None:
-        """Keep results, all of them or none. A second one of the same trial replaces the first."""
+        """Keep results, all of them or none. A second one of the same case replaces the first."""
         names = self._columns
         marks = ", ".join(f":{name}" for name in names)
         with self._database as database:
             values = [{name: row[name] for name in names} for row in rows]
             database.executemany(f"INSERT OR REPLACE INTO results ({', '.join(names)}) VALUES ({marks})", values)
 
-    def rows(self, trials: Iterable[Named] | None = None) -> list[Row]:
-        """Return all results by id, or those of these trials in their order."""
+    def rows(self, cases: Iterable[Case] | None = None) -> list[Row]:
+        """Return all results by id, or those of these cases in their order."""
         found = {row["id"]: self._row(row) for row in self._database.execute("SELECT * FROM results ORDER BY id")}
-        return list(found.values()) if trials is None else [found[t.id] for t in trials if t.id in found]
+        return list(found.values()) if cases is None else [found[case.id] for case in cases if case.id in found]
 
     def write_csv(self, rows: list[Row]) -> None:
         """Write the results and, in a file of their own, what depends on the host."""
@@ -160,8 +135,9 @@ def _locked(out: Path) -> TextIO:
     return lock
 
 
-def check_folder(out: Path, plan: Campaign, resume: bool, wanted: dict[str, Any] = COLUMNS) -> None:
-    """Raise TrialError where `out` cannot be this campaign's folder, with the columns `wanted`. Nothing is written."""
+def check_folder(experiment: Experiment[Any, Any], resume: bool) -> None:
+    """Raise TrialError where the request's folder cannot be this campaign's. Nothing is written."""
+    out, logs = experiment.request.out, experiment.request.logs
     if out.exists() and not out.is_dir():
         raise TrialError(f"{out} is not a folder")
     if not out.parent.is_dir() and not out.exists():
@@ -174,7 +150,7 @@ def check_folder(out: Path, plan: Campaign, resume: bool, wanted: dict[str, Any]
             raise TrialError(f"{out} is not empty: choose another folder")
         return
     about, columns = _read(database)
-    mine = {"name": plan.name, "quick": json.dumps(plan.quick), "digest": plan.digest}
+    mine = _identity(experiment)
     theirs = {name: about.get(name, value) for name, value in mine.items()}
     if theirs != mine:
         quick = " --quick" * (theirs["quick"] == "true")
@@ -184,16 +160,17 @@ def check_folder(out: Path, plan: Campaign, resume: bool, wanted: dict[str, Any]
             else (f"{theirs['name']}{quick} with other parameters (digest {theirs['digest']}, now {mine['digest']})")
         )
         raise TrialError(f"{out} has another campaign, {what}: choose another folder")
-    if columns and columns != set(wanted):
+    if columns and columns != set(stored(experiment.columns)):
         raise TrialError(f"{out} was begun by a version of rtstack with other columns: choose another folder")
     if not resume:
         raise TrialError(f"{out} has results of this campaign: go on with --resume, or choose another folder")
-
-
-def check_place(out: Path, logs: str | None) -> None:
-    """Raise TrialError where a campaign that was begun in `out` keeps its logs elsewhere than at `logs`."""
-    if (out / DATABASE).exists() and (begun := _read(out / DATABASE)[0].get("logs")) != logs:
+    if (begun := about.get("logs")) != logs:
         raise TrialError(f"this campaign keeps its logs {f'at {begun}: give --logs {begun}' if begun else f'in {out}'}")
+
+
+def _identity(experiment: Experiment[Any, Any]) -> dict[str, str]:
+    specification = experiment.specification
+    return {"name": specification.name, "quick": json.dumps(specification.quick), "digest": experiment.digest}
 
 
 def _read(database: Path) -> tuple[dict[str, str], set[str]]:

@@ -1,4 +1,4 @@
-"""The workers: processes on this machine, or whoever serves a Dask scheduler elsewhere."""
+"""The workers: processes on this machine, or those of a Dask scheduler elsewhere."""
 
 import logging
 import os
@@ -12,7 +12,7 @@ from typing import Any
 import dask.config
 from distributed import Client, Future, LocalCluster
 
-from rtstack.campaign.admission import Admission
+from rtstack.experiments.admission import Admission
 from rtstack.trials.errors import TrialError
 
 LOOPBACK = "127.0.0.1"
@@ -20,7 +20,7 @@ CONNECT_S = 10.0
 FIRST_WORKER_S = 60.0
 END_S = 10.0
 _KEPT_BYTES = 1 << 28
-# a crew at work is heard from in seconds; a worker that dies takes its trial to another one, this often
+# workers are heard from in seconds; a worker that dies takes its trial to another one, this often
 _SETTINGS = {
     "distributed.scheduler.allowed-failures": 3,
     "distributed.comm.timeouts.connect": f"{CONNECT_S}s",
@@ -35,7 +35,7 @@ INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
 
 
 @contextmanager
-def local_crew(workers: int) -> Iterator[Client]:
+def local_workers(workers: int) -> Iterator[Client]:
     """Give so many worker processes of one thread each, heard on the loopback address only, with no dashboard.
 
     They end with this process, however it ends. Ctrl-C reaches this process alone: its main thread lets go of work in
@@ -73,7 +73,7 @@ class DistantClient(Client):
 
 
 @contextmanager
-def distant_crew(address: str) -> Iterator[Client]:
+def distant_workers(address: str) -> Iterator[Client]:
     """Give the workers of the scheduler at tcp://HOST:PORT that have our version, whenever they join.
 
     Raises TrialError where there are none. Who is refused is said in a line on stderr.

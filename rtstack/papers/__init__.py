@@ -1,1 +1,1 @@
-"""The studies that reproduce the papers on plants of their own."""
+"""Three papers as plug-ins of rtstack.experiments: cases, baselines, claims, figures. Nothing else imports them."""

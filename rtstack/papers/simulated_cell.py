@@ -11,7 +11,7 @@ import numpy as np
 
 from hal.cell import Cell
 from hal.displacement import Displacement
-from rtstack.campaign.plan import Conditions
+from rtstack.papers.conditions import Conditions
 from sim_robot.cell import SimulatedCell
 from sim_robot.faults.file import faults_in, tilt_of
 from sim_robot.lab_objects import with_lab_objects

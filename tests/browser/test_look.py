@@ -23,7 +23,7 @@ from playwright.sync_api import Page, expect
 
 from console.campaigns.folder import Asked, CampaignFolder
 from console.routes import description, pages
-from rtstack.campaign.plan import plan_file
+from rtstack.experiments.registry import plan_file
 
 pytestmark = [pytest.mark.browser, pytest.mark.alone]
 FINDS_DEMONSTRATION = True

@@ -15,8 +15,8 @@ import pytest
 from console.campaigns import folder
 from console.campaigns.campaigns import NICENESS
 from console.routes.campaigns import REPORT_POLICY
-from rtstack.campaign import report, store
-from rtstack.campaign.plan import plan_file
+from rtstack.experiments import page, progress, report, store
+from rtstack.experiments.registry import plan_file
 from rtstack.live.client import RobotClient
 from tests.console.test_console_jobs import arm
 
@@ -91,12 +91,6 @@ def test_a_campaign_is_cancelled_resumed_and_shown_with_its_figures_report_resul
         assert client.get(f"/api/logs/{log}").json()["row"]["controller"] == rows[0]["controller"]
         assert len(client.get("/api/logs").json()) == before + 1
 
-        found = served.parts.campaigns.folder(campaign.id)
-        preview = [sys.executable, "-m", "console.campaigns.preview", str(found.path)]
-        assert subprocess.run(preview, capture_output=True, text=True, timeout=PATIENCE_S).stderr == ""
-        drawn, final = (place / "figure11-nominal.png" for place in (found.preview, found.path / folder.FIGURES))
-        assert drawn.read_bytes() == final.read_bytes()
-
 
 def test_a_campaign_ends_with_the_console_however_that_ends(plan, tmp_path):
     """A console that is killed lets go of the pipe: the campaign ends, and so does everything that it started."""
@@ -143,7 +137,8 @@ def test_it_is_no_way_to_disturb_who_has_the_robot(served):
         assert listed["campaigns"] == []
         sizes = {plan["name"]: (plan["trials"], plan["quick_trials"]) for plan in listed["plans"]}
         assert sizes["reference-spreading"] == (850, 90)
-        assert sizes["aim-aware-grab"] == (None, None)
+        assert sizes["aim-aware-grab"] == (1230, 60)
+        assert sizes["impact-map-validation"][0] == 450
 
 
 def test_ids_lead_nowhere_else_and_what_others_have_put_there_is_no_campaign(served):
@@ -170,11 +165,13 @@ def test_a_log_that_a_table_names_outside_of_its_folder_is_not_given_away(tmp_pa
     (tmp_path / "secret").write_text("s")
     one = folder.CampaignFolder(tmp_path / "one")
     one.path.mkdir()
-    with store.Store(one.path, {"id": str, "log": str}) as results:
-        results.add({"id": "a", "log": "../secret"}, {"id": "b", "log": str(Path("/etc/hostname"))})
+    origin = dict.fromkeys(store.PROVENANCE)
+    with store.Store(one.path, {"log": str}) as results:
+        for name, log in (("a", "../secret"), ("b", str(Path("/etc/hostname")))):
+            results.add({"id": name, "log": log} | origin)
     assert [one.log(folder.hidden(trial)) for trial in "ab"] == [None, None]
-    assert one.count() == 2
 
 
 def test_names_are_those_of_the_runner():
-    assert (folder.DATABASE, folder.PAGE, folder.FIGURES) == (store.DATABASE, report.PAGE, report.FIGURES)
+    assert (folder.DATABASE, folder.PROGRESS) == (store.DATABASE, progress.PROGRESS)
+    assert (folder.PAGE, folder.FIGURES, folder.NUMBERS) == (page.PAGE, report.FIGURES, report.NUMBERS)

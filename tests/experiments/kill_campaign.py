@@ -1,6 +1,7 @@
 """Campaigns that are killed, resumed and run by others give what an undisturbed one gives, at any size.
 
-    python tests/campaign/kill_campaign.py WORK [--trials N | --quick] [--plan reference-spreading] [--cases NAME ...]
+    python tests/experiments/kill_campaign.py WORK [--trials N | --quick] [--plan reference-spreading] [--cases NAME
+    ...]
 
 Runs the campaign once with one worker, undisturbed, then each case, and compares results.csv (but for the commit) and
 report.json, in which Table II and Figure 11 are. Prints a line a case; exit status 0 where all are alike and no process
@@ -22,7 +23,8 @@ from pathlib import Path
 
 import psutil
 
-from rtstack.campaign.plan import load_plan, plan_file
+from rtstack.experiments.registry import plan_file
+from rtstack.papers.reference_spreading.plan import load_plan
 
 BIN = Path(sys.executable).parent
 HOST = "127.73.6.1"

@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 from distributed import Client, LocalCluster
 
-from rtstack.campaign.admission import Admission
-from rtstack.campaign.archive import Archive
-from rtstack.campaign.version import present
+from rtstack.experiments.admission import Admission
+from rtstack.experiments.archive import Archive
+from rtstack.experiments.version import present
 from rtstack.trials.errors import TrialError
 
 NOT_PERMITTED = 3  # exit status of the script where there can be no namespaces

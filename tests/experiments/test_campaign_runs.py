@@ -11,9 +11,9 @@ from pathlib import Path
 import psutil
 import pytest
 
-from rtstack.campaign import crew
 from rtstack.cli.campaign import campaign
 from rtstack.configuration import ConfigurationError
+from rtstack.experiments import workers
 from rtstack.trials.errors import TrialError
 
 BIN = Path(sys.executable).parent
@@ -128,7 +128,7 @@ def test_killed_interrupted_and_resumed_elsewhere_it_gives_the_same_results(
     ids=["resume", "scheduler", "both", "quick"],
 )
 def test_bad_input_is_one_line_and_writes_nothing(command, tmp_path, monkeypatch, options, said):
-    monkeypatch.setattr(crew, "CONNECT_S", 0.5)
+    monkeypatch.setattr(workers, "CONNECT_S", 0.5)
     out = tmp_path / "out"
     arguments = {"quick": False, "workers": None, "scheduler": None, "resume": False} | options
     with pytest.raises((TrialError, ConfigurationError), match=re.escape(said)) as refused:

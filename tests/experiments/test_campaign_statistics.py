@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rtstack.campaign.statistics import Interval, plain_mean, proportion, stratified_mean
+from rtstack.experiments.statistics import Interval, plain_mean, proportion, stratified_mean
 
 
 def test_one_group_is_students_interval():

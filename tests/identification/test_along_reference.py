@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from rtstack.identification.along import WINDOW, average, residual
-from rtstack.impact_validation.feedback import AFTER_S
+from rtstack.papers.impact_maps.feedback import AFTER_S
 from rtstack.planning import PushPlan, plan_grab, plan_push
 from rtstack.planning.free import Part, compensated, free_motion
 from rtstack.trials.assembly import arm_controllers, default_parameters

@@ -24,10 +24,10 @@ from pathlib import Path
 
 from namespaces import Namespace, NotPermitted, permitted
 
-from rtstack.campaign.plan import load_plan
+from rtstack.papers.reference_spreading.plan import load_plan
 
 HERE = Path(__file__).parent
-sys.path.append(str(HERE.parent / "campaign"))
+sys.path.append(str(HERE.parent / "experiments"))
 
 from kill_campaign import results, small_plan  # noqa: E402
 

@@ -47,7 +47,6 @@ import numpy as np
 from rich.progress import track
 from scipy import stats
 
-from rtstack.campaign.trial_log import WholeRunLog
 from rtstack.cli.cells import default_cell_file, open_cell
 from rtstack.model.cell_description import load_cell_description
 from rtstack.planning import GrabPlan, plan_grab
@@ -57,6 +56,7 @@ from rtstack.trials.record import frames
 from rtstack.trials.scoring import FORCE_WINDOW_S
 from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
+from rtstack.trials.whole_run_log import WholeRunLog
 
 OBJECT = "rice_box"
 SCALES = (1.0, 0.8, 1.2)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from rtstack.campaign.completion import contact_completed
-from rtstack.campaign.measures import measure
 from rtstack.control.parameters import CompletionParameters, ControlParameters
 from rtstack.log.reader import read_log
+from rtstack.papers.reference_spreading.completion import contact_completed
+from rtstack.papers.reference_spreading.measures import measure
 from rtstack.samples import Mode
 from rtstack.trials.review import log_columns
 from rtstack.trials.specification import Controller

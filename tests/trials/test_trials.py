@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rtstack.campaign.evaluation import BASELINES
 from rtstack.log.reader import read_log
+from rtstack.papers.reference_spreading.evaluation import BASELINES
 from rtstack.samples import SIDES, Mode
 from rtstack.trials.review import log_columns, review_log
 

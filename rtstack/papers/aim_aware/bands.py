@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
 
-from rtstack.studies.aim_aware.worker import Row
+from rtstack.experiments.experiment import Row
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,10 +4,10 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from math import inf
 
-from rtstack.campaign.claims import Claim, Verdict
-from rtstack.studies.aim_aware.bands import Bands, bands
-from rtstack.studies.aim_aware.study import PlanarColumn, StudyRun
-from rtstack.studies.aim_aware.worker import Row
+from rtstack.experiments.claims import Claim, verdict_of
+from rtstack.experiments.experiment import Row
+from rtstack.papers.aim_aware.bands import Bands, bands
+from rtstack.papers.aim_aware.study import PlanarColumn, StudyRun
 
 WITHIN_DEG = 1.0  # of the paper's edges: the grid's resolution
 PAPER_AMBIGUITY_DEG = 2.0  # "about 2 deg", a side
@@ -36,11 +36,6 @@ def side_words(sides: tuple[list[float], list[float]]) -> str:
     """Return the ambiguous inclinations of both sides in words."""
     below, above = (", ".join(f"{deg:+g}" for deg in side) or "none" for side in sides)
     return f"below: {below}; above: {above}"
-
-
-def verdict_of(holds: bool) -> Verdict:
-    """Return the verdict of a claim that can be told."""
-    return Verdict.HOLDS if holds else Verdict.DIFFERS
 
 
 def _of_tuning(name: str, column: PlanarColumn, found: Bands) -> list[Claim]:

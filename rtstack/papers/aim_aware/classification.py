@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from rtstack.monitor.monitor import Assessment, Monitor
 from rtstack.monitor.parameters import MonitorParameters
-from rtstack.studies.aim_aware.grid import Case
-from rtstack.studies.aim_aware.study import Study
-from rtstack.studies.planar.plan import Plan, plan_impact
-from rtstack.studies.planar.simulation import simulate
+from rtstack.papers.aim_aware.grid import Case
+from rtstack.papers.aim_aware.planar.plan import Plan, plan_impact
+from rtstack.papers.aim_aware.planar.simulation import simulate
+from rtstack.papers.aim_aware.study import Study
 
 
 class Meant(Protocol):

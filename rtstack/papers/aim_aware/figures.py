@@ -7,12 +7,12 @@ import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
 
-from rtstack.campaign.figures import STYLE, new_figure, save
+from rtstack.experiments.figures import STYLE, new_figure, save
 from rtstack.monitor.parameters import MonitorParameters
 from rtstack.monitor.records import Verdict
-from rtstack.studies.aim_aware.bands import Bands
-from rtstack.studies.aim_aware.classification import Impact, Meant
-from rtstack.studies.planar.plan import Plan
+from rtstack.papers.aim_aware.bands import Bands
+from rtstack.papers.aim_aware.classification import Impact, Meant
+from rtstack.papers.aim_aware.planar.plan import Plan
 
 ANTE, POST, MEASURED, RED, BAND = "#009E73", "#E69F00", "#0072B2", "#D55E00", "#0072B2"
 BEFORE_MS, AFTER_MS = 60.0, 160.0

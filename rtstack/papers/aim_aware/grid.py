@@ -11,7 +11,7 @@ from pydantic.dataclasses import dataclass as checked
 
 from rtstack.configuration import STRICT
 from rtstack.monitor.parameters import MonitorParameters
-from rtstack.studies.planar.parameters import Positive, Real
+from rtstack.papers.aim_aware.planar.parameters import Positive, Real
 
 
 @checked(frozen=True, slots=True, config=STRICT)

@@ -1,5 +1,6 @@
 """What the files of the collision-monitoring paper's studies have in common, and how much of a study is run."""
 
+from collections.abc import Hashable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Generic, TypeVar
@@ -8,15 +9,15 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
 from rtstack.configuration import STRICT, ConfigurationError, load_toml
-from rtstack.studies.aim_aware.grid import Grid
-from rtstack.studies.planar.parameters import Task
+from rtstack.papers.aim_aware.grid import Case, Grid
+from rtstack.papers.aim_aware.planar.parameters import Task
 
 
 @checked(frozen=True, slots=True, config=STRICT)
 class Outline:
-    """Which study it is, its task, and its grids: all of it, a sample, and what the tuning sees (`coarse`)."""
+    """Its task, and its grids: all of it, a sample, and what the tuning sees (`coarse`)."""
 
-    study: str
+    kind: str
     name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]*$")]
     title: str
     task: Task
@@ -43,12 +44,11 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Portion(Generic[S, T]):
-    """A study with its tuning, and how much of it is to be run. name, quick, digest: whose results a folder has."""
+    """A study with its tuning, and how much of it is to be run."""
 
     study: S
     tuned: T
     quick: bool
-    digest: str
 
     @property
     def name(self) -> str:
@@ -56,15 +56,28 @@ class Portion(Generic[S, T]):
         return self.study.name
 
     @property
+    def title(self) -> str:
+        """Title of its page."""
+        return self.study.title
+
+    @property
     def grid(self) -> Grid:
         """What is run."""
         return self.study.quick if self.quick else self.study.grid
+
+    def size(self) -> int:
+        """Number of cases."""
+        return self.grid.size()
+
+    def batch_of(self, case: Case) -> Hashable:
+        """Return what a case shares with those that are run with it."""
+        raise NotImplementedError
 
 
 def load_outline(path: Path, kind: type[S], name: str) -> S:
     """Read and check the file of the study `name`. Raises ConfigurationError with one line."""
     study = load_toml(path, kind)
-    if study.study != name:
-        raise ConfigurationError(f"{path}: key study: there is {name!r}, not {study.study!r}")
+    if study.kind != name:
+        raise ConfigurationError(f"{path}: key kind: there is {name!r}, not {study.kind!r}")
     study.check(path)
     return study

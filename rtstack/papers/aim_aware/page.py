@@ -1,63 +1,30 @@
-"""The self-contained page that both studies end in, and the tables that they share."""
+"""What the reports of both studies have in common: the tables of bands and of reasons, and the page's values."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
-from markupsafe import Markup
-
-from rtstack.campaign.claims import Claim
-from rtstack.campaign.page import PAGE, page_template
-from rtstack.campaign.plan import PlanFile
-from rtstack.campaign.store import Row, Store
-from rtstack.studies.aim_aware.bands import bands
-from rtstack.studies.aim_aware.claims import band_words, edge_words, side_words
-from rtstack.studies.aim_aware.grid import Banded, Column, Found, Grid
+from rtstack.experiments.experiment import Row
+from rtstack.papers.aim_aware.bands import bands
+from rtstack.papers.aim_aware.claims import band_words, edge_words, side_words
+from rtstack.papers.aim_aware.grid import Banded, Column, Found
 
 
-class Study(Protocol):
-    """What a page says of a study."""
-
-    @property
-    def title(self) -> str: ...
-    @property
-    def tunings(self) -> Mapping[str, Banded]: ...
-
-
-class Run(Protocol):
-    """What a page says of what was run."""
-
-    @property
-    def study(self) -> Study: ...
-    @property
-    def grid(self) -> Grid: ...
+def page_values(
+    study: Any, tuned: Any, every: Sequence[Row], unseen: Sequence[Row], table_name: str, signals: str
+) -> dict[str, Any]:
+    """Return what study.html needs. unseen: rows that the tuning has not seen."""
+    return {
+        "study": study, "tuned": tuned, "unseen": len(unseen), "table_name": table_name, "signals": signals,
+        "table": table_lines(study.tunings, tuned.tunings),
+        "bands": _band_lines(study.tunings, every, unseen) if unseen else [],
+        "reasons": _reason_lines(study.tunings, unseen), "cpu_s": cpu_s(every),
+    }  # fmt: skip
 
 
-def kept_rows(store: Store, grid: Grid) -> list[Row]:
-    """Write results.csv and times.csv of the grid's cases. Returns their rows."""
-    wanted = {case.id for case in grid.cases()}
-    rows = [row for row in store.rows() if row["id"] in wanted]
-    store.write_csv(rows)
-    return rows
-
-
-def write_page(
-    template: str, store: Store, run: Run, file: PlanFile, figures: Sequence[Markup], *, claims: Sequence[Claim],
-    every: Sequence[Row], unseen: Sequence[Row], **more: Any,
-) -> Path:  # fmt: skip
-    """Write report.html from the template. unseen: rows that the tuning has not seen. Returns its path."""
-    page = page_template(template, "rtstack.studies.aim_aware").render(
-        run=run, study=run.study, file=file, planned=run.grid.size(), rows=every, unseen=len(unseen), claims=claims,
-        verdicts=Counter(str(claim.verdict) for claim in claims), figures=figures,
-        bands=_band_lines(run.study.tunings, every, unseen) if unseen else [],
-        reasons=_reason_lines(run.study.tunings, unseen),
-        plan_commit=store.about()["plan_commit"], commits=sorted({row["git_commit"] for row in every}),
-        cpu_s=sum(row["cpu_s"] for row in every), **more,
-    )  # fmt: skip
-    path = store.out / PAGE
-    path.write_text(page, encoding="utf-8")
-    return path
+def cpu_s(rows: Sequence[Row]) -> float:
+    """Return how much of a CPU's time the rows took, s."""
+    return sum(row["cpu_s"] for row in rows)
 
 
 def table_lines(columns: Mapping[str, Column], tunings: Mapping[str, Found]) -> list[list[str]]:

@@ -7,13 +7,13 @@ from pydantic.dataclasses import dataclass as checked
 
 from rtstack.configuration import STRICT
 from rtstack.monitor.parameters import MonitorParameters
-from rtstack.studies.aim_aware.grid import Case, Column, Found, monitors_of
-from rtstack.studies.aim_aware.outline import Outline, Portion, load_outline
-from rtstack.studies.aim_aware.tuned import tuned_for
-from rtstack.studies.planar.parameters import Contact, Gains, NotNegative, PlanarArm, Positive
+from rtstack.papers.aim_aware.grid import Case, Column, Found, monitors_of
+from rtstack.papers.aim_aware.outline import Outline, Portion, load_outline
+from rtstack.papers.aim_aware.planar.parameters import Contact, Gains, NotNegative, PlanarArm, Positive
+from rtstack.papers.aim_aware.tuned import tuned_for
 
-STUDY = "aim_aware_planar"
-COMMAND = "python -m rtstack.studies.aim_aware.tuning"
+STUDY = "aim-aware-planar"
+COMMAND = "python -m rtstack.papers.aim_aware.tuning"
 
 
 @checked(frozen=True, slots=True, config=STRICT)
@@ -30,7 +30,7 @@ class PlanarColumn(Column):
 
 @checked(frozen=True, slots=True, config=STRICT)
 class Search:
-    """What the tuning may choose from, and what it is to reach: see rtstack.studies.aim_aware.tuning."""
+    """What the tuning may choose from, and what it is to reach: see rtstack.papers.aim_aware.tuning."""
 
     residual_rate_nm_s: tuple[Positive, ...]
     ambiguity_deg: Positive
@@ -83,5 +83,4 @@ def load_study(path: Path) -> Study:
 def load_run(path: Path, quick: bool) -> StudyRun:
     """Read a study with the tuning that was found for it. Raises ConfigurationError with one line."""
     study = load_study(path)
-    tuned, digest = tuned_for(path, study.name, Tuned, f"{COMMAND} {path}")
-    return StudyRun(study, tuned, quick, digest)
+    return StudyRun(study, tuned_for(path, study.name, Tuned, f"{COMMAND} {path}"), quick)

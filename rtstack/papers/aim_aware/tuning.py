@@ -1,4 +1,4 @@
-"""Finds epsilon, e_m and r_b on the coarse grid. Deterministic; `python -m rtstack.studies.aim_aware.tuning`.
+"""Finds epsilon, e_m and r_b on the coarse grid. Deterministic; `python -m rtstack.papers.aim_aware.tuning`.
 
 Every case needs bounds of its own to be expected: epsilon_need, the largest distance (11) at an impact, and e_m_need,
 what (17) lacks; infinite where (10) or (12), whose bounds are Table 1's, already refuse it. For a tuning
@@ -13,20 +13,22 @@ largest.
 
 import argparse
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.progress import track
 
 from rtstack.configuration import ConfigurationError
-from rtstack.studies.aim_aware.classification import Impact, plan_case, simulate_case
-from rtstack.studies.aim_aware.grid import Banded, Case, Found
-from rtstack.studies.aim_aware.study import COMMAND, Study, Tuned, load_study
-from rtstack.studies.aim_aware.tuned import digest_of
+from rtstack.experiments.registry import plan_file
+from rtstack.papers.aim_aware.classification import Impact, plan_case, simulate_case
+from rtstack.papers.aim_aware.grid import Banded, Case, Found
+from rtstack.papers.aim_aware.outline import Outline
+from rtstack.papers.aim_aware.study import COMMAND, Study, Tuned, load_study
+from rtstack.papers.aim_aware.tuned import digest_of, tuning_file
 
-ROOT = Path(__file__).resolve().parents[3]
 LARGE = 1e3  # bounds that nothing reaches
 
 
@@ -142,20 +144,24 @@ def found_lines(tunings: Mapping[str, Found]) -> list[str]:
     return lines
 
 
-def main() -> None:
-    """Write deploy/tunings/NAME.toml."""
-    parser = argparse.ArgumentParser(description="Tune the planar study on its coarse grid.")
-    parser.add_argument("study", nargs="?", type=Path, default=ROOT / "deploy/campaigns/aim-aware-planar.toml")
+def write_tuning(
+    study: str, load: Callable[[Path], Outline], tune: Callable[[Path], Any], as_toml: Callable[[Any, str], str]
+) -> None:
+    """Run the program that tunes a study, given or by its name, and writes deploy/tunings/NAME.toml."""
+    parser = argparse.ArgumentParser(description="Tune a study on its coarse grid.")
+    parser.add_argument("study", nargs="?", type=Path, default=plan_file(study).path)
     path = parser.parse_args().study
     try:
-        name = load_study(path).name
+        name = load(path).name
         text = as_toml(tune(path), name)
     except ConfigurationError as error:
         parser.exit(2, f"rtstack: {error}\n")
-    target = ROOT / "deploy/tunings" / f"{name}.toml"
+    except KeyboardInterrupt:
+        parser.exit(1, "rtstack: interrupted, nothing was written\n")
+    target = tuning_file(name)
     target.write_text(text, encoding="utf-8")
     print(f"{target}\n\n{text}", end="")
 
 
 if __name__ == "__main__":
-    main()
+    write_tuning("aim-aware-planar", load_study, tune, as_toml)

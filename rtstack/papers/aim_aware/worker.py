@@ -1,34 +1,31 @@
 """What a worker does: all inclinations of a planned impact, each simulated once and seen by every tuning."""
 
-import os
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from rtstack.experiments.experiment import Row
 from rtstack.monitor.parameters import MonitorParameters
-from rtstack.studies.aim_aware.classification import Impact, Meant, plan_case, simulate_case
-from rtstack.studies.aim_aware.grid import Case
-from rtstack.studies.aim_aware.study import StudyRun
-from rtstack.trials.provenance import git_commit
-
-Row = dict[str, Any]
+from rtstack.papers.aim_aware.classification import Impact, Meant, plan_case, simulate_case
+from rtstack.papers.aim_aware.grid import Case
+from rtstack.papers.aim_aware.study import StudyRun
 
 
 def columns(run: StudyRun) -> dict[str, Any]:
     """Return the columns of the results: name -> type."""
     known: dict[str, Any] = {
-        "id": str, "approach_deg": float, "location_m": float, "inclination_deg": float, "tuned_on": bool,
+        "approach_deg": float, "location_m": float, "inclination_deg": float, "tuned_on": bool,
         "impulse_ns": float, "impacts": int, "first_ms": float, "last_ms": float,
     }  # fmt: skip
     return known | verdict_columns(run.monitors())
 
 
 def verdict_columns(names: Iterable[str]) -> dict[str, Any]:
-    """Return the columns of what `verdicts` and `origin` say: name -> type."""
+    """Return the columns of what `verdicts` says, and of the time it took: name -> type."""
     known: dict[str, Any] = {}
     for name in names:
         known |= {f"verdict_{name}": str, f"reason_{name}": str, f"joint_{name}": int, f"margin_{name}": float}
-    return known | {"git_commit": str, "digest": str, "cpu_s": float, "worker": str}
+    return known | {"cpu_s": float}
 
 
 def verdicts(impact: Impact[Meant], monitors: Mapping[str, MonitorParameters]) -> Row:
@@ -47,10 +44,9 @@ def verdicts(impact: Impact[Meant], monitors: Mapping[str, MonitorParameters]) -
     return row
 
 
-def origin(digest: str, cpu_s: float) -> Row:
-    """Return where a row comes from."""
-    worker = f"{os.uname().nodename}:{os.getpid()}"
-    return {"git_commit": git_commit(), "digest": digest, "cpu_s": cpu_s, "worker": worker}
+def compile_case(run: StudyRun, case: Case) -> None:
+    """Run a case, so that what is compiled is kept before the workers need it."""
+    run_cases(run, [case])
 
 
 def run_cases(run: StudyRun, cases: Sequence[Case]) -> list[Row]:
@@ -78,4 +74,4 @@ def run_plan(run: StudyRun, approach_deg: float, location_m: float, inclinations
         }  # fmt: skip
         rows.append(row | verdicts(impact, monitors))
     cpu_s = (time.process_time() - began_s) / len(rows)
-    return [row | origin(run.digest, cpu_s) for row in rows]
+    return [row | {"cpu_s": cpu_s} for row in rows]

@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
-from rtstack.campaign.claims import Claim, Verdict
+from rtstack.experiments.claims import Claim, Verdict
 from rtstack.impact_map import ReflectedInertia
-from rtstack.impact_validation.evaluation import NAMES, PAPER, TABLES, Table, combined
+from rtstack.papers.impact_maps.evaluation import NAMES, PAPER, TABLES, Table, combined
 from rtstack.references.motion import Motion
 
 B_THETA, B, NONE = ReflectedInertia.B_THETA, ReflectedInertia.B, ReflectedInertia.NONE

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rtstack.campaign.store import Row
+from rtstack.experiments.experiment import Row
 from rtstack.impact_map import ReflectedInertia
-from rtstack.impact_validation.fit import FitError, ZeroFeedback, zero_feedback
+from rtstack.papers.impact_maps.fit import FitError, ZeroFeedback, zero_feedback
 from rtstack.references.motion import Motion
 
 KINDS = tuple(ReflectedInertia)

@@ -6,10 +6,10 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 
-from rtstack.campaign.figures import STYLE, new_figure, save
+from rtstack.experiments.figures import STYLE, new_figure, save
 from rtstack.impact_map import ReflectedInertia
-from rtstack.impact_validation.evaluation import NAMES, Cell
-from rtstack.impact_validation.feedback import FeedbackSignal
+from rtstack.papers.impact_maps.evaluation import NAMES, Cell
+from rtstack.papers.impact_maps.feedback import FeedbackSignal
 
 # Okabe and Ito's colours, safe for colour-blind eyes
 COLOURS = ("#56B4E9", "#009E73", "#000000", "#E69F00", "#D55E00")

@@ -1,10 +1,7 @@
 """What a validation campaign consists of: a TOML file in deploy/campaigns, fixed before it is run."""
 
-import hashlib
-import json
-import tomllib
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Literal
@@ -12,14 +9,13 @@ from typing import Annotated, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from rtstack.campaign.trial import seed_of
 from rtstack.configuration import STRICT, ConfigurationError, load_toml
-from rtstack.impact_validation.feedback import Direction
+from rtstack.experiments.seeds import seed_of
+from rtstack.papers.impact_maps.feedback import Direction
 from rtstack.planning import GrabPlan, PlanError, PushPlan, grab_plan, push_plan
 from rtstack.planning.free import Part
 from rtstack.references.motion import Motion
 
-KIND = "impact-map-validation"
 Count = Annotated[int, Field(ge=1, le=1000)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
@@ -182,7 +178,6 @@ class ValidationPlan:
     conditions: dict[str, Conditions]
     sample: Sample | None = None
     quick: bool = False
-    digest: str = field(default="", kw_only=True)
 
     def size(self) -> int:
         """Number of trials."""
@@ -231,13 +226,6 @@ class ValidationPlan:
             repetitions=sample.repetitions, identification_runs=sample.identification_runs, quick=True,
         )  # fmt: skip
 
-    def sealed(self, further: Sequence[bytes]) -> "ValidationPlan":
-        """Return the plan with its digest; further: the other files on which a result depends."""
-        sha = hashlib.sha256(json.dumps(asdict(replace(self, digest="")), sort_keys=True, default=str).encode())
-        for content in further:
-            sha.update(hashlib.sha256(content).digest())
-        return replace(self, digest=sha.hexdigest()[:16])
-
 
 def load_validation_plan(path: Path, quick: bool = False) -> ValidationPlan:
     """Read and check a plan. Raises ConfigurationError with one line."""
@@ -252,11 +240,3 @@ def load_validation_plan(path: Path, quick: bool = False) -> ValidationPlan:
     if quick and plan.sample is None:
         raise ConfigurationError(f"{path}: it has no quick sample: run it without --quick")
     return plan.as_sample(plan.sample) if quick and plan.sample is not None else plan
-
-
-def is_validation(path: Path) -> bool:
-    """Return whether a plan's file is one of these. A file that cannot be read is not."""
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8")).get("kind") == KIND
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
-        return False

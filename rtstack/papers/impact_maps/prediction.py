@@ -10,7 +10,7 @@ import numpy as np
 from rtstack.impact_map import ReflectedInertia, Status, converged
 from rtstack.impact_map.problem import JOINTS, Problem
 from rtstack.impact_map.reflected import joint_inertia
-from rtstack.impact_validation.feedback import Direction
+from rtstack.papers.impact_maps.feedback import Direction
 from rtstack.planning import PlanError, PlannedMotion
 from rtstack.samples import SIDES
 

@@ -5,14 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from rtstack.campaign.trial import seed_of
-from rtstack.campaign.trial_log import WholeRunLog
-from rtstack.campaign.worker import CELL, RECORDINGS, common_attachments
+from rtstack.experiments.seeds import seed_of
 from rtstack.identification.along import COORDINATES, FADE_S, average, residual
-from rtstack.impact_validation.feedback import AFTER_S
-from rtstack.impact_validation.plan import DIRECTIONS, FreeRuns, JointFriction, PlannedReference, Scenario
-from rtstack.impact_validation.prediction import predict
-from rtstack.impact_validation.worker import SWEEPS, ValidationBench, description_of, parameters_of
+from rtstack.papers.demonstrations import CELL, RECORDINGS, common_attachments
+from rtstack.papers.impact_maps.feedback import AFTER_S
+from rtstack.papers.impact_maps.plan import DIRECTIONS, FreeRuns, JointFriction, PlannedReference, Scenario
+from rtstack.papers.impact_maps.prediction import predict
+from rtstack.papers.impact_maps.worker import SWEEPS, ValidationBench, description_of, parameters_of
 from rtstack.planning import GrabPlan, PlanError, PlannedMotion, plan_grab, plan_push
 from rtstack.planning.file import write_plan
 from rtstack.planning.free import Part, compensated, free_motion
@@ -21,6 +20,7 @@ from rtstack.trials.company import Company
 from rtstack.trials.motion import run_motion
 from rtstack.trials.record import frames, trial_metadata
 from rtstack.trials.specification import FreeRunSpecification
+from rtstack.trials.whole_run_log import WholeRunLog
 
 NO_OBJECT = ""  # what a cell is opened with, as for a playback
 

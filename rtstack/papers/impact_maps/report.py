@@ -1,25 +1,24 @@
-"""The report of a validation campaign: CSV, figures, and one HTML page that needs nothing else."""
+"""The report of a validation campaign: the paper's tables, with ours beside them, and its figures."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
+from functools import partial
 from pathlib import Path
-from typing import Any
 
-from rtstack.campaign.claims import Claim
-from rtstack.campaign.page import FIGURES, PAGE, embedded, page_template
-from rtstack.campaign.plan import PlanFile
-from rtstack.campaign.report import pace
-from rtstack.campaign.store import Row, Store
 from rtstack.control.tick import ArmController
+from rtstack.experiments.experiment import Results, Row
+from rtstack.experiments.page import PAGE
+from rtstack.experiments.report import Figure, Part, Report, Table
 from rtstack.impact_map import ReflectedInertia
-from rtstack.impact_validation import figures
-from rtstack.impact_validation.claims import judge_claims, percent
-from rtstack.impact_validation.evaluation import NAMES, PAPER, PAPER_LINES, TABLES, Cell, Table, combined, tables
-from rtstack.impact_validation.feedback import FeedbackSignal, feedback_signal
-from rtstack.impact_validation.plan import DIRECTIONS, PlannedReference, ValidationPlan
 from rtstack.log.reader import read_log
 from rtstack.model.cell_description import CellDescription
+from rtstack.papers.impact_maps import figures
+from rtstack.papers.impact_maps.claims import judge_claims, percent
+from rtstack.papers.impact_maps.evaluation import NAMES, PAPER, PAPER_LINES, TABLES, Cell, combined, tables
+from rtstack.papers.impact_maps.evaluation import Table as Fitted
+from rtstack.papers.impact_maps.feedback import FeedbackSignal, feedback_signal
+from rtstack.papers.impact_maps.plan import DIRECTIONS, PlannedReference, ValidationPlan
 from rtstack.references.motion import Motion
 from rtstack.trials.assembly import arm_controllers, cell_parameters
 from rtstack.trials.review import log_columns
@@ -29,53 +28,33 @@ SHOWN = {Motion.HIT_AND_PUSH: ("box_130", 1), Motion.GRAB: ("box_220", 2)}
 NUMBERS = {Motion.HIT_AND_PUSH: (6, 7), Motion.GRAB: (8, 9)}
 
 
-@dataclass(frozen=True, slots=True)
-class Part:
-    """The report under one set of conditions, as the page shows it."""
-
-    name: str
-    conditions: str
-    claims: list[Claim]
-    tables: list[dict[str, Any]]
-
-
-def write_report(
-    store: Store, plan: ValidationPlan, file: PlanFile, description: CellDescription,
-    refused: Mapping[PlannedReference, str] | None = None,
-) -> Path:  # fmt: skip
-    """Write results.csv, times.csv, figures/*.png and report.html. Returns the page's path.
-
-    refused: references that could not be planned, with the reason; their trials were not run.
-    """
-    refused = refused or {}
-    left_out = sum(plan.reference(trial) in refused for trial in plan.trials())
-    rows = store.rows(plan.trials())
-    store.write_csv(rows)
-    folder = store.out / FIGURES
-    folder.mkdir(exist_ok=True)
+def report(
+    plan: ValidationPlan, description: CellDescription, results: Results,
+    refused: Mapping[PlannedReference, str],
+) -> Report:  # fmt: skip
+    """Return the report. refused: references that could not be planned, with the reason; their trials were not run."""
+    rows = results.rows
     of_all = tables(rows)
     names = [name for name in plan.conditions if any(table.conditions == name for table in of_all)]
     parts = []
     for name in names:
         own = [table for table in of_all if table.conditions == name]
         words = ", ".join(f"{key} {value}" for key, value in asdict(plan.conditions[name]).items() if value is not None)
-        parts.append(Part(name, words, judge_claims(own), [_table(table) for table in own]))
-    drawn = _figures(rows, of_all, plan, store.out, folder, description)
-    page = page_template(PAGE, "rtstack.impact_validation").render(
-        figure=lambda name, caption: embedded(folder / name, caption),
-        plan=plan, file=file, rows=rows, planned=plan.size(), left_out=left_out, parts=parts, figures=drawn,
-        refused={reference.file.removesuffix(".mcap"): reason for reference, reason in refused.items()},
-        overview=_overview(of_all) if len(names) > 1 else [],
-        verdicts=Counter(str(claim.verdict) for part in parts for claim in part.claims),
-        plan_commit=store.about()["plan_commit"], commits=sorted({row["git_commit"] for row in rows}),
-        failures=Counter(row["failure_reason"] for row in rows if not row["success"]), pace=pace(store.invocations()),
+        parts.append(Part(name, judge_claims(own), [_table(table) for table in own], about=words))
+    left_out = sum(plan.reference(trial) in refused for trial in plan.trials())
+    return Report(
+        parts, [] if results.preliminary else _figures(rows, of_all, plan, results.out, description),
+        page=("rtstack.papers.impact_maps", PAGE), left_out=left_out, reached=not refused,
+        warnings=[f"the plan {one.file} is refused, its trials are left out: {why}" for one, why in refused.items()],
+        values={
+            "refused": {reference.file.removesuffix(".mcap"): reason for reference, reason in refused.items()},
+            "overview": _overview(of_all) if len(names) > 1 else [],
+            "failures": Counter(row["failure_reason"] for row in rows if not row["success"]),
+        },
     )  # fmt: skip
-    path = store.out / PAGE
-    path.write_text(page, encoding="utf-8")
-    return path
 
 
-def _table(table: Table) -> dict[str, Any]:
+def _table(table: Fitted) -> Table:
     paper = PAPER[table.motion]
     lines = []
     for cell in table.cells:
@@ -83,30 +62,36 @@ def _table(table: Table) -> dict[str, Any]:
         number = int(cell.case) - 1 if cell.case.isdigit() else len(theirs)
         estimate, error = theirs[number] if number < len(theirs) else (None, None)
         lines.append(
-            {
-                "name": f"{cell.object}: case {cell.case}",
-                "paper": "-" if estimate is None else f"{estimate:.3f} m/s",
-                "estimate": _estimate(cell),
-                "paper_error": percent(error),
-                "errors": [percent(cell.error_percent(kind)) for kind in NAMES],
-                "over_swing": percent(cell.error_percent(ReflectedInertia.B_THETA, over_swing=True)),
-                "swing": "-" if cell.swing_percent is None else f"{cell.swing_percent:.2f} %",
-                "r_squared": "-" if cell.fit is None else f"{cell.fit.r_squared:.4f}",
-                "n": f"{len(cell.points)}" + (f" ({cell.excluded} left out)" if cell.excluded else ""),
-            }
+            [
+                f"{cell.object.replace('_', ' ')}: case {cell.case}",
+                "-" if estimate is None else f"{estimate:.3f} m/s",
+                _estimate(cell),
+                percent(error),
+                *(percent(cell.error_percent(kind)) for kind in NAMES),
+                "-" if cell.swing_percent is None else f"{cell.swing_percent:.2f} %",
+                percent(cell.error_percent(ReflectedInertia.B_THETA, over_swing=True)),
+                "-" if cell.fit is None else f"{cell.fit.r_squared:.4f}",
+                f"{len(cell.points)}" + (f" ({cell.excluded} left out)" if cell.excluded else ""),
+            ]
         )
-    return {
-        "name": TABLES[table.motion],
-        "motion": str(table.motion),
-        "kinds": list(NAMES.values()),
-        "lines": lines,
-        "average": [percent(table.average(kind)) for kind in NAMES],
-        "absolute": [percent(table.absolute(kind)).lstrip("+") for kind in NAMES],
-        "average_over_swing": percent(table.average(ReflectedInertia.B_THETA, over_swing=True)),
-        "absolute_over_swing": percent(table.absolute(ReflectedInertia.B_THETA, over_swing=True)).lstrip("+"),
-        "paper_average": [percent(paper[kind][0]) for kind in NAMES],
-        "paper_absolute": [percent(paper[kind][1]).lstrip("+") for kind in NAMES],
-    }
+    bias = [percent(table.average(kind)) for kind in NAMES]
+    absolute = [percent(table.absolute(kind)).lstrip("+") for kind in NAMES]
+    over_swing = (
+        percent(table.average(ReflectedInertia.B_THETA, over_swing=True)),
+        percent(table.absolute(ReflectedInertia.B_THETA, over_swing=True)).lstrip("+"),
+    )
+    theirs = [percent(paper[kind][0]) for kind in NAMES], [percent(paper[kind][1]).lstrip("+") for kind in NAMES]
+    lines += [
+        ["Average error", "", "", "", *bias, "", over_swing[0], "", ""],
+        ["paper", "", "", "", *theirs[0], "", "", "", ""],
+        ["Absolute error", "", "", "", *absolute, "", over_swing[1], "", ""],
+        ["paper", "", "", "", *theirs[1], "", "", "", ""],
+    ]
+    headings = (
+        "", "estimate, paper", "here [95 % interval]", "B_theta, paper", *NAMES.values(), "swing",
+        "B_theta over it", "R²", "trials",
+    )  # fmt: skip
+    return Table(f"{TABLES[table.motion]}: {table.motion}", headings, lines)
 
 
 def _estimate(cell: Cell) -> str:
@@ -116,7 +101,7 @@ def _estimate(cell: Cell) -> str:
     return f"{cell.fit.estimate:.3f} m/s{between}"
 
 
-def _overview(of_all: Sequence[Table]) -> list[list[str]]:
+def _overview(of_all: Sequence[Fitted]) -> list[list[str]]:
     """Return a line for each set of conditions and table: what differs between them, side by side."""
     lines = []
     for table in of_all:
@@ -133,15 +118,13 @@ def _overview(of_all: Sequence[Table]) -> list[list[str]]:
 
 
 def _figures(
-    rows: list[Row], of_all: Sequence[Table], plan: ValidationPlan, out: Path, folder: Path,
-    description: CellDescription,
-) -> list[tuple[str, str]]:  # fmt: skip
-    """Draw figures 6 to 9 of the first set of conditions; returns their names and captions."""
+    rows: list[Row], of_all: Sequence[Fitted], plan: ValidationPlan, out: Path, description: CellDescription
+) -> list[Figure]:
+    """Return figures 6 to 9, of the first set of conditions."""
     arms = arm_controllers(description, cell_parameters(description))
-    drawn = []
-    conditions = next(iter(plan.conditions))
+    found = []
     for table in of_all:
-        if table.conditions != conditions:
+        if table.conditions != next(iter(plan.conditions)):
             continue
         thing, number = SHOWN[table.motion]
         cell = next(
@@ -152,20 +135,18 @@ def _figures(
             continue
         of = f"{cell.object}, case {cell.case}, {table.motion}"
         first, second = NUMBERS[table.motion]
-        figures.signals(folder / f"figure{first}.png", _signals(rows, table, cell, out, arms))
-        figures.fit(folder / f"figure{second}.png", cell)
-        drawn.append(
-            (
-                f"figure{first}.png",
-                f"Figure {first}: {of}. Means over the trials of each velocity; dotted: the nominal impact.",
-            )
-        )
-        drawn.append((f"figure{second}.png", f"Figure {second}: {of}. Grey: the estimate's 95 % interval."))
-    return drawn
+        signals = _signals(rows, table, cell, out, arms)
+        found += [
+            Figure(f"figure{first}.png", f"Figure {first}: {of}. Means over the trials of each velocity; dotted: the "
+                   "nominal impact.", partial(figures.signals, by_scale=signals)),
+            Figure(f"figure{second}.png", f"Figure {second}: {of}. Grey: the estimate's 95 % interval.",
+                   partial(figures.fit, cell=cell)),
+        ]  # fmt: skip
+    return found
 
 
 def _signals(
-    rows: list[Row], table: Table, cell: Cell, out: Path, arms: tuple[ArmController, ArmController]
+    rows: list[Row], table: Fitted, cell: Cell, out: Path, arms: tuple[ArmController, ArmController]
 ) -> dict[float, list[FeedbackSignal]]:
     found: dict[float, list[FeedbackSignal]] = {}
     for row in rows:

@@ -1,7 +1,5 @@
 """What a worker does: identify a joint's friction, or run a trial and write its log. References: see reference.py."""
 
-import os
-import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
@@ -10,14 +8,15 @@ from pathlib import Path
 import numpy as np
 
 from hal.cell import Cell
-from rtstack.campaign.trial_log import WholeRunLog
-from rtstack.campaign.worker import CELL, LOGS, RECORDINGS, Row, check_sources, common_attachments
 from rtstack.control.parameters import ControlParameters, FrictionParameters
 from rtstack.control.tick import ArmController
+from rtstack.experiments.experiment import Row
 from rtstack.identification.procedure import Identification, Run
 from rtstack.impact_map import ReflectedInertia
-from rtstack.impact_validation.feedback import feedback_signal
-from rtstack.impact_validation.plan import (
+from rtstack.model.cell_description import CellDescription, load_cell_description
+from rtstack.papers.demonstrations import CELL, LOGS, RECORDINGS, common_attachments
+from rtstack.papers.impact_maps.feedback import feedback_signal
+from rtstack.papers.impact_maps.plan import (
     DIRECTIONS,
     Conditions,
     Gains,
@@ -25,14 +24,13 @@ from rtstack.impact_validation.plan import (
     PlannedReference,
     ValidationTrial,
 )
-from rtstack.impact_validation.prediction import Prediction, read_prediction
-from rtstack.model.cell_description import CellDescription, load_cell_description
+from rtstack.papers.impact_maps.prediction import Prediction, read_prediction
 from rtstack.trials.assembly import Parameters, arm_controllers, cell_parameters
 from rtstack.trials.company import Company
-from rtstack.trials.provenance import git_commit
 from rtstack.trials.record import frames, trial_metadata
 from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.trial import PreparedTrial, prepare_trial, run_trial
+from rtstack.trials.whole_run_log import WholeRunLog
 
 SWEEPS = "identification"
 FRICTION = "friction.toml"
@@ -59,7 +57,8 @@ class Measured:
 
 @dataclass(frozen=True, slots=True)
 class ValidationBench:
-    """What all trials of a campaign have in common, as it is sent to the workers: see rtstack.campaign.worker.Bench."""
+    """What all trials of a campaign have in common, as it is sent to the workers. robot: seed of the arms; nominal: the
+    conditions of the identification; digest: the campaign's, for the logs. Paths are absolute."""
 
     out: Path
     cell_file: Path
@@ -67,13 +66,11 @@ class ValidationBench:
     robot: int
     nominal: Conditions
     digest: str
-    sources: tuple[tuple[Path, str], ...]
 
 
 @lru_cache(maxsize=4)
 def description_of(bench: ValidationBench) -> CellDescription:
-    """Return the cell's description, of files that are those of the campaign. Raises WorkerMismatch."""
-    check_sources(bench.sources)
+    """Return the cell's description."""
     return load_cell_description(bench.cell_file)
 
 
@@ -136,9 +133,8 @@ def _models(bench: ValidationBench) -> tuple[ArmController, ArmController]:
 
 def run(
     bench: ValidationBench, trial: ValidationTrial, reference: PlannedReference, gains: Gains, conditions: Conditions
-) -> Row:
+) -> list[Row]:
     """Run a trial and write its log. Returns the row of the results' table."""
-    began_s = time.perf_counter()
     prepared, prediction = _prepared(bench, reference, gains, conditions)
     specification = TrialSpecification(f"{RECORDINGS}/{reference.file}", object=trial.object, seed=trial.seed)
     prepared = replace(prepared, specification=specification)
@@ -163,12 +159,4 @@ def run(
         signal.net, signal.net_over_swing, signal.swing, signal.complete,
     )  # fmt: skip
     values = {**asdict(trial), **result.as_dict(), **asdict(measured)}
-    return values | {
-        "id": trial.id,
-        "motion": str(trial.motion),
-        "log": f"{LOGS}/{trial.id}.mcap",
-        "git_commit": git_commit(),
-        "digest": bench.digest,
-        "wall_s": time.perf_counter() - began_s,
-        "worker": f"{os.uname().nodename}:{os.getpid()}",
-    }
+    return [values | {"id": trial.id, "motion": str(trial.motion), "log": f"{LOGS}/{trial.id}.mcap"}]

@@ -7,10 +7,11 @@ from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from rtstack.campaign.claims import millimetres, shown
-from rtstack.campaign.evaluation import ALL_NAMES, FIGURE11, TABLE2, Evaluation, place_of
-from rtstack.campaign.statistics import Interval, stratified_mean
-from rtstack.campaign.store import Row
+from rtstack.experiments.claims import shown
+from rtstack.experiments.experiment import Row
+from rtstack.experiments.statistics import Interval, stratified_mean
+from rtstack.papers.reference_spreading.evaluation import FIGURE11, TABLE2, Evaluation, place_of
+from rtstack.papers.reference_spreading.names import millimetres, name_of
 from rtstack.trials.specification import Controller
 
 OURS, THEIRS = Controller.CONTACT_COMPLETION, Controller.PROPOSED
@@ -132,10 +133,10 @@ def _grabs(evaluation: Evaluation) -> Comparison:
 def summary(lines: list[Comparison]) -> str:
     """Return the section's verdict in words: where the force norm is lower and where it is higher."""
     norms = [line for line in lines if line.what.startswith(FORCE_NORM)]
-    name = ALL_NAMES[OURS]
+    name = name_of(OURS)
     parts = []
     for word in ("lower", "higher", "no difference", "cannot be told"):
         where = [line.what.removeprefix(FORCE_NORM).strip() for line in norms if line.verdict.startswith(word)]
         if where:
             parts.append(f"{word} {', '.join(where)}")
-    return f"{name} against {ALL_NAMES[THEIRS].lower()}, {FORCE_NORM}: {'; '.join(parts)}." if parts else ""
+    return f"{name} against {name_of(THEIRS).lower()}, {FORCE_NORM}: {'; '.join(parts)}." if parts else ""

@@ -1,11 +1,9 @@
 """The paper's claims, one by one, with what this campaign says about each."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass
-from enum import StrEnum
-
-from rtstack.campaign.evaluation import BASELINES, FIGURE11, NAMES, TABLE2, Evaluation, Table2Line
-from rtstack.campaign.statistics import Interval
+from rtstack.experiments.claims import Claim, Verdict, order, shown
+from rtstack.experiments.statistics import Interval
+from rtstack.papers.reference_spreading.evaluation import BASELINES, FIGURE11, TABLE2, Evaluation, Table2Line
+from rtstack.papers.reference_spreading.names import NAMES, millimetres
 from rtstack.trials.specification import Controller
 
 PROPOSED = Controller.PROPOSED
@@ -14,41 +12,6 @@ NO_RS, NO_VELOCITY, NO_INTERIM = BASELINES
 
 MUCH = 0.5  # of the other one at most: much lower
 MINOR = 0.1  # of the highest force norm at most: a minor peak
-
-
-class Verdict(StrEnum):
-    """What became of a claim."""
-
-    HOLDS = "holds"
-    WITHIN = "holds, within the intervals"  # the means are as claimed, the intervals overlap or are unknown
-    DIFFERS = "differs"
-    UNDECIDED = "cannot be told"  # not in this campaign, or nothing to tell the controllers apart
-
-
-@dataclass(frozen=True, slots=True)
-class Claim:
-    """where: in the paper; ours: what came out here; why: what is behind it, where the claim does not hold."""
-
-    where: str
-    says: str
-    ours: str
-    verdict: Verdict
-    why: str = ""
-
-
-def shown(interval: Interval | None, unit: str = "", digits: int = 1, factor: float = 1.0) -> str:
-    """Return an interval in words: mean, its 95 % interval, unit."""
-    if interval is None:
-        return "-"
-    mean = f"{factor * interval.mean:.{digits}f}"
-    if interval.low is None or interval.high is None:
-        return f"{mean}{unit} (n = {interval.n}, no interval)"
-    return f"{mean}{unit} [{factor * interval.low:.{digits}f}, {factor * interval.high:.{digits}f}]"
-
-
-def millimetres(displacement_mm: float) -> str:
-    """Return a displacement in words."""
-    return f"{displacement_mm:+g} mm" if displacement_mm else "0 mm"
 
 
 def judge_claims(evaluation: Evaluation) -> list[Claim]:
@@ -63,19 +26,6 @@ def judge_claims(evaluation: Evaluation) -> list[Claim]:
     return claims
 
 
-def _order(pairs: Iterable[tuple[Interval | None, Interval | None]]) -> Verdict:
-    """Verdict of "the first is below the second", for all pairs."""
-    verdict = Verdict.HOLDS
-    for low, high in pairs:
-        if low is None or high is None:
-            return Verdict.UNDECIDED
-        if not low.mean < high.mean:
-            return Verdict.DIFFERS
-        if not low.below(high):
-            verdict = Verdict.WITHIN
-    return verdict
-
-
 def _figure11(evaluation: Evaluation) -> list[Claim]:
     claims = []
     for d in evaluation.displacements():
@@ -85,7 +35,7 @@ def _figure11(evaluation: Evaluation) -> list[Claim]:
                 "Figure 11",
                 f"at {millimetres(d)} the proposed controller has the lowest mean force norm",
                 _each(force),
-                _order((force[PROPOSED], force[baseline]) for baseline in BASELINES),
+                order((force[PROPOSED], force[baseline]) for baseline in BASELINES),
             )
         )
     for baseline in (NO_RS, NO_INTERIM):
@@ -95,7 +45,7 @@ def _figure11(evaluation: Evaluation) -> list[Claim]:
             for d, (p, b) in zip((-30, 30), forces, strict=True)
             if p and b
         ]
-        verdict = _order(forces)
+        verdict = order(forces)
         claims.append(
             Claim(
                 "issue",
@@ -111,7 +61,7 @@ def _figure11(evaluation: Evaluation) -> list[Claim]:
                 "V, p. 11",
                 "even at 0 mm the force norms without reference spreading and without interim mode are high",
                 _each(at_zero),
-                _order((at_zero[PROPOSED], at_zero[baseline]) for baseline in (NO_RS, NO_INTERIM)),
+                order((at_zero[PROPOSED], at_zero[baseline]) for baseline in (NO_RS, NO_INTERIM)),
             )
         )
     return claims
@@ -129,7 +79,7 @@ def _table2(evaluation: Evaluation) -> list[Claim]:
     # a share of 100 % for all tells nothing about an order
     alike = len(set(shares.values())) < 2
     fewest = (
-        Verdict.UNDECIDED if alike else _order((success[NO_VELOCITY], success[c]) for c in lines if c != NO_VELOCITY)
+        Verdict.UNDECIDED if alike else order((success[NO_VELOCITY], success[c]) for c in lines if c != NO_VELOCITY)
     )
     best = max(shares.values(), default=0.0)
     highest = max((row["peak_torque_ratio"] or 0.0 for row in evaluation.of(TABLE2)), default=0.0)
@@ -154,14 +104,14 @@ def _table2(evaluation: Evaluation) -> list[Claim]:
             "Table II",
             "no velocity feedback has the lowest lift",
             _lifts(lines),
-            _order((lift[NO_VELOCITY], lift[c]) for c in lines if c != NO_VELOCITY),
+            order((lift[NO_VELOCITY], lift[c]) for c in lines if c != NO_VELOCITY),
             lift_why,
         ),
         Claim(
             "Table II",
             "lift: no reference spreading > proposed > no interim mode",
             _lifts(lines),
-            _order([(lift[PROPOSED], lift[NO_RS]), (lift[NO_INTERIM], lift[PROPOSED])]),
+            order([(lift[PROPOSED], lift[NO_RS]), (lift[NO_INTERIM], lift[PROPOSED])]),
             lift_why,
         ),
     ]
@@ -200,14 +150,14 @@ def _peaks(evaluation: Evaluation) -> list[Claim]:
             "the desired force jumps without reference spreading (at T_r) and without interim mode (at the detection), "
             "not with the proposed controller",
             f"largest change of the desired wrenches from one tick to the next, N: {steps}",
-            _order((step[PROPOSED], step[c]) for c in (NO_RS, NO_INTERIM)),
+            order((step[PROPOSED], step[c]) for c in (NO_RS, NO_INTERIM)),
         ),
         Claim(
             "IV-B",
             "both switches of the proposed controller are continuous",
             f"ante-impact to interim {shown(to_interim)}, interim to post-impact {shown(to_post)} N from one tick to "
             f"the next; no interim mode {shown(at_switch[NO_INTERIM])}",
-            _order((own, at_switch[NO_INTERIM]) for own in (to_interim, to_post)),
+            order((own, at_switch[NO_INTERIM]) for own in (to_interim, to_post)),
         ),
         Claim(
             "V, p. 8",
@@ -233,20 +183,20 @@ def _peaks(evaluation: Evaluation) -> list[Claim]:
             "VI",
             "the highest desired force around the impact is lower than without reference spreading or interim mode",
             "highest force norm in the 200 ms: " + "; ".join(f"{NAMES[c].lower()} {shown(window[c])}" for c in NAMES),
-            _order((window[PROPOSED], window[c]) for c in (NO_RS, NO_INTERIM)),
+            order((window[PROPOSED], window[c]) for c in (NO_RS, NO_INTERIM)),
         ),
         Claim(
             "Figure 8",
             "without velocity feedback the pad vibrates most after the impact",
             "peak to peak, m/s: " + "; ".join(f"{NAMES[c].lower()} {shown(swing[c], digits=3)}" for c in NAMES),
-            _order((swing[c], swing[NO_VELOCITY]) for c in NAMES if c is not NO_VELOCITY),
+            order((swing[c], swing[NO_VELOCITY]) for c in NAMES if c is not NO_VELOCITY),
         ),
         Claim(
             "V, p. 10",
             "contact is established latest without velocity feedback, soonest without reference spreading",
             "from first contact to lasting contact of both pads, ms: "
             + "; ".join(f"{NAMES[c].lower()} {shown(settled[c], digits=0)}" for c in NAMES),
-            _order(
+            order(
                 [*((settled[c], settled[NO_VELOCITY]) for c in NAMES if c is not NO_VELOCITY),
                  *((settled[NO_RS], settled[c]) for c in NAMES if c is not NO_RS)]
             ),

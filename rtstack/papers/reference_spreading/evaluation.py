@@ -4,8 +4,8 @@ from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from rtstack.campaign.statistics import Interval, proportion, stratified_mean
-from rtstack.campaign.store import Row
+from rtstack.experiments.experiment import Row
+from rtstack.experiments.statistics import Interval, proportion, stratified_mean
 from rtstack.trials.specification import Controller
 
 TABLE2, FIGURE11 = "table2", "figure11"
@@ -29,14 +29,6 @@ PAPER_TABLE2 = {
     Controller.NO_INTERIM: (85.0, 0.78),
     Controller.PROPOSED: (90.0, 6.47),
 }
-NAMES = {
-    Controller.NO_REFERENCE_SPREADING: "No reference spreading",
-    Controller.NO_VELOCITY_FEEDBACK: "No velocity feedback",
-    Controller.NO_INTERIM: "No interim mode",
-    Controller.PROPOSED: "Proposed approach",
-}
-BEYOND = {Controller.CONTACT_COMPLETION: "Contact completion"}  # ours: no part of what the paper compares
-ALL_NAMES = NAMES | BEYOND
 BASELINES = tuple(controller for controller in PAPER_TABLE2 if controller is not Controller.PROPOSED)
 
 

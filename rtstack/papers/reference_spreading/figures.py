@@ -3,23 +3,23 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from rtstack.campaign.evaluation import ALL_NAMES, NAMES, Evaluation
-from rtstack.campaign.measures import Passage, hit_arm, passage
 from rtstack.control.parameters import ControlParameters
+from rtstack.experiments.figures import STYLE, new_figure, save
 from rtstack.log.reader import read_log
 from rtstack.loop.history import Columns
 from rtstack.model.cell_description import CellDescription
 from rtstack.palette import MODE_STYLES
+from rtstack.papers.reference_spreading.evaluation import Evaluation
+from rtstack.papers.reference_spreading.measures import Passage, hit_arm, passage
+from rtstack.papers.reference_spreading.names import COLOURS, MARKERS, NAMES, name_of
 from rtstack.references.recording import Recording
 from rtstack.references.spreading import ExtendedReference
 from rtstack.samples import Mode
@@ -28,27 +28,7 @@ from rtstack.trials.scoring import FORCE_WINDOW_S
 from rtstack.trials.specification import Controller
 
 BANDS = (Mode.ANTE_IMPACT, Mode.INTERIM, Mode.POST_IMPACT)
-# Okabe and Ito's colours, safe for colour-blind eyes
-COLOURS = {
-    Controller.NO_REFERENCE_SPREADING: "#D55E00",
-    Controller.NO_VELOCITY_FEEDBACK: "#CC79A7",
-    Controller.NO_INTERIM: "#56B4E9",
-    Controller.PROPOSED: "#000000",
-    Controller.CONTACT_COMPLETION: "#009E73",
-}
-MARKERS = dict(zip(COLOURS, "sv^oD", strict=True))
 BEFORE_S, AFTER_S = 0.2, 0.3
-STYLE: Any = {
-    "font.size": 9,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.color": "#dddddd",
-    "grid.linewidth": 0.5,
-    "lines.linewidth": 1.2,
-    "legend.frameon": False,
-    "savefig.dpi": 150,
-}
 INWARD = (-1.0, 1.0)  # the sign of the world's y towards the object, of the left and the right arm
 SIDE = ("left", "right")
 
@@ -57,30 +37,19 @@ SIDE = ("left", "right")
 class LoggedTrial:
     """A trial as its log has it."""
 
-    controller: Controller
+    controller: str
     columns: Columns
     passage: Passage
     detected_s: float | None
 
 
-def logged_trial(path: Path, controller: Controller, object_name: str, description: CellDescription) -> LoggedTrial:
+def logged_trial(path: Path, controller: str, object_name: str, description: CellDescription) -> LoggedTrial:
     """Read a trial's log. Raises LogError."""
     log = read_log(path)
     columns = log_columns(log)
     text = log.metadata.get("result", {}).get("detected_impact_time_s", "null")
     detected_s = None if text == "null" else float(text)
     return LoggedTrial(controller, columns, passage(columns, description, object_name), detected_s)
-
-
-def new_figure(width: float, height: float, **grid: Any) -> tuple[Figure, NDArray]:
-    """Return a figure of so many inches and its axes, always a matrix."""
-    figure = Figure(figsize=(width, height), layout="constrained")
-    return figure, figure.subplots(squeeze=False, **grid)
-
-
-def save(figure: Figure, path: Path) -> None:
-    """Write a figure, without saying by what: the same figure is the same file."""
-    figure.savefig(path, metadata={"Software": None})
 
 
 @mpl.rc_context(STYLE)
@@ -186,11 +155,11 @@ def figure10(path: Path, trials: Sequence[LoggedTrial], nominal_s: float) -> Non
     figure, axes = new_figure(7.5, 3.8)
     axis = axes[0][0]
     axis.axvspan(-1e3 * FORCE_WINDOW_S, 1e3 * FORCE_WINDOW_S, color="#f2f2f2", zorder=0)
-    named: set[Controller] = set()
+    named: set[str] = set()
     for trial in trials:
         t_ms = 1e3 * (trial.passage.t_s - nominal_s)
         shown = (t_ms > -1e3 * BEFORE_S) & (t_ms < 1e3 * AFTER_S)
-        label = None if trial.controller in named else ALL_NAMES[trial.controller]
+        label = None if trial.controller in named else name_of(trial.controller)
         named.add(trial.controller)
         axis.plot(t_ms[shown], trial.passage.force_norm[shown], color=COLOURS[trial.controller], alpha=0.75,
                   linewidth=0.9, label=label)  # fmt: skip
@@ -219,7 +188,7 @@ def figure11(path: Path, evaluation: Evaluation, controllers: Iterable[Controlle
             yerr=[[m - (i.low if i.low is not None else m) for m, (_, i) in zip(means, known, strict=True)],
                   [(i.high if i.high is not None else m) - m for m, (_, i) in zip(means, known, strict=True)]],
             color=COLOURS[controller], marker=MARKERS[controller], markersize=5, capsize=3, linewidth=1.2,
-            label=ALL_NAMES[controller],
+            label=name_of(controller),
         )  # fmt: skip
     axis.set_xticks(displacements)
     axis.set_xlabel("displacement of the object, mm")

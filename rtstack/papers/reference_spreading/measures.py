@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rtstack.campaign.completion import SLOPE, contact_completed
 from rtstack.control.parameters import CompletionParameters, ControlParameters
 from rtstack.loop.history import Columns
 from rtstack.model.cell_description import CellDescription, base_frame
+from rtstack.papers.reference_spreading.completion import SLOPE, contact_completed
 from rtstack.samples import Mode
 from rtstack.trials.scoring import FORCE_WINDOW_S
 

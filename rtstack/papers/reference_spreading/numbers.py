@@ -1,16 +1,12 @@
-"""The report's numbers as a file, so that a program can compare them with its own."""
+"""The report's numbers for report.json, so that a program can compare them with its own."""
 
-import json
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
-from rtstack.campaign.claims import Claim
-from rtstack.campaign.evaluation import NAMES, TABLE2, Evaluation
-from rtstack.campaign.plan import Plan
-from rtstack.campaign.statistics import Interval
+from rtstack.experiments.statistics import Interval
+from rtstack.papers.reference_spreading.evaluation import TABLE2, Evaluation
+from rtstack.papers.reference_spreading.names import NAMES
 
-REPORT = "report.json"
 FORCES = ("average_force_norm", "average_force_norm_linear_n")
 # the columns of results.csv whose means are behind the claims
 COLUMNS = (
@@ -19,24 +15,13 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def write_numbers(out: Path, plan: Plan, parts: list[tuple[Evaluation, list[Claim]]]) -> Path:
-    """Write report.json: of each set of conditions the claims with their verdicts, and the figures behind them.
+def numbers(evaluation: Evaluation) -> dict[str, Any]:
+    """Return the figures behind the claims under one set of conditions.
 
     A figure is a mean with its 95 % interval and n, SI units or as its column says; null where there is none.
     """
-    numbers = {"plan": plan.name, "digest": plan.digest, "conditions": [_part(*part) for part in parts]}
-    path = out / REPORT
-    path.write_text(json.dumps(numbers, indent=1) + "\n", encoding="utf-8")
-    return path
-
-
-def _part(evaluation: Evaluation, claims: list[Claim]) -> dict[str, Any]:
     table2 = evaluation.table2() if evaluation.of(TABLE2) else []
     return {
-        "name": evaluation.conditions,
-        "claims": [
-            {"where": c.where, "claim": c.says, "verdict": str(c.verdict), "figures": c.ours} for c in claims
-        ],
         "table2": [
             {"controller": str(line.controller), "success": _figure(line.success), "lift_mm": _figure(line.lift_mm)}
             for line in table2

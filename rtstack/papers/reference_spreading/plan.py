@@ -1,47 +1,25 @@
-"""What a campaign consists of: a TOML file in deploy/campaigns, fixed before it is run, and the trials that follow."""
+"""What a comparison of controllers consists of: a TOML file, fixed before it is run, and the trials that follow."""
 
-import hashlib
-import json
-import subprocess
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
-from importlib.resources import as_file, files
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from rtstack.campaign.trial import Reference, Trial, seed_of, seeded
 from rtstack.configuration import STRICT, ConfigurationError, load_toml
-from rtstack.trials.errors import TrialError
+from rtstack.experiments.experiment import Row
+from rtstack.experiments.seeds import seed_of
+from rtstack.papers.conditions import Conditions, Positive
+from rtstack.papers.reference import Reference
+from rtstack.papers.reference_spreading.names import NAMES
+from rtstack.papers.reference_spreading.trial import Trial, seeded
 from rtstack.trials.scoring import SuccessCriterion
 from rtstack.trials.specification import Controller
 
-GRAB_STUDY = "aim-aware-grab"  # a campaign without a plan of controllers: a study of the monitor
 Count = Annotated[int, Field(ge=1, le=1000)]
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
-
-
-@checked(frozen=True, slots=True, config=STRICT)
-class Conditions:
-    """The contact of a trial, and how much it differs between repetitions. Scatter: standard deviations.
-
-    pad_stiffness N/m; friction coefficients; friction_scatter a fraction of the pads' and of the table's friction;
-    tau_ext_cutoff_hz of the robot's filter of the external torque, on which the impact detector waits; speed_m_s of the
-    pads at the object's surface in the demonstration, if not the variation's own.
-    """
-
-    pad_stiffness: Positive
-    pad_friction: Positive
-    table_friction: Positive
-    friction_scatter: NotNegative
-    placement_mm: NotNegative
-    placement_yaw_deg: NotNegative
-    tau_ext_cutoff_hz: Positive
-    speed_m_s: Positive | None = None
 
 
 @checked(frozen=True, slots=True, config=STRICT)
@@ -96,7 +74,7 @@ class Success:
 
 @checked(frozen=True, slots=True, config=STRICT)
 class Plan:
-    """A campaign as its file has it. digest: of everything that a result depends on but code."""
+    """A campaign as its file has it."""
 
     name: str
     title: str
@@ -106,7 +84,7 @@ class Plan:
     conditions: dict[str, Conditions]
     experiments: tuple[Experiment, ...]
     quick: bool = False
-    digest: str = field(default="", kw_only=True)
+    kind: Literal["reference-spreading"] = "reference-spreading"
 
     @property
     def criterion(self) -> SuccessCriterion:
@@ -158,6 +136,28 @@ class Plan:
             for controller in self.controllers
         ]
 
+    def cases(self, rows: Sequence[Row]) -> list[Trial]:
+        """Return the trials that are known with these results; references are selected once all candidates were run."""
+        return [trial for each in self.experiments for trial in self.trials(each, self.chosen(each, rows))]
+
+    def chosen(self, experiment: Experiment, rows: Sequence[Row]) -> list[Reference]:
+        """Return the references selected for an experiment: those that succeeded most often in the one before.
+
+        None as long as that one has trials without a result. The paper's controllers count, all where none of them
+        runs.
+        """
+        selection = experiment.selected
+        if selection is None:
+            return []
+        before = {
+            trial.id for each in self.experiments if each.name == selection.experiment for trial in self.trials(each)
+        }
+        kept = [row for row in rows if row["id"] in before]
+        if len(kept) < len(before):
+            return []
+        papers = [row for row in kept if row["controller"] in NAMES]
+        return select(papers or kept, selection.count)
+
     def as_sample(self) -> "Plan":
         """Return the --quick version. Experiments without one are left out."""
         experiments = []
@@ -177,40 +177,6 @@ class Plan:
             )
         return replace(self, experiments=tuple(experiments), quick=True)
 
-    def sealed(self, further: Sequence[bytes]) -> "Plan":
-        """Return the plan with its digest; further: the other files on which a result depends."""
-        sha = hashlib.sha256(json.dumps(asdict(replace(self, digest="")), sort_keys=True, default=str).encode())
-        for content in further:
-            sha.update(hashlib.sha256(content).digest())
-        return replace(self, digest=sha.hexdigest()[:16])
-
-
-@dataclass(frozen=True, slots=True)
-class PlanFile:
-    """Where a plan is, and which commit fixed it ("edited since" where the file is no longer what was committed)."""
-
-    path: Path
-    commit: str
-
-
-def plan_names() -> list[str]:
-    """Return the campaigns that have a plan."""
-    return sorted(
-        Path(entry.name).stem for entry in files("deploy.campaigns").iterdir() if entry.name.endswith(".toml")
-    )
-
-
-def plan_file(name: str) -> PlanFile:
-    """Return the file of a campaign: ours by name, any by path. Raises TrialError for an unknown one."""
-    if name.endswith(".toml"):
-        path = Path(name).resolve()
-        return PlanFile(path, _commit_of(path))
-    if name not in plan_names():
-        known = ", ".join(sorted([*plan_names(), GRAB_STUDY]))
-        raise TrialError(f"unknown campaign {name!r}: there are {known}, or give the path of a .toml")
-    with as_file(files("deploy.campaigns") / f"{name}.toml") as path:
-        return PlanFile(path, _commit_of(path))
-
 
 def load_plan(path: Path, quick: bool = False) -> Plan:
     """Read and check a plan. Raises ConfigurationError with one line."""
@@ -229,13 +195,10 @@ def load_plan(path: Path, quick: bool = False) -> Plan:
     return plan.as_sample() if quick else plan
 
 
-def _commit_of(path: Path) -> str:
-    def git(*arguments: str) -> str:
-        command = ["git", "-C", str(path.parent), *arguments, "--", path.name]
-        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=5.0).stdout.strip()
-
-    try:
-        commit = git("log", "-1", "--format=%H") or "not committed"
-        return commit + (", edited since" if git("status", "--porcelain") else "")
-    except (OSError, subprocess.SubprocessError):
-        return "unknown"
+def select(rows: Sequence[Row], count: int) -> list[Reference]:
+    """Return the `count` references with the most successes, each kind in the order in which they come."""
+    successes: dict[str, int] = {}
+    for row in rows:
+        successes[row["reference"]] = successes.get(row["reference"], 0) + bool(row["success"])
+    best = sorted(successes, key=lambda name: -successes[name])[:count]
+    return [Reference.named(name) for name in successes if name in best]

@@ -5,10 +5,10 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from rtstack.campaign.claims import judge_claims
-from rtstack.campaign.evaluation import NAMES, PAPER_TABLE2, TABLE2, Evaluation
-from rtstack.campaign.figures import COLOURS, MARKERS
-from rtstack.campaign.statistics import Interval
+from rtstack.experiments.statistics import Interval
+from rtstack.papers.reference_spreading.claims import judge_claims
+from rtstack.papers.reference_spreading.evaluation import PAPER_TABLE2, TABLE2, Evaluation
+from rtstack.papers.reference_spreading.names import COLOURS, MARKERS, NAMES
 from rtstack.trials.specification import Controller
 
 FORCE = "average_force_norm"

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from rtstack.studies.aim_aware.study import Study, StudyRun, load_run
+from rtstack.papers.aim_aware.study import Study, StudyRun, load_run
 
-STUDY_FILE = Path(__file__).resolve().parents[2] / "deploy/campaigns/aim-aware-planar.toml"
+STUDY_FILE = Path(__file__).resolve().parents[3] / "deploy/campaigns/aim-aware-planar.toml"
 
 
 @pytest.fixture(scope="session")

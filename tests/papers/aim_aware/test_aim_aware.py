@@ -2,16 +2,16 @@
 
 import pytest
 
-from rtstack.campaign.claims import Verdict
 from rtstack.cli.app import main
 from rtstack.configuration import ConfigurationError
-from rtstack.studies.aim_aware.bands import Bands, bands
-from rtstack.studies.aim_aware.claims import judge
-from rtstack.studies.aim_aware.classification import plan_case, simulate_case
-from rtstack.studies.aim_aware.grid import Case
-from rtstack.studies.aim_aware.study import load_run
-from rtstack.studies.aim_aware.tuning import Need, find, separate
-from rtstack.studies.aim_aware.worker import run_plan
+from rtstack.experiments.claims import Verdict
+from rtstack.papers.aim_aware.bands import Bands, bands
+from rtstack.papers.aim_aware.claims import judge
+from rtstack.papers.aim_aware.classification import plan_case, simulate_case
+from rtstack.papers.aim_aware.grid import Case
+from rtstack.papers.aim_aware.study import load_run
+from rtstack.papers.aim_aware.tuning import Need, find, separate
+from rtstack.papers.aim_aware.worker import run_plan
 
 DEGREES = [float(deg) for deg in range(-10, 11)]
 

@@ -9,25 +9,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rtstack.campaign.claims import Verdict
-from rtstack.cli.platform_cell import open_platform_cell, platform_files
 from rtstack.configuration import ConfigurationError
+from rtstack.experiments.claims import Verdict
 from rtstack.model.arm_model import ArmModel
-from rtstack.studies.aim_aware.arm.claims import judge
-from rtstack.studies.aim_aware.arm.study import ArmRun, load_arm_run
-from rtstack.studies.aim_aware.arm.tuning import separated
-from rtstack.studies.aim_aware.arm.worker import hit_case, judged_case, plan_case, run_hits
-from rtstack.studies.aim_aware.grid import Case
-from rtstack.studies.aim_aware.tuning import Need
-from rtstack.studies.platform.plan import AXES, face_jacobian
+from rtstack.papers.aim_aware.arm.claims import judge
+from rtstack.papers.aim_aware.arm.study import ArmRun, load_arm_run
+from rtstack.papers.aim_aware.arm.tuning import separated
+from rtstack.papers.aim_aware.arm.worker import hit_case, judged_case, plan_case, run_hits
+from rtstack.papers.aim_aware.grid import Case
+from rtstack.papers.aim_aware.platform.plan import AXES, face_jacobian
+from rtstack.papers.aim_aware.tuning import Need
 
-FILE = Path(__file__).resolve().parents[2] / "deploy/campaigns/aim-aware-arm.toml"
+FILE = Path(__file__).resolve().parents[3] / "deploy/campaigns/aim-aware-arm.toml"
 EXACT = {"inclination_deg": 0.0, "height_mm": 0.0}
 
 
 @pytest.fixture(scope="module")
 def run() -> ArmRun:
-    return load_arm_run(FILE, True, open_platform_cell, platform_files())
+    return load_arm_run(FILE, True)
 
 
 def test_the_grid_is_the_papers_and_the_tuning_has_seen_none_of_it(run):
@@ -67,7 +66,7 @@ def test_the_platform_stands_where_it_is_said_to_and_leans_to_the_side_that_it_i
     first_ms, turned = {}, {}
     for deg in (-6.0, 0.0, 6.0):
         case = Case(110.0, 0.51, deg)
-        done = hit_case(study, open_platform_cell, case, plan, run.monitors()["a"], 5)
+        done = hit_case(study, case, plan, run.monitors()["a"], 5)
         assert not done.stopped
         first_ms[deg] = int(np.argmax(done.ticks["post"])) - 1e3 * plan.t_d_s
         turned[deg] = np.degrees(1e-3 * done.ticks["twist"][:, 4].sum())
@@ -96,7 +95,7 @@ def test_a_hit_is_the_same_again_and_another_one_with_another_seed(run):
 def test_a_hit_that_the_robot_refuses_says_so_and_counts_as_not_expected(run):
     study = replace(run.study, gains=replace(run.study.gains, stiffness=(2e5,) * 3 + (20.0,) * 3))
     plan = plan_case(study, Case(100.0, 0.51, 0.0), run.tuned.learned["100"])
-    done = hit_case(study, open_platform_cell, Case(100.0, 0.51, 0.0), plan, run.monitors()["a"], 1)
+    done = hit_case(study, Case(100.0, 0.51, 0.0), plan, run.monitors()["a"], 1)
     assert done.stopped
     assert len(done.ticks) < len(plan.dq_post)
 
@@ -168,7 +167,7 @@ def test_a_study_that_cannot_be_run_is_one_line(tmp_path, old, new, said):
     path = tmp_path / "mine.toml"
     path.write_text(text.replace(old, new))
     with pytest.raises(ConfigurationError, match=said) as error:
-        load_arm_run(path, False, open_platform_cell, platform_files())
+        load_arm_run(path, False)
     assert "\n" not in str(error.value)
 
 

@@ -1,31 +1,31 @@
 """The study of the grab's monitor: what is judged, and how it is counted."""
 
-import json
 from collections import Counter
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
 
 from rtstack.configuration import ConfigurationError
-from rtstack.studies.grab.cases import FURTHER, MARKED, TRUE_KIND, FaultKind, judged_file, load_judged
-from rtstack.studies.grab.report import About, summarise, write_report
-from rtstack.studies.grab.results import RESULTS, Results, check_folder
-from rtstack.studies.grab.worker import Finding
-from rtstack.trials.errors import TrialError
+from rtstack.experiments.claims import Verdict
+from rtstack.experiments.experiment import Results
+from rtstack.experiments.registry import plan_file
+from rtstack.papers.aim_aware.grab.cases import FURTHER, MARKED, TRUE_KIND, FaultKind, load_judged
+from rtstack.papers.aim_aware.grab.report import report, summarise
+from rtstack.papers.aim_aware.grab.worker import Finding
 from rtstack.trials.monitoring import tuning_of
 from rtstack.trials.unexpected import Unexpected
 
+FILE = plan_file("aim-aware-grab").path
 FINDING = Finding(
     id="good-0000", fault=None, reference="rice_box/11", displacement_mm=3.0, seed=1, verdict="expected", reason=None,
     kind=None, margin=0.5, verdict_s=1.9, onset_s=1.4, nominal_s=1.4, success=True, failure_reason=None, ticks=5000,
-    commit="a",
 )  # fmt: skip
 
 
 def test_the_cases_are_those_of_the_mark() -> None:
-    study = load_judged(judged_file())
-    every = study.cases(quick=False)
+    study = load_judged(FILE)
+    every = study.cases()
     cases = [case for case in every if case.reference.object == "rice_box"]
     count = Counter(case.fault for case in cases)
     assert count[None] == 400
@@ -40,25 +40,25 @@ def test_the_cases_are_those_of_the_mark() -> None:
     others = [case.displacement_mm for case in cases if case.fault not in displaced]
     assert -30.0 <= min(others) < -29.0
     assert 29.0 < max(others) <= 30.0
-    assert every == study.cases(quick=False)
+    assert every == study.cases()
     assert len({case.seed for case in every}) == len({case.id for case in every}) == len(every)
 
 
-@pytest.mark.parametrize("name", load_judged(judged_file()).objects)
+@pytest.mark.parametrize("name", load_judged(FILE).objects)
 def test_no_tuning_has_seen_what_it_is_judged_by(name) -> None:
     tuned_on = tuning_of(name).provenance
     assert tuned_on["object"] == name
-    study = load_judged(judged_file())
+    study = load_judged(FILE)
     seeds, demonstrations = [{*tuned_on[what], *tuned_on[f"held_out_{what}"]} for what in ("seeds", "demonstrations")]
     assert len(seeds) > 20
-    for case in study.cases(quick=False):
+    for case in study.cases():
         assert case.seed not in seeds
         assert Path(case.reference.file).stem not in demonstrations
 
 
 def test_a_set_is_of_one_object(tmp_path) -> None:
     path = tmp_path / "judged.toml"
-    path.write_text(judged_file().read_text().replace('"parcel/32"', '"bottles/32"'))
+    path.write_text(FILE.read_text().replace('"parcel/32"', '"bottles/32"'))
     with pytest.raises(ConfigurationError, match=r"sets\.1\.references: a set is of one object"):
         load_judged(path)
 
@@ -84,29 +84,13 @@ def test_a_verdict_counts_where_it_is_right() -> None:
     assert summarise([FINDING, late]).reached
 
 
-def test_the_page_has_a_table_for_each_object(tmp_path) -> None:
+def test_the_report_has_a_part_for_each_object() -> None:
     parcel = replace(FINDING, id="parcel", reference="parcel/3", verdict="unexpected", reason="load", kind="too heavy")
-    about = About("a test", False, "0", 3, {"rice_box": {"object": "rice_box"}, "parcel": {"seeds": [1], "runs": 7}})
-    summaries = write_report(tmp_path, [FINDING, parcel], about)
-    assert [summaries[name].false_alarms.mean for name in ("rice_box", "parcel")] == [0.0, 1.0]
-    page = (tmp_path / "report.html").read_text()
-    assert "1 trials are missing" in page
-    assert "unexpected: load, too heavy" in page
-    assert json.loads((tmp_path / "summary.json").read_text())["parcel"]["reached"] is False
-
-
-def test_what_was_found_stays_and_a_line_cut_off_is_run_again(tmp_path) -> None:
-    check_folder(tmp_path, "one", resume=False)
-    with Results(tmp_path, "one") as results:
-        results.add(FINDING)
-        with pytest.raises(TrialError, match="another study is running"):
-            Results(tmp_path, "one")
-    with open(tmp_path / RESULTS, "a", encoding="utf-8") as file:
-        file.write('{"id": "good-0001", "fault"')
-    with pytest.raises(TrialError, match="--resume"):
-        check_folder(tmp_path, "one", resume=False)
-    with pytest.raises(TrialError, match="another tuning"):
-        check_folder(tmp_path, "two", resume=True)
-    check_folder(tmp_path, "one", resume=True)
-    with Results(tmp_path, "one") as results:
-        assert results.findings == {"good-0000": FINDING}
+    tunings = {"rice_box": {"object": "rice_box"}, "parcel": {"seeds": [1], "runs": 7}}
+    made = report(tunings, Results([asdict(FINDING), asdict(parcel)], Path()))
+    assert [part.name for part in made.parts] == ["rice_box", "parcel"]
+    assert [part.numbers["false_alarms"]["share"] for part in made.parts] == [0.0, 1.0]
+    assert [claim.verdict for claim in made.parts[1].claims] == [Verdict.UNDECIDED, Verdict.DIFFERS]
+    assert made.parts[1].numbers["wrong"][0]["kind"] == "too heavy"
+    assert not made.reached
+    assert "false alarms: 100.0 %" in made.summary

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.optimize import root_scalar
 
-from rtstack.studies.planar.dynamics import coriolis, inertia, tip
-from rtstack.studies.planar.impact import InfeasibleImpact, simultaneous_impact
-from rtstack.studies.planar.parameters import Contact, PlanarArm
-from rtstack.studies.planar.plan import joints_at, model_at, plan_impact
-from rtstack.studies.planar.plant import advance, derivative
+from rtstack.papers.aim_aware.planar.dynamics import coriolis, inertia, tip
+from rtstack.papers.aim_aware.planar.impact import InfeasibleImpact, simultaneous_impact
+from rtstack.papers.aim_aware.planar.parameters import Contact, PlanarArm
+from rtstack.papers.aim_aware.planar.plan import joints_at, model_at, plan_impact
+from rtstack.papers.aim_aware.planar.plant import advance, derivative
 
 ARM = PlanarArm(
     length_m=(0.35, 0.35, 0.15), mass_kg=(3.5, 2.5, 1.0), half_width_m=0.1, B_kg_m2=(0.6, 0.45, 0.2),

@@ -12,7 +12,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from rtstack.studies.aim_aware.worker import run_plan
+from rtstack.papers.aim_aware.worker import run_plan
 
 RTSTACK = [sys.executable, "-m", "rtstack", "campaign", "aim-aware-planar", "--quick", "--workers", "1"]
 PATIENCE_S = 250.0

@@ -1,28 +1,28 @@
 """The plans of the validation campaigns, and what comes of their results."""
 
 from dataclasses import asdict, replace
-from importlib.resources import as_file, files
 
 import numpy as np
 import pytest
 
-from rtstack.campaign.claims import Verdict
 from rtstack.configuration import ConfigurationError
+from rtstack.experiments.claims import Verdict
+from rtstack.experiments.registry import kind_of, plan_file
 from rtstack.impact_map import ReflectedInertia
 from rtstack.impact_map.grab import grab_scene
 from rtstack.impact_map.map import converged
 from rtstack.impact_map.problem import problem_of
-from rtstack.impact_validation.claims import judge_claims
-from rtstack.impact_validation.evaluation import combined, tables
-from rtstack.impact_validation.plan import is_validation, load_validation_plan
-from rtstack.impact_validation.prediction import with_inertia
+from rtstack.papers.impact_maps.claims import judge_claims
+from rtstack.papers.impact_maps.evaluation import combined, tables
+from rtstack.papers.impact_maps.plan import load_validation_plan
+from rtstack.papers.impact_maps.prediction import with_inertia
 from rtstack.references.motion import Motion
 
 
 def plan_named(name, quick=False):
-    with as_file(files("deploy.campaigns") / f"{name}.toml") as path:
-        assert is_validation(path)
-        return load_validation_plan(path, quick)
+    path = plan_file(name).path
+    assert kind_of(path) == "impact-map-validation"
+    return load_validation_plan(path, quick)
 
 
 def test_the_campaign_is_the_papers_450_trials():
@@ -45,8 +45,7 @@ def test_conditions_share_seeds_and_references():
 
 
 def test_a_value_out_of_range_is_one_line(tmp_path):
-    with as_file(files("deploy.campaigns") / "impact-map-validation.toml") as path:
-        text = path.read_text()
+    text = plan_file("impact-map-validation").path.read_text()
     broken = tmp_path / "broken.toml"
     for old, new, key in (
         ("speed = 0.7", "speed = 7.0", "case 2: plan: speed"),

@@ -1,6 +1,6 @@
 """How far the validation's estimates depend on the end of (29)'s window, from a campaign's logs.
 
-    .venv/bin/python tests/impact_validation/windows.py OUT [--motion grab] [--repetitions 2]
+    .venv/bin/python tests/papers/impact_maps/windows.py OUT [--motion grab] [--repetitions 2]
 
 For each object and case: the error of the prediction with B_theta, %, for windows that end 0.45 to 0.6 s after the
 nominal impact. The paper's ends "after any impact-induced vibrations have vanished": where they have not, the columns
@@ -15,12 +15,12 @@ from pathlib import Path
 import numpy as np
 
 from rtstack.cli.cells import default_cell_file
-from rtstack.impact_validation.feedback import feedback_signal
-from rtstack.impact_validation.fit import zero_feedback
-from rtstack.impact_validation.plan import DIRECTIONS
 from rtstack.log.reader import read_log
 from rtstack.loop.history import Columns
 from rtstack.model.cell_description import load_cell_description
+from rtstack.papers.impact_maps.feedback import feedback_signal
+from rtstack.papers.impact_maps.fit import zero_feedback
+from rtstack.papers.impact_maps.plan import DIRECTIONS
 from rtstack.references.motion import Motion
 from rtstack.samples import SIDES
 from rtstack.trials.assembly import arm_controllers, cell_parameters

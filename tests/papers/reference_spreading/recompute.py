@@ -1,6 +1,7 @@
 """Recompute a campaign's numbers from its MCAP files alone, and compare them with what it says.
 
-    python tests/campaign/recompute.py DIR [--plan deploy/campaigns/reference-spreading.toml] [--jobs 2] [--trials N]
+    python tests/papers/reference_spreading/recompute.py DIR [--plan deploy/campaigns/reference-spreading.toml] [--jobs
+    2] [--trials N]
 
 Nothing of ours is imported: mcap, mcap_protobuf and numpy. Each number of results.csv that the report uses, then Table
 II, Figure 11 and the means behind the claims with their 95 % intervals, as report.json and the page have them, and the

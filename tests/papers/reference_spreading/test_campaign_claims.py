@@ -5,10 +5,15 @@ from itertools import product
 import numpy as np
 import pytest
 
-from rtstack.campaign.claims import Verdict, judge_claims
-from rtstack.campaign.evaluation import NAMES, Evaluation, kind_of
-from rtstack.campaign.sensitivity import outcomes
-from rtstack.campaign.store import COLUMNS
+from rtstack.experiments.claims import Verdict
+from rtstack.experiments.store import columns_of, stored
+from rtstack.papers.reference_spreading.claims import judge_claims
+from rtstack.papers.reference_spreading.evaluation import Evaluation, kind_of
+from rtstack.papers.reference_spreading.measures import Measures
+from rtstack.papers.reference_spreading.names import NAMES
+from rtstack.papers.reference_spreading.sensitivity import outcomes
+from rtstack.papers.reference_spreading.trial import Trial
+from rtstack.trials.result import TrialResult
 from rtstack.trials.specification import Controller
 
 FORCE = {
@@ -44,7 +49,7 @@ def rows(force=FORCE, lift=LIFT, grabs=GRABS, noise=0.1):
 
 
 def row(experiment, reference, thing, displacement_mm, repetition, controller):
-    return dict.fromkeys(COLUMNS) | {
+    return dict.fromkeys(stored(columns_of(Trial, TrialResult, Measures))) | {
         "experiment": experiment, "conditions": "nominal", "reference": reference, "object": thing, "success": True,
         "displacement_mm": displacement_mm, "repetition": repetition, "controller": str(controller),
     }  # fmt: skip

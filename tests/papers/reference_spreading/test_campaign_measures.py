@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from hal.tracker import OBJECT_POSE
-from rtstack.campaign.measures import APART_M, measure
 from rtstack.control.parameters import ControlParameters
 from rtstack.loop.history import Columns
 from rtstack.model.cell_description import base_frame
+from rtstack.papers.reference_spreading.measures import APART_M, measure
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, TIMING_SAMPLE, Mode
 
 TICKS = 1500

@@ -8,16 +8,13 @@ from math import radians
 import pytest
 
 from hal.displacement import Displacement
-from rtstack.campaign.evaluation import NAMES
-from rtstack.campaign.plan import load_plan, plan_file, plan_names
-from rtstack.campaign.runner import select
-from rtstack.campaign.trial import Reference, seed_of
 from rtstack.configuration import ConfigurationError
-from rtstack.impact_validation.plan import is_validation, load_validation_plan
-from rtstack.studies.aim_aware.arm.study import load_arm_study
-from rtstack.studies.aim_aware.study import load_study
-from rtstack.studies.aim_aware.tuned import study_kind
-from rtstack.trials.errors import TrialError
+from rtstack.experiments.plan_file import digest_of
+from rtstack.experiments.registry import plan_file
+from rtstack.experiments.seeds import seed_of
+from rtstack.papers.reference import Reference
+from rtstack.papers.reference_spreading.names import NAMES
+from rtstack.papers.reference_spreading.plan import load_plan, select
 
 
 @pytest.fixture
@@ -67,29 +64,16 @@ def test_quick_is_a_part_of_it(plan):
     assert 0 < quick.size() < plan.size() / 5
     assert quick.references() != plan.references()
     assert set(quick.references()) < set(plan.references())
-    assert quick.sealed([]).digest != plan.sealed([]).digest
+    assert digest_of(quick) != digest_of(plan)
 
 
-def test_the_digest_sees_every_file(plan):
-    digests = {plan.sealed(files).digest for files in ([], [b"a"], [b"b"], [b"a", b"b"], [b"b", b"a"], [b"ab"])}
-    assert len(digests) == 6
-    assert plan.sealed([b"a"]).digest == plan.sealed([b"a"]).digest
-
-
-def test_every_plan_is_read_and_has_a_sample():
-    assert "reference-spreading" in plan_names()
-    for name in plan_names():
-        path = plan_file(name).path
-        if study_kind(path) is not None:
-            load = load_arm_study if study_kind(path) == "aim_aware_arm" else load_study
-            assert load(path).name == name
-            continue
-        if is_validation(path):
-            assert load_validation_plan(path).name == name
-            assert load_validation_plan(path, quick=True).size() > 0
-            continue
-        assert load_plan(path).name == name
-        assert load_plan(path, quick=True).size() > 0
+def test_the_digest_sees_every_file(plan, tmp_path):
+    one, other, both = (tmp_path / name for name in ("one", "other", "both"))
+    for path, content in ((one, b"a"), (other, b"b"), (both, b"ab")):
+        path.write_bytes(content)
+    files = ([], [one], [other], [one, other], [other, one], [both])
+    assert len({digest_of(plan, some) for some in files} | {digest_of(plan, [], also="a")}) == 7
+    assert digest_of(plan, [one]) == digest_of(plan, [one])
 
 
 @pytest.mark.parametrize(
@@ -117,11 +101,6 @@ def test_a_plan_that_cannot_be_is_one_line(tmp_path, old, new, said):
         load_plan(path)
     assert re.match(rf"{re.escape(str(path))}:(\d+:)? ", str(refused.value))
     assert "\n" not in str(refused.value)
-
-
-def test_an_unknown_campaign_names_the_known_ones():
-    with pytest.raises(TrialError, match=r"unknown campaign 'nope': there are .*reference-spreading"):
-        plan_file("nope")
 
 
 def test_references_are_chosen_by_their_success():

@@ -52,6 +52,6 @@ def test_an_object_that_the_cell_lacks_and_a_study_of_its_own_cell_are_refused(f
     plan, cell = files
     with pytest.raises(TrialError, match=r"unknown object 'crate'.*--cell-file"):
         campaign(str(plan), tmp_path / "out", False, 1, None, False)
-    with pytest.raises(TrialError, match="--cell-file is for campaigns that compare controllers"):
+    with pytest.raises(TrialError, match="--cell-file: aim-aware-grab takes none"):
         campaign("aim-aware-grab", tmp_path / "out", False, 1, None, False, cell_file=cell)
     assert not (tmp_path / "out").exists()

@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 
-from rtstack.campaign.claims import Claim, Verdict
-from rtstack.studies.aim_aware.arm.study import ArmColumn, ArmRun
-from rtstack.studies.aim_aware.bands import Bands, bands
-from rtstack.studies.aim_aware.claims import band_words, edge_words, growing, side_words, verdict_of, width_words
-from rtstack.studies.aim_aware.worker import Row
+from rtstack.experiments.claims import Claim, Verdict, verdict_of
+from rtstack.experiments.experiment import Row
+from rtstack.papers.aim_aware.arm.study import ArmColumn, ArmRun
+from rtstack.papers.aim_aware.bands import Bands, bands
+from rtstack.papers.aim_aware.claims import band_words, edge_words, growing, side_words, width_words
 
 
 def judge(run: ArmRun, rows: Sequence[Row]) -> list[Claim]:

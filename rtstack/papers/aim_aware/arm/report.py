@@ -1,64 +1,65 @@
-"""The arm study's report: results as CSV, figures, the signals of the figures' cases, and one self-contained page."""
+"""The arm study's report: claims, tables and figures, and the signals of the figures' cases as a file."""
 
 from collections import Counter
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from rtstack.campaign.page import FIGURES, embedded
-from rtstack.campaign.plan import PlanFile
-from rtstack.campaign.statistics import proportion
-from rtstack.campaign.store import Row, Store
-from rtstack.studies.aim_aware.arm.claims import difference_deg, judge
-from rtstack.studies.aim_aware.arm.study import ArmRun
-from rtstack.studies.aim_aware.arm.worker import judged_case
-from rtstack.studies.aim_aware.bands import Bands, bands
-from rtstack.studies.aim_aware.figures import figure6, shares
-from rtstack.studies.aim_aware.grid import Case
-from rtstack.studies.aim_aware.page import kept_rows, table_lines, write_page
-from rtstack.studies.platform.plan import IN_PLANE
+from rtstack.experiments.experiment import Results, Row
+from rtstack.experiments.report import Figure, Part, Report
+from rtstack.experiments.statistics import proportion
+from rtstack.papers.aim_aware.arm.claims import difference_deg, judge
+from rtstack.papers.aim_aware.arm.study import ArmRun
+from rtstack.papers.aim_aware.arm.worker import judged_case
+from rtstack.papers.aim_aware.bands import bands
+from rtstack.papers.aim_aware.figures import figure6, shares
+from rtstack.papers.aim_aware.grid import Case
+from rtstack.papers.aim_aware.page import cpu_s, page_values
+from rtstack.papers.aim_aware.platform.plan import IN_PLANE
 
 SIGNALS = "signals.npz"
 SHOWN_DEG = (-8.0, 0.0, 4.0)  # what the figure of single hits shows, of the first approach angle
 PER_CENT = 100.0
 
 
-def write_report(store: Store, run: ArmRun, file: PlanFile) -> Path:
-    """Write results.csv, times.csv, signals.npz, figures/*.png and report.html. Returns the page's path."""
-    rows = kept_rows(store, run.grid)
-    folder = store.out / FIGURES
-    folder.mkdir(exist_ok=True)
+def report(run: ArmRun, results: Results) -> Report:
+    """Return claims and figures; writes signals.npz, but for a preliminary report."""
+    rows = results.rows
     found = {name: bands(rows, name) for name in run.study.tunings} if rows else {}
-    captions = _figures(run, store.out, folder, found)
-    return write_page(
-        "arm.html", store, run, file, [embedded(folder / name, caption) for name, caption in captions],
-        claims=judge(run, rows), every=rows, unseen=rows,
-        table=table_lines(run.study.tunings, run.tuned.tunings), table_name="Table 2", signals=SIGNALS,
-        shares=_share_lines(run, rows), asymmetry={name: difference_deg(each) for name, each in found.items()},
-        stopped=Counter(row["stopped"].split(" (")[0] for row in rows if row["stopped"]),
+    figures = []
+    if found:
+        columns = {name: column.band for name, column in run.columns.items()}
+        caption = "Figure 8: share of hits that each tuning expects, by inclination."
+        figures.append(Figure("figure8.png", caption, partial(shares, found=found, wanted=columns)))
+    if not results.preliminary:
+        figures.append(_examples(run, results.out))
+    more = {
+        "run": run, "shares": _share_lines(run, rows),
+        "asymmetry": {name: difference_deg(each) for name, each in found.items()},
+        "stopped": Counter(row["stopped"].split(" (")[0] for row in rows if row["stopped"]),
+    }  # fmt: skip
+    return Report(
+        [Part("all hits", judge(run, rows))], figures, page=("rtstack.papers.aim_aware", "arm.html"),
+        values=page_values(run.study, run.tuned, rows, rows, "Table 2", SIGNALS) | more,
+        summary=f"{len(rows)} simulations, {cpu_s(rows):.0f} s of a CPU",
     )  # fmt: skip
 
 
-def _figures(run: ArmRun, out: Path, folder: Path, found: dict[str, Bands]) -> list[tuple[str, str]]:
-    """Draw the figures; the cases of the second one are run again, and kept. Returns names and captions."""
-    captions = []
-    if found:
-        shares(folder / "figure8.png", found, {name: column.band for name, column in run.columns.items()})
-        captions.append(("figure8.png", "Figure 8: share of hits that each tuning expects, by inclination."))
+def _examples(run: ArmRun, out: Path) -> Figure:
+    """Return the figure of single hits, which are run again, and kept."""
     approach_deg, location_m = run.grid.plans()[0]
     impacts = [judged_case(run, Case(approach_deg, location_m, deg))[0] for deg in SHOWN_DEG]
     signals: dict[str, Any] = {impact.case.id: impact.ticks for impact in impacts}
     plan = impacts[0].plan
     np.savez_compressed(out / SIGNALS, **signals, dq_post=plan.dq_post, q_d=plan.q_d, t_d_s=plan.t_d_s)
     tuning = list(run.study.tunings)[-1]
-    figure6(folder / "figure6.png", impacts, run.monitors()[tuning], IN_PLANE)
-    captions.append(
-        ("figure6.png", f"Figure 6(b): velocity error of joints 2, 4 and 6 and its envelope widened by e_m, tuning "
-         f"({tuning}), approach {approach_deg:g} deg. Blue: used for the verdict; red: zero lies outside.")
-    )  # fmt: skip
-    return captions
+    caption = f"Figure 6(b): velocity error of joints 2, 4 and 6 and its envelope widened by e_m, tuning ({tuning}), "
+    caption += f"approach {approach_deg:g} deg. Blue: used for the verdict; red: zero lies outside."
+    parameters = run.monitors()[tuning]
+    return Figure("figure6.png", caption, partial(figure6, impacts=impacts, parameters=parameters, joints=IN_PLANE))
 
 
 def _share_lines(run: ArmRun, rows: Sequence[Row]) -> list[list[str]]:

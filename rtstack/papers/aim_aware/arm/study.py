@@ -1,6 +1,5 @@
 """What the arm study consists of, from its file in deploy/campaigns, and the tuning that was found for it."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -11,15 +10,15 @@ from pydantic.dataclasses import dataclass as checked
 from rtstack.configuration import STRICT, ConfigurationError
 from rtstack.model.cell_description import ArmMounting, Pad
 from rtstack.monitor.parameters import MonitorParameters
-from rtstack.studies.aim_aware.grid import Case, Column, Found, monitors_of
-from rtstack.studies.aim_aware.outline import Outline, Portion, load_outline
-from rtstack.studies.aim_aware.tuned import tuned_for
-from rtstack.studies.planar.parameters import NotNegative, Positive, Real
-from rtstack.studies.platform.hit import HitGains, Hitter
-from rtstack.studies.platform.setup import OpenCell, Setup
+from rtstack.papers.aim_aware.grid import Case, Column, Found, monitors_of
+from rtstack.papers.aim_aware.outline import Outline, Portion, load_outline
+from rtstack.papers.aim_aware.planar.parameters import NotNegative, Positive, Real
+from rtstack.papers.aim_aware.platform.hit import HitGains, Hitter
+from rtstack.papers.aim_aware.platform.setup import Setup, platform_files
+from rtstack.papers.aim_aware.tuned import tuned_for
 
-STUDY = "aim_aware_arm"
-COMMAND = "python -m rtstack.cli.arm_tuning"
+STUDY = "aim-aware-arm"
+COMMAND = "python -m rtstack.papers.aim_aware.arm.tuning"
 Seven = tuple[Positive, Positive, Positive, Positive, Positive, Positive, Positive]
 Count = Annotated[int, Field(ge=1, le=100)]
 
@@ -113,9 +112,7 @@ class ArmStudy(Outline):
 
 @dataclass(frozen=True, slots=True)
 class ArmRun(Portion[ArmStudy, ArmTuned]):
-    """The study, or a sample of it, and the cell that it is run on."""
-
-    open_cell: OpenCell
+    """The study, or a sample of it."""
 
     @property
     def columns(self) -> dict[str, ArmColumn]:
@@ -137,11 +134,11 @@ def load_arm_study(path: Path) -> ArmStudy:
     return load_outline(path, ArmStudy, STUDY)
 
 
-def load_arm_run(path: Path, quick: bool, open_cell: OpenCell, plant_files: Sequence[Path]) -> ArmRun:
-    """Read a study with the tuning that was found for it, on this plant. Raises ConfigurationError with one line."""
+def load_arm_run(path: Path, quick: bool) -> ArmRun:
+    """Read a study with the tuning that was found for it, on its plant. Raises ConfigurationError with one line."""
     study = load_arm_study(path)
-    tuned, digest = tuned_for(path, study.name, ArmTuned, f"{COMMAND} {path}", plant_files)
+    tuned = tuned_for(path, study.name, ArmTuned, f"{COMMAND} {path}", platform_files())
     missing = [f"{deg:g}" for deg in study.grid.approach_deg.values() if f"{deg:g}" not in tuned.learned]
     if missing:
         raise ConfigurationError(f"{path}: no velocity was learned for {missing[0]} deg: run `{COMMAND} {path}` again")
-    return ArmRun(study, tuned, quick, digest, open_cell)
+    return ArmRun(study, tuned, quick)

@@ -4,7 +4,7 @@ In this order: the residual's largest rates in free motion; for each candidate, 
 post-impact velocities of the nominal hits (as in the paper, no impact map: the pad's mean velocity over the horizon
 xi after the first impact, of hits whose reference keeps what a frictionless platform would leave); the hits of the
 coarse grid; and from what each of them needs, epsilon and e_m as in the planar study
-(rtstack.studies.aim_aware.tuning). Unlike there, wanted hits that nothing can make expected ((10), (12), a reflex of
+(rtstack.papers.aim_aware.tuning). Unlike there, wanted hits that nothing can make expected ((10), (12), a reflex of
 the robot) are left out, and counted; and where wanted and unwanted hits overlap, the bounds are what the wanted ones
 need, and no more.
 
@@ -12,34 +12,33 @@ The text of the paper does not say which sign an inclination has: a band that is
 the tuning takes the candidate and the side with the fewest hits left out, and of these the largest worst separation.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from rich.progress import track
 
-from rtstack.campaign.trial import seed_of
 from rtstack.configuration import ConfigurationError
+from rtstack.experiments.seeds import seed_of
 from rtstack.monitor.parameters import MonitorParameters
-from rtstack.studies.aim_aware.arm.study import COMMAND, ArmStudy, ArmTuned, Seven, load_arm_study
-from rtstack.studies.aim_aware.arm.worker import Twist, hit_case, plan_case
-from rtstack.studies.aim_aware.classification import Impact
-from rtstack.studies.aim_aware.grid import Case, Found
-from rtstack.studies.aim_aware.tuned import digest_of
-from rtstack.studies.aim_aware.tuning import LARGE, Need, found_lines, need, separate, separation_lines
-from rtstack.studies.planar.plan import approach_velocity
-from rtstack.studies.platform.plan import AXES, PERIOD_S
-from rtstack.studies.platform.setup import OpenCell
+from rtstack.papers.aim_aware.arm.study import COMMAND, ArmStudy, ArmTuned, Seven, load_arm_study
+from rtstack.papers.aim_aware.arm.worker import Twist, hit_case, plan_case
+from rtstack.papers.aim_aware.classification import Impact
+from rtstack.papers.aim_aware.grid import Case, Found
+from rtstack.papers.aim_aware.planar.plan import approach_velocity
+from rtstack.papers.aim_aware.platform.plan import AXES, PERIOD_S
+from rtstack.papers.aim_aware.platform.setup import platform_files
+from rtstack.papers.aim_aware.tuned import digest_of
+from rtstack.papers.aim_aware.tuning import LARGE, Need, found_lines, need, separate, separation_lines, write_tuning
 
 SETTLED = 50  # ticks: the observer has started
 BEFORE = 30  # ticks before the planned impact: nothing can be touched yet
 
-Track = Callable[[Iterable[Case], str], Iterable[Case]]
-
 
 class _Tuner:
-    def __init__(self, study: ArmStudy, open_cell: OpenCell, track: Track) -> None:
-        self._study, self._open_cell, self._track = study, open_cell, track
+    def __init__(self, study: ArmStudy) -> None:
+        self._study = study
 
     def nominal(self, approach_deg: Iterable[float]) -> list[Case]:
         """Return the hits to learn from, on a platform that is as it is meant to be."""
@@ -50,10 +49,10 @@ class _Tuner:
         """Return the residual's largest rates (7,), Nm/s, before anything is touched."""
         until = round(self._study.task.approach_s / PERIOD_S) - BEFORE
         rates = []
-        for case in self._track(cases, "free motion"):
+        for case in track(cases, "free motion"):
             plan, seed = plan_case(self._study, case, self._prior(case)), self._seed("learning", case)
             deaf = self._monitoring((LARGE * LARGE,) * 7)
-            ticks = hit_case(self._study, self._open_cell, case, plan, deaf, seed, until).ticks
+            ticks = hit_case(self._study, case, plan, deaf, seed, until).ticks
             rates.append(np.abs(np.diff(ticks["residual"], axis=0))[SETTLED:].max(axis=0) / PERIOD_S)
         return np.max(rates, axis=0)
 
@@ -61,9 +60,9 @@ class _Tuner:
         """Return the pad's velocities after a nominal impact, by approach angle."""
         seen: dict[str, list[NDArray[np.float64]]] = {}
         horizon = round(next(iter(self._study.tunings.values())).horizon_s / PERIOD_S)
-        for case in self._track(cases, "learning"):
+        for case in track(cases, "learning"):
             plan, seed = plan_case(self._study, case, self._prior(case)), self._seed("learning", case)
-            done = hit_case(self._study, self._open_cell, case, plan, self._monitoring(rates), seed)
+            done = hit_case(self._study, case, plan, self._monitoring(rates), seed)
             first = int(np.argmax(done.ticks["post"]))
             if done.stopped or first == 0:
                 raise ConfigurationError(f"a nominal hit at {case.approach_deg:g} deg: {done.stopped or 'no impact'}")
@@ -74,10 +73,10 @@ class _Tuner:
     def needs(self, rates: Seven, learned: dict[str, Twist]) -> dict[str, dict[Case, Need]]:
         """Return what each hit of the coarse grid needs to be expected, by tuning."""
         needs: dict[str, dict[Case, Need]] = {name: {} for name in self._study.tunings}
-        for case in self._track(list(self._study.coarse.cases()), "coarse grid"):
+        for case in track(list(self._study.coarse.cases()), "coarse grid"):
             plan = plan_case(self._study, case, learned[f"{case.approach_deg:g}"])
             seed = self._seed("tuning", case)
-            done = hit_case(self._study, self._open_cell, case, plan, self._monitoring(rates), seed)
+            done = hit_case(self._study, case, plan, self._monitoring(rates), seed)
             impact = Impact(case, plan, done.ticks)
             for name, column in self._study.tunings.items():
                 needs[name][case] = need(impact, column, rates)
@@ -94,10 +93,10 @@ class _Tuner:
         return seed_of(self._study.seed, what, case.id)
 
 
-def tune(path: Path, open_cell: OpenCell, plant_files: Iterable[Path], track: Track) -> ArmTuned:
+def tune(path: Path) -> ArmTuned:
     """Return the tuning of the study at `path`. Raises ConfigurationError where no candidate tells the cases apart."""
     study = load_arm_study(path)
-    tuner = _Tuner(study, open_cell, track)
+    tuner = _Tuner(study)
     nominal = tuner.nominal(study.coarse.approach_deg.values())
     quiet = tuner.quiet(nominal)
     separations: dict[str, list[float]] = {}
@@ -118,7 +117,7 @@ def tune(path: Path, open_cell: OpenCell, plant_files: Iterable[Path], track: Tr
     _, factor, mirrored, found = best
     rates = _rates(factor, quiet)
     learned = tuner.learn(tuner.nominal(study.grid.approach_deg.values()), rates)
-    digest = digest_of(*(each.read_bytes() for each in (path, *plant_files)))
+    digest = digest_of(*(each.read_bytes() for each in (path, *platform_files())))
     return ArmTuned(digest, factor, _seven(quiet), rates, mirrored, learned, found, separations, left_out)
 
 
@@ -181,3 +180,7 @@ def _seven(values: NDArray[np.float64]) -> Seven:
 def _twist(values: NDArray[np.float64]) -> Twist:
     x, z, turn = (round(float(value), 4) for value in values)
     return x, z, turn
+
+
+if __name__ == "__main__":
+    write_tuning("aim-aware-arm", load_arm_study, tune, as_toml)

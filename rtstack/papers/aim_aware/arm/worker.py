@@ -7,17 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from rtstack.campaign.trial import seed_of
+from rtstack.experiments.experiment import Row
+from rtstack.experiments.seeds import seed_of
 from rtstack.model.cell_description import ArmMounting, Pad
 from rtstack.monitor.parameters import MonitorParameters
-from rtstack.studies.aim_aware.arm.study import ArmRun, ArmStudy
-from rtstack.studies.aim_aware.classification import Impact
-from rtstack.studies.aim_aware.grid import Case
-from rtstack.studies.aim_aware.worker import Row, origin, verdict_columns, verdicts
-from rtstack.studies.planar.parameters import Task
-from rtstack.studies.platform.hit import Hit, hit
-from rtstack.studies.platform.plan import HitPlan, plan_hit
-from rtstack.studies.platform.setup import OpenCell
+from rtstack.papers.aim_aware.arm.study import ArmRun, ArmStudy
+from rtstack.papers.aim_aware.classification import Impact
+from rtstack.papers.aim_aware.grid import Case
+from rtstack.papers.aim_aware.planar.parameters import Task
+from rtstack.papers.aim_aware.platform.cell import open_platform_cell
+from rtstack.papers.aim_aware.platform.hit import Hit, hit
+from rtstack.papers.aim_aware.platform.plan import HitPlan, plan_hit
+from rtstack.papers.aim_aware.worker import verdict_columns, verdicts
 
 Twist = tuple[float, float, float]
 JUDGED = "judged"
@@ -26,7 +27,7 @@ JUDGED = "judged"
 def columns(run: ArmRun) -> dict[str, Any]:
     """Return the columns of the results: name -> type."""
     known: dict[str, Any] = {
-        "id": str, "approach_deg": float, "location_m": float, "inclination_deg": float, "repetition": int, "seed": int,
+        "approach_deg": float, "location_m": float, "inclination_deg": float, "repetition": int, "seed": int,
         "stopped": str, "impacts": int, "first_ms": float, "last_ms": float,
     }  # fmt: skip
     return known | verdict_columns(run.monitors())
@@ -45,12 +46,11 @@ def plan_case(study: ArmStudy, case: Case, twist: Twist) -> HitPlan:
 
 
 def hit_case(
-    study: ArmStudy, open_cell: OpenCell, case: Case, plan: HitPlan, monitoring: MonitorParameters, seed: int,
-    until: int | None = None,
-) -> Hit:  # fmt: skip
+    study: ArmStudy, case: Case, plan: HitPlan, monitoring: MonitorParameters, seed: int, until: int | None = None
+) -> Hit:
     """Hit the platform, in a cell of its own."""
     a, b, c, d, e, f, g = map(float, plan.q_start)
-    cell = open_cell(study.setup, (a, b, c, d, e, f, g), case.inclination_deg, seed)
+    cell = open_platform_cell(study.setup, (a, b, c, d, e, f, g), case.inclination_deg, seed)
     try:
         return hit(cell.left, study.hitter, plan, monitoring, until)
     finally:
@@ -62,8 +62,13 @@ def judged_case(run: ArmRun, case: Case) -> tuple[Impact[HitPlan], Hit, int]:
     plan = plan_case(run.study, case, run.tuned.learned[f"{case.approach_deg:g}"])
     seed = seed_of(run.study.seed, JUDGED, case.id)
     monitoring = next(iter(run.monitors().values()))  # all see the same impacts
-    done = hit_case(run.study, run.open_cell, case, plan, monitoring, seed)
+    done = hit_case(run.study, case, plan, monitoring, seed)
     return Impact(case, plan, done.ticks), done, seed
+
+
+def compile_hit(run: ArmRun, case: Case) -> None:
+    """Run a hit, so that what is compiled is kept before the workers need it."""
+    run_hits(run, [case])
 
 
 def run_hits(run: ArmRun, cases: Sequence[Case]) -> list[Row]:
@@ -79,4 +84,4 @@ def run_hits(run: ArmRun, cases: Sequence[Case]) -> list[Row]:
         }  # fmt: skip
         rows.append(row | verdicts(impact, run.monitors()))
     cpu_s = (time.process_time() - began_s) / len(rows)
-    return [row | origin(run.digest, cpu_s) for row in rows]
+    return [row | {"cpu_s": cpu_s} for row in rows]

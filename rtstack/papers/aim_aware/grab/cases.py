@@ -1,18 +1,18 @@
 """The trials by which the grab's monitor is judged: a TOML file, fixed before it is run, and the cases that follow."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
-from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from rtstack.campaign.plan import Conditions
-from rtstack.campaign.trial import Reference, seed_of
 from rtstack.configuration import STRICT, ConfigurationError, load_toml
+from rtstack.experiments.seeds import seed_of
+from rtstack.papers.conditions import Conditions
+from rtstack.papers.reference import Reference
 from rtstack.references.impact import ExpectedImpact
 from rtstack.trials.unexpected import Unexpected
 
@@ -20,7 +20,6 @@ Count = Annotated[int, Field(ge=1, le=10_000)]
 FewOrNone = Annotated[int, Field(ge=0, le=1000)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 FIRST_PUSH_S = 0.3  # since the first motion
-RECORDING_STAGE = "reference"
 
 
 class FaultKind(StrEnum):
@@ -102,38 +101,45 @@ class JudgedSet:
 class Judged:
     """The study as its file has it. sets: one an object; the mark is that of the first one."""
 
+    kind: Literal["aim-aware-grab"]
     name: str
+    title: str
     seed: Annotated[int, Field(ge=0)]
     displacement_mm: Positive
     sets: Annotated[tuple[JudgedSet, ...], Field(min_length=1)]
     faults: Faults
     conditions: Conditions
+    quick: bool = False
 
     @property
     def objects(self) -> tuple[str, ...]:
         """The objects, in the order of the file."""
         return tuple(one.object for one in self.sets)
 
-    def cases(self, quick: bool) -> list["Case"]:
+    def size(self) -> int:
+        """Number of cases."""
+        return len(self.cases())
+
+    def cases(self) -> list["Case"]:
         """Return all cases, good and faulty in turn, so that what was run of them is a sample of both."""
-        cases: list[Case] = []
+        cases, quick = list[Case](), self.quick
         for one in self.sets:
             good, faulty = (one.quick_good, one.quick_faulty) if quick else (one.good, one.faulty)
             further = one.quick_further if quick else one.further
             dealt = [*((k, None) for k in range(good)), *((k, MARKED[k % len(MARKED)]) for k in range(faulty))]
             dealt += [(k, FURTHER[k % len(FURTHER)]) for k in range(further)]
-            cases += sorted((self._case(one, number, kind, quick) for number, kind in dealt), key=lambda c: c.number)
+            cases += sorted((self._case(one, number, kind) for number, kind in dealt), key=lambda c: c.number)
         return cases
 
-    def recorded(self, quick: bool) -> tuple[Reference, ...]:
+    def recorded(self) -> tuple[Reference, ...]:
         """Return the demonstrations that the cases follow."""
-        return tuple(reference for one in self.sets for reference in one.recorded(quick))
+        return tuple(reference for one in self.sets for reference in one.recorded(self.quick))
 
-    def _case(self, one: JudgedSet, number: int, kind: FaultKind | None, quick: bool) -> "Case":
+    def _case(self, one: JudgedSet, number: int, kind: FaultKind | None) -> "Case":
         what = "good" if kind is None else "further" if kind in FURTHER else "faulty"
         seed = seed_of(one.seed, what, number)
         draw = np.random.default_rng([seed, 1])
-        references = one.recorded(quick)
+        references = one.recorded(self.quick)
         displacement_mm = float(draw.uniform(-self.displacement_mm, self.displacement_mm))
         if kind is FaultKind.SHIFTED:
             displacement_mm = float(draw.choice([-1.0, 1.0])) * self.faults.shifted_mm
@@ -182,18 +188,12 @@ class Case:
                 return []
 
 
-def judged_file() -> Path:
-    """Return the path of the committed study."""
-    with as_file(files("deploy.monitor") / "judged.toml") as path:
-        return path
-
-
-def load_judged(path: Path) -> Judged:
-    """Read it. Raises ConfigurationError."""
+def load_judged(path: Path, quick: bool = False) -> Judged:
+    """Read the study, its sample where `quick`. Raises ConfigurationError."""
     study = load_toml(path, Judged)
     for number, one in enumerate(study.sets):
         if {reference.object for reference in one.recorded(quick=False)} != {one.object}:
             raise ConfigurationError(f"{path}: key sets.{number}.references: a set is of one object")
     if len(set(study.objects)) < len(study.objects):
         raise ConfigurationError(f"{path}: key sets: two of them are of one object")
-    return study
+    return replace(study, quick=quick)

@@ -6,9 +6,9 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 
-from rtstack.campaign.figures import STYLE, new_figure, save
-from rtstack.studies.grab.cases import FaultKind
-from rtstack.studies.grab.worker import Finding
+from rtstack.experiments.figures import STYLE, new_figure, save
+from rtstack.papers.aim_aware.grab.cases import FaultKind
+from rtstack.papers.aim_aware.grab.worker import Finding
 
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00")  # Okabe and Ito's, one an object
 HEIGHT = 0.6  # of an object's share of a row, in which its dots are spread

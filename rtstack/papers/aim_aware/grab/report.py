@@ -1,19 +1,21 @@
 """What the findings say: faults found, false alarms, time to the verdict, and which fault was taken for which."""
 
-import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import asdict, dataclass, fields
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from rtstack.campaign.page import FIGURES, PAGE, embedded, page_template
-from rtstack.campaign.statistics import Interval, proportion
-from rtstack.studies.grab.cases import FURTHER, TRUE_KIND, FaultKind
-from rtstack.studies.grab.figures import figure_delays
-from rtstack.studies.grab.worker import Finding
+from rtstack.experiments.claims import Claim, Verdict, verdict_of
+from rtstack.experiments.experiment import Results
+from rtstack.experiments.page import PAGE
+from rtstack.experiments.report import Figure, Part, Report
+from rtstack.experiments.statistics import Interval, proportion
+from rtstack.papers.aim_aware.grab.cases import FURTHER, TRUE_KIND, FaultKind
+from rtstack.papers.aim_aware.grab.figures import figure_delays
+from rtstack.papers.aim_aware.grab.worker import Finding
 from rtstack.trials.unexpected import Unexpected
 
 WANTED_FOUND, WANTED_FALSE = 0.99, 0.01  # the mark
@@ -22,17 +24,6 @@ CAPTION = (
     "Time from what goes wrong, or from the first impact, to the verdict; every trial whose verdict is right is a dot. "
     "A good grab is expected once the object was carried for half a second."
 )
-
-
-@dataclass(frozen=True, slots=True)
-class About:
-    """Where the findings come from. planned: number of trials; tunings: object -> provenance, the mark's first."""
-
-    name: str
-    quick: bool
-    digest: str
-    planned: int
-    tunings: Mapping[str, Mapping[str, Any]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +65,7 @@ class Summary:
                 for x in self.lines
             ],
             "confusion": self.confusion,
-            "wrong": [finding.as_dict() for finding in self.wrong],
+            "wrong": [asdict(finding) for finding in self.wrong],
         }  # fmt: skip
 
 
@@ -135,18 +126,30 @@ def _share(interval: Interval | None) -> str:
     return f"{100.0 * interval.mean:.1f} %, 95 % interval {100.0 * interval.low:.1f} to {100.0 * interval.high:.1f} %"
 
 
-def write_report(out: Path, findings: Sequence[Finding], about: About) -> dict[str, Summary]:
-    """Write summary.json, figures/delays.png and report.html. Returns the summary of each object."""
-    summaries = {name: summarise([f for f in findings if f.object == name]) for name in about.tunings}
-    values = {name: summary.as_dict() for name, summary in summaries.items()}
-    (out / "summary.json").write_text(json.dumps(values, indent=1), encoding="utf-8")
-    (out / FIGURES).mkdir(exist_ok=True)
-    figure = out / FIGURES / "delays.png"
-    figure_delays(figure, findings, list(about.tunings))
-    page = page_template(PAGE, "rtstack.studies.grab").render(
-        about=about, summaries=summaries, trials=len(findings), share=_share, figure=embedded(figure, CAPTION),
-        commits=sorted({finding.commit for finding in findings}), wanted=(WANTED_FOUND, WANTED_FALSE),
-        columns=[NOTHING, "none", *map(str, Unexpected)],
+def report(tunings: Mapping[str, Mapping[str, Any]], results: Results) -> Report:
+    """Return the report, a part for each object. tunings: object -> provenance; the mark is that of the first one."""
+    names = [field.name for field in fields(Finding)]
+    findings = [Finding(**{name: row[name] for name in names}) for row in results.rows]
+    summaries = {name: summarise([f for f in findings if f.object == name]) for name in tunings}
+    parts = [Part(name, _claims(summary), numbers=summary.as_dict()) for name, summary in summaries.items()]
+    draw = partial(figure_delays, findings=findings, objects=list(tunings))
+    return Report(
+        parts, [Figure("delays.png", CAPTION, draw)], page=("rtstack.papers.aim_aware.grab", PAGE),
+        summary="\n\n".join(f"{name}\n{table(summary)}" for name, summary in summaries.items()),
+        reached=next(iter(summaries.values())).reached,
+        values={
+            "summaries": summaries, "tunings": tunings, "share": _share, "wanted": (WANTED_FOUND, WANTED_FALSE),
+            "columns": [NOTHING, "none", *map(str, Unexpected)],
+        },
     )  # fmt: skip
-    (out / PAGE).write_text(page, encoding="utf-8")
-    return summaries
+
+
+def _claims(summary: Summary) -> list[Claim]:
+    found, alarms = summary.found, summary.false_alarms
+    unknown = Verdict.UNDECIDED
+    return [
+        Claim("mark", f"at least {100.0 * WANTED_FOUND:g} % of the faults are found", _share(found),
+              unknown if found is None else verdict_of(found.mean >= WANTED_FOUND)),
+        Claim("mark", f"at most {100.0 * WANTED_FALSE:g} % of the good grabs are false alarms", _share(alarms),
+              unknown if alarms is None else verdict_of(alarms.mean <= WANTED_FALSE)),
+    ]  # fmt: skip

@@ -1,35 +1,30 @@
 """One case in a worker: a trial without a log, and what the monitor has said about it."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
-from hal.cell import Cell
-from rtstack.campaign.plan import Conditions
-from rtstack.campaign.trial import Reference
-from rtstack.campaign.worker import RECORDINGS, Bench
+from rtstack.experiments.experiment import Row
 from rtstack.model.cell_description import load_cell_description
 from rtstack.monitor.pair import PairParameters
-from rtstack.studies.grab.cases import Case, FaultKind, Faults
-from rtstack.trials.provenance import git_commit
+from rtstack.papers.aim_aware.grab.cases import Case, FaultKind, Faults
+from rtstack.papers.conditions import Conditions
+from rtstack.papers.demonstrations import RECORDINGS, Bench
+from rtstack.papers.reference import Reference
+from rtstack.papers.simulated_cell import open_conditioned_cell
 from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.trial import PreparedTrial, prepare_trial, run_trial
 
-# object, displacement m, seed, conditions, what goes wrong, by how many mm the object is too wide -> cell
-OpenFaultyCell = Callable[[str, float, int, Conditions, Sequence[dict[str, Any]], float], Cell]
-
 
 @dataclass(frozen=True, slots=True)
-class Bed:
+class GrabBench:
     """What all cases have in common, as it is sent to the workers. monitors: of each object."""
 
     bench: Bench
     conditions: Conditions
     faults: Faults
     monitors: Mapping[str, PairParameters]
-    open_cell: OpenFaultyCell
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +46,6 @@ class Finding:
     success: bool
     failure_reason: str | None
     ticks: int
-    commit: str
 
     @property
     def object(self) -> str:
@@ -76,10 +70,6 @@ class Finding:
         """From the onset to the verdict."""
         return None if self.verdict_s is None else self.verdict_s - self.onset_s
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the finding as JSON-ready values."""
-        return asdict(self)
-
 
 @lru_cache(maxsize=16)
 def _prepared(cell_file: Path, out: Path, reference: Reference, monitor: PairParameters) -> PreparedTrial:
@@ -87,24 +77,25 @@ def _prepared(cell_file: Path, out: Path, reference: Reference, monitor: PairPar
     return prepare_trial(specification, load_cell_description(cell_file), monitor=monitor)
 
 
-def run_case(bed: Bed, case: Case) -> Finding:
-    """Run a case."""
-    prepared = _prepared(bed.bench.cell_file, bed.bench.out, case.reference, bed.monitors[case.reference.object])
+def run_case(grab: GrabBench, case: Case) -> list[Row]:
+    """Run a case. Returns its finding as a row."""
+    bench = grab.bench
+    prepared = _prepared(bench.cell_file, bench.out, case.reference, grab.monitors[case.reference.object])
     assert prepared.reference.impact is not None  # it is a demonstration
-    script = case.script(bed.faults, prepared.reference.impact)
+    script = case.script(grab.faults, prepared.reference.impact)
     specification = replace(prepared.specification, displacement_mm=case.displacement_mm, seed=case.seed)
     prepared = replace(prepared, specification=specification)
-    cell = bed.open_cell(
-        case.reference.object, case.displacement_mm * 1e-3, case.seed, bed.conditions, script,
-        case.wider_mm(bed.faults),
+    cell = open_conditioned_cell(
+        case.reference.object, case.displacement_mm * 1e-3, case.seed, grab.conditions, script,
+        case.wider_mm(grab.faults),
     )  # fmt: skip
     try:
-        result = run_trial(prepared, cell, criterion=bed.bench.criterion)
+        result = run_trial(prepared, cell, criterion=bench.criterion)
     finally:
         cell.close()
     nominal_s = result.nominal_impact_time_s
     hit_s = result.detected_impact_time_s if result.detected_impact_time_s is not None else nominal_s
-    return Finding(
+    finding = Finding(
         id=case.id,
         fault=case.fault,
         reference=case.reference.name,
@@ -120,5 +111,5 @@ def run_case(bed: Bed, case: Case) -> Finding:
         success=result.success,
         failure_reason=result.failure_reason,
         ticks=result.ticks,
-        commit=git_commit(),
     )
+    return [asdict(finding)]

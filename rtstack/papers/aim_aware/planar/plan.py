@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rtstack.papers.aim_aware.planar.dynamics import absolute, coriolis, inertia, tip, weight
+from rtstack.papers.aim_aware.planar.impact import simultaneous_impact
+from rtstack.papers.aim_aware.planar.parameters import Gains, PlanarArm, Task
 from rtstack.references.quintic import ViaPoint, quintic_path
-from rtstack.studies.planar.dynamics import absolute, coriolis, inertia, tip, weight
-from rtstack.studies.planar.impact import simultaneous_impact
-from rtstack.studies.planar.parameters import Gains, PlanarArm, Task
 
 Array = NDArray[np.floating]
 Reference = tuple[Array, Array, Array]  # position, velocity, acceleration, (ticks, 3) each

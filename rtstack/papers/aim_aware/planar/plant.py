@@ -8,7 +8,7 @@ like B_theta (the paper's [24]): tau_act = B/B_theta tau_d + (1 - B/B_theta) tau
 import math
 
 from hal.compilation import compiled
-from rtstack.studies.planar.contact import contact_force
+from rtstack.papers.aim_aware.planar.contact import contact_force
 
 
 @compiled

@@ -5,10 +5,10 @@ from numpy.typing import NDArray
 
 from hal.compilation import compiled
 from rtstack.control.observer import momentum_residual
-from rtstack.studies.planar.dynamics import absolute, coriolis, inertia, tip, weight
-from rtstack.studies.planar.parameters import Contact, Gains, PlanarArm, Task
-from rtstack.studies.planar.plan import Plan
-from rtstack.studies.planar.plant import advance, transmitted
+from rtstack.papers.aim_aware.planar.dynamics import absolute, coriolis, inertia, tip, weight
+from rtstack.papers.aim_aware.planar.parameters import Contact, Gains, PlanarArm, Task
+from rtstack.papers.aim_aware.planar.plan import Plan
+from rtstack.papers.aim_aware.planar.plant import advance, transmitted
 
 # what a tick leaves: time ns; rad, rad/s; residual Nm; forces of the corners N; x m m rad; post: 1 once it was detected
 TICK = np.dtype(

@@ -2,13 +2,11 @@
 
 from dataclasses import replace
 from functools import lru_cache
-from importlib.resources import as_file, files
-from pathlib import Path
 
 import numpy as np
 
 from hal.cell import Cell
-from rtstack.studies.platform.setup import Joints, Setup
+from rtstack.papers.aim_aware.platform.setup import Joints, Setup, platform_files
 from sim_robot.cell import SimulatedCell
 from sim_robot.plant import Plant
 from sim_robot.plant_parameters import PlantParameters, load_plant_parameters
@@ -16,15 +14,6 @@ from sim_robot.scene import Scene, load_scene
 
 PLATFORM_DRAW = 3  # beside 0 arms and placement, 1 sensors, 2 tracker (sim_robot)
 NOTHING = "nothing"
-
-
-def platform_files() -> list[Path]:
-    """Return the files of the simulated cell."""
-    paths = []
-    for package, name in (("sim_robot.scenes", "platform.toml"), ("sim_robot.parameters", "plant.toml")):
-        with as_file(files(package) / name) as path:
-            paths.append(path)
-    return paths
 
 
 @lru_cache(maxsize=1)

@@ -17,10 +17,10 @@ from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import ArmMounting, Pad
 from rtstack.monitor.monitor import Monitor
 from rtstack.monitor.parameters import MonitorParameters
+from rtstack.papers.aim_aware.planar.parameters import NotNegative, Positive
+from rtstack.papers.aim_aware.platform.plan import HitPlan
 from rtstack.safety.judge import Base, Reason, SafetyJudge, Tool
 from rtstack.samples import Mode, QpStatus
-from rtstack.studies.planar.parameters import NotNegative, Positive
-from rtstack.studies.platform.plan import HitPlan
 
 Six = tuple[NotNegative, NotNegative, NotNegative, NotNegative, NotNegative, NotNegative]
 

@@ -9,8 +9,8 @@ from rtstack.control.parameters import InertiaParameters
 from rtstack.control.records import POINT
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import ArmMounting, Pad
-from rtstack.studies.planar.parameters import Task
-from rtstack.studies.planar.plan import Reference, approach_velocity, impact_references
+from rtstack.papers.aim_aware.planar.parameters import Task
+from rtstack.papers.aim_aware.planar.plan import Reference, approach_velocity, impact_references
 
 Array = NDArray[np.float64]
 IN_PLANE = [1, 3, 5]  # joints 2, 4, 6 turn about the y axis while the others are straight

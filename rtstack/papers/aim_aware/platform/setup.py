@@ -1,14 +1,14 @@
 """What is set up anew for each hit, and how exactly."""
 
-from collections.abc import Callable
+from importlib.resources import as_file, files
+from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from hal.cell import Cell
 from rtstack.configuration import STRICT
-from rtstack.studies.planar.parameters import NotNegative
+from rtstack.papers.aim_aware.planar.parameters import NotNegative
 
 Joints = tuple[float, float, float, float, float, float, float]
 
@@ -22,5 +22,10 @@ class Setup:
     height_mm: NotNegative
 
 
-# setup, home, inclination deg, seed -> cell
-OpenCell = Callable[[Setup, Joints, float, int], Cell]
+def platform_files() -> list[Path]:
+    """Return the files of the simulated cell."""
+    paths = []
+    for package, name in (("sim_robot.scenes", "platform.toml"), ("sim_robot.parameters", "plant.toml")):
+        with as_file(files(package) / name) as path:
+            paths.append(path)
+    return paths

@@ -1,0 +1,172 @@
+"""What a kind of experiment is, for the engine that runs it and for whoever writes one.
+
+A plan file (TOML) is read into a specification; the specification gives cases; a case is part of a task, which a worker
+runs; a task gives a row for each of its cases; rows give a report. The engine does everything else: workers here or at
+a Dask scheduler, what is missing after an interruption, retries, the table of results, progress, figures and page.
+"""
+
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
+
+from rtstack.experiments.plan_file import PlanFile, digest_of
+from rtstack.experiments.report import Report
+from rtstack.experiments.task import digests
+
+Row = dict[str, Any]
+
+
+class Specification(Protocol):
+    """A plan as its file has it, checked. quick: whether it is the sample that `--quick` runs."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def title(self) -> str: ...
+    @property
+    def quick(self) -> bool: ...
+    def size(self) -> int:
+        """Number of cases."""
+        ...
+
+
+class Case(Protocol):
+    """One row to be. id: unique among the cases of a plan, the same in every run of it, and the row's key."""
+
+    @property
+    def id(self) -> str: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """A call that a worker makes: `function(*arguments)`, both picklable, the function importable by name.
+
+    A task with cases returns a list of rows, one for each case: id, and the experiment's columns. A task of a stage has
+    no cases and returns None, or in one line why it failed. name: unique among the tasks of a plan.
+    """
+
+    name: str
+    function: Callable[..., Any]
+    arguments: tuple[Any, ...] = ()
+    cases: tuple[Case, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """What has to be made before the cases can be run, such as references. label: what progress is called meanwhile."""
+
+    label: str
+    tasks: Sequence[Task]
+
+
+# yields stages, and is sent what failed in each of them: name of the task -> reason
+Stages = Generator[Stage, dict[str, str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What was asked for on the command line. out: the campaign's folder, absolute; logs: an address that fsspec knows,
+    for recordings and logs, where they are not to be in the folder; cell_file: a cell's description that is not the
+    default one.
+    """
+
+    file: PlanFile
+    out: Path
+    logs: str | None = None
+    cell_file: Path | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Results:
+    """What a report is made of. rows: those of the plan's cases, in their order; out: the campaign's folder;
+    preliminary: whether more will come, so that what takes long can be left out.
+    """
+
+    rows: list[Row]
+    out: Path
+    preliminary: bool = False
+
+
+S = TypeVar("S", bound=Specification)
+C = TypeVar("C", bound=Case)
+
+
+class Experiment(Generic[S, C]):
+    """A kind of experiment: a plug-in is a subclass. An instance of it is one campaign.
+
+    An instance stays in the runner's process; only tasks go to the workers. The class is imported to list plans, too:
+    what takes long to import (the controller, the simulator, Matplotlib) is better imported by the methods that need
+    it.
+    """
+
+    options: ClassVar[frozenset[str]] = frozenset()  # of the command line that it takes: "logs", "cell_file"
+    unit: ClassVar[str] = "trials"  # what the cases are called, in the plural
+
+    def __init__(
+        self, specification: S, request: Request, columns: Mapping[str, Any] = {}, sources: Sequence[Path] = (),
+        also: object = None,
+    ) -> None:  # fmt: skip
+        """columns: of the table of results, name -> type (str, int, float, bool, or one of these | None), beside those
+        that the engine adds (id, git_commit, digest, wall_s, worker). sources: the files on which results depend; a
+        worker that has others refuses to work.
+
+        A subclass takes specification and request alone, checks all that can be checked, and raises ConfigurationError
+        or TrialError with one line. It writes nothing: the campaign's folder is made later.
+        """
+        self.specification = specification
+        self.request = request
+        self.columns = columns
+        self.sources = digests(sources)
+        # of everything that a result depends on but code: a folder is resumed with the same digest only
+        self.digest = digest_of(specification, sources, also)
+
+    @property
+    def logged(self) -> bool:
+        """Whether each row names its log, in the column of this name."""
+        return "log" in self.columns
+
+    @classmethod
+    def plans(cls) -> Mapping[str, Path]:
+        """Return the plans that this plug-in brings: name, as `rtstack campaign NAME` takes it -> file."""
+        return {}
+
+    @classmethod
+    def read(cls, path: Path, quick: bool) -> S:
+        """Read and check a plan file, its sample where `quick`. Raises ConfigurationError with one line."""
+        raise NotImplementedError
+
+    def size(self) -> int:
+        """Return how many cases there are to run; asked again once the stages are done."""
+        return self.specification.size()
+
+    def stages(self) -> Stages:
+        """Yield what is to be made first, in order; only what is missing. May work here, in between.
+
+        Raises TrialError where the cases cannot be run without what failed.
+        """
+        yield from ()
+
+    def cases(self, rows: Sequence[Row]) -> Sequence[C]:
+        """Return the cases that are known with these results, in order; asked again once all of them were run."""
+        raise NotImplementedError
+
+    def adopt(self, cases: Sequence[C]) -> Iterable[Row]:
+        """Return rows of cases that were run, and logged, but not kept: the program was killed in between."""
+        return ()
+
+    def tasks(self, cases: Sequence[C]) -> Iterable[Task]:
+        """Return the tasks that make the rows of these cases."""
+        raise NotImplementedError
+
+    def robot_s(self, row: Row) -> float:
+        """Return how many seconds of the robot's time a row took."""
+        return 1e-3 * row.get("ticks", 0)
+
+    def tidy(self) -> None:
+        """Remove what workers that were killed have left. Called once the cases were run."""
+        return
+
+    def report(self, results: Results) -> Report:
+        """Return claims, tables and figures of these results."""
+        raise NotImplementedError

@@ -1,0 +1,92 @@
+"""The table and the figure that any rows can have: the mean of a column, by the values of others."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+
+from rtstack.experiments.claims import shown
+from rtstack.experiments.figures import COLOURS, MARKERS, STYLE, new_figure, save
+from rtstack.experiments.report import Figure, Table
+from rtstack.experiments.statistics import Interval, plain_mean, proportion
+
+Row = Mapping[str, Any]
+
+
+def mean_table(title: str, rows: Sequence[Row], by: Sequence[str], columns: Mapping[str, str]) -> Table:
+    """Return a line for each combination of values of the columns `by`: how many rows, and the mean of each column with
+    its 95 % interval. columns: name -> heading. A column of truth values is shown as a share, %.
+    """
+    lines = []
+    for key, group in _groups(rows, by).items():
+        means = (_mean(group, name) for name in columns)
+        shares = (_is_share(rows, name) for name in columns)
+        cells = [
+            shown(mean, " %", 0, 100.0) if share else shown(mean, "", 3)
+            for mean, share in zip(means, shares, strict=True)
+        ]
+        lines.append([*map(_word, key), str(len(group)), *cells])
+    headings = (*(name.replace("_", " ") for name in by), "n", *columns.values())
+    return Table(title, headings, lines, numbers_from=len(by))
+
+
+def mean_figure(
+    file: str, caption: str, rows: Sequence[Row], x: str, series: str, column: str, label: str
+) -> Figure:  # fmt: skip
+    """Return a figure of the mean of `column`, with 95 % intervals, over the values of `x`, a line for each of
+    `series`.
+    """
+
+    @mpl.rc_context(STYLE)
+    def draw(path: Path) -> None:
+        figure, axes = new_figure(7.5, 3.8)
+        axis = axes[0][0]
+        places = sorted({row[x] for row in rows}, key=lambda value: (isinstance(value, str), value))
+        numeric = all(isinstance(place, int | float) for place in places)
+        for number, (name, group) in enumerate(_groups(rows, (series,)).items()):
+            known = [
+                (float(place) if numeric else float(index), mean)
+                for index, place in enumerate(places)
+                if (mean := _mean([row for row in group if row[x] == place], column)) is not None
+            ]
+            below = [0.0 if mean.low is None else mean.mean - mean.low for _, mean in known]
+            above = [0.0 if mean.high is None else mean.high - mean.mean for _, mean in known]
+            axis.errorbar(
+                [at for at, _ in known], [mean.mean for _, mean in known], yerr=[below, above],
+                color=COLOURS[number % len(COLOURS)], marker=MARKERS[number % len(MARKERS)], markersize=5, capsize=3,
+                label=_word(name[0]),
+            )  # fmt: skip
+        if numeric:
+            axis.set_xticks(places)
+        else:
+            axis.set_xticks(range(len(places)), [_word(place) for place in places])
+        axis.set_xlabel(x.replace("_", " "))
+        axis.set_ylabel(label)
+        axis.set_ylim(bottom=0.0)
+        figure.legend(loc="outside lower center", ncols=4, fontsize=8)
+        save(figure, path)
+
+    return Figure(file, caption, draw)
+
+
+def _groups(rows: Sequence[Row], by: Sequence[str]) -> dict[tuple[Any, ...], list[Row]]:
+    groups: dict[tuple[Any, ...], list[Row]] = {}
+    for row in rows:
+        groups.setdefault(tuple(row[name] for name in by), []).append(row)
+    return groups
+
+
+def _mean(rows: Sequence[Row], name: str) -> Interval | None:
+    values = [row[name] for row in rows if row[name] is not None]
+    if values and all(isinstance(value, bool) for value in values):
+        return proportion(sum(values), len(values))
+    return plain_mean(values) if values else None
+
+
+def _is_share(rows: Sequence[Row], name: str) -> bool:
+    return any(isinstance(row[name], bool) for row in rows)
+
+
+def _word(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value).replace("_", " ")

@@ -1,0 +1,49 @@
+"""The file of a plan, fixed before it is run: which commit fixed it, and the digest of what results depend on."""
+
+import hashlib
+import json
+import subprocess
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class PlanFile:
+    """Where a plan is, and which commit fixed it ("edited since" where the file is no longer what was committed)."""
+
+    path: Path
+    commit: str
+
+
+def plan_file_at(path: Path) -> PlanFile:
+    """Return the plan file at a path, which need not exist."""
+    return PlanFile(path, _commit_of(path))
+
+
+def digest_of(specification: Any, further: Iterable[Path] = (), also: object = None) -> str:
+    """Return the digest (16 hexadecimal digits) of a specification, a dataclass, and of further files' contents.
+
+    also: whatever else results depend on, a value that says all of itself when printed.
+    """
+    values = asdict(specification) | {"digest": ""}  # as plans had it when they knew their digest: old folders go on
+    values.pop("kind", None)
+    sha = hashlib.sha256(json.dumps(values, sort_keys=True, default=str).encode())
+    for path in further:
+        sha.update(hashlib.sha256(path.read_bytes()).digest())
+    if also is not None:
+        sha.update(repr(also).encode())
+    return sha.hexdigest()[:16]
+
+
+def _commit_of(path: Path) -> str:
+    def git(*arguments: str) -> str:
+        command = ["git", "-C", str(path.parent), *arguments, "--", path.name]
+        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=5.0).stdout.strip()
+
+    try:
+        commit = git("log", "-1", "--format=%H") or "not committed"
+        return commit + (", edited since" if git("status", "--porcelain") else "")
+    except (OSError, subprocess.SubprocessError):
+        return "unknown"

@@ -1,0 +1,75 @@
+"""The kinds of experiments that are installed: entry points of the group `rtstack.experiments`.
+
+    [project.entry-points."rtstack.experiments"]
+    my-kind = "my_package.my_module:MyExperiment"
+
+The name is what a plan file says as `kind = "my-kind"`; the object is a subclass of Experiment
+(rtstack.experiments.experiment). It is imported when a plan asks for its kind, or when plans are listed.
+"""
+
+import sys
+import tomllib
+from functools import lru_cache
+from importlib.resources import as_file, files
+from pathlib import Path
+from typing import Any
+
+from hal.extensions import ExtensionError, ExtensionPoint
+from rtstack.experiments.experiment import Experiment
+from rtstack.experiments.plan_file import PlanFile, plan_file_at
+from rtstack.trials.errors import TrialError
+
+GROUP = "rtstack.experiments"
+DEFAULT = "reference-spreading"  # the kind of a plan that names none
+
+KINDS = ExtensionPoint(GROUP, "kind of experiment", type)
+
+
+def kind_named(name: str) -> type[Experiment[Any, Any]]:
+    """Import a kind. Raises TrialError with one line where there is none of this name, or where it cannot be used."""
+    try:
+        kind = KINDS.load(name)
+    except ExtensionError as error:
+        raise TrialError(str(error)) from None
+    if not issubclass(kind, Experiment):
+        raise TrialError(f"kind of experiment {name!r}: {kind.__qualname__} is no subclass of {Experiment.__module__}"
+                         f".{Experiment.__qualname__}; repair or uninstall its package")  # fmt: skip
+    return kind
+
+
+def kind_of(path: Path) -> str:
+    """Return the kind that a plan file names. What is wrong with a file is said by the kind that reads it."""
+    try:
+        kind = tomllib.loads(path.read_text(encoding="utf-8")).get("kind", DEFAULT)
+    except (OSError, ValueError):
+        return DEFAULT
+    return kind if isinstance(kind, str) else DEFAULT
+
+
+@lru_cache(maxsize=1)
+def plan_paths() -> dict[str, Path]:
+    """Return the plans that have a name: those of deploy/campaigns, and those of each plug-in.
+
+    A plug-in that cannot be loaded has none, and is named in a line on stderr.
+    """
+    found = {}
+    for name in KINDS.names():
+        try:
+            found |= kind_named(name).plans()
+        except TrialError as error:
+            print(f"rtstack: warning: {error}", file=sys.stderr)
+    for entry in files("deploy.campaigns").iterdir():
+        if entry.name.endswith(".toml"):
+            with as_file(entry) as path:
+                found[path.stem] = path
+    return dict(sorted(found.items()))
+
+
+def plan_file(name: str) -> PlanFile:
+    """Return the plan of a name, or at the path of a .toml. Raises TrialError for an unknown one."""
+    if name.endswith(".toml"):
+        return plan_file_at(Path(name).resolve())
+    path = plan_paths().get(name)
+    if path is None:
+        raise TrialError(f"unknown campaign {name!r}: there are {', '.join(plan_paths())}, or give the path of a .toml")
+    return plan_file_at(path)

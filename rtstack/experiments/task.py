@@ -1,0 +1,51 @@
+"""What a worker does with a task: compare its files, call the function, add to the rows where they come from."""
+
+import gc
+import hashlib
+import os
+import time
+from collections.abc import Callable, Iterable
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from rtstack.trials.provenance import git_commit
+
+Sources = tuple[tuple[Path, str], ...]
+
+
+class WorkerMismatch(Exception):
+    """A worker that would compute something else than the others: it has other files."""
+
+
+def digests(paths: Iterable[Path]) -> Sources:
+    """Return each file with the digest of its content."""
+    return tuple((path, hashlib.sha256(path.read_bytes()).hexdigest()) for path in paths)
+
+
+def run_cases(
+    function: Callable[..., list[dict[str, Any]]], arguments: tuple[Any, ...], sources: Sources, digest: str
+) -> list[dict[str, Any]]:
+    """Run a task with cases. Returns its rows, with git_commit, digest, wall_s and worker."""
+    _check(sources)
+    began_s = time.perf_counter()
+    rows = function(*arguments)
+    wall_s = (time.perf_counter() - began_s) / max(1, len(rows))
+    worker = f"{os.uname().nodename}:{os.getpid()}"
+    origin = {"git_commit": git_commit(), "digest": digest, "wall_s": wall_s, "worker": worker}
+    return [row | origin for row in rows]
+
+
+def run_stage(function: Callable[..., str | None], arguments: tuple[Any, ...], sources: Sources) -> str | None:
+    """Run a task of a stage. Returns None, or in one line why it failed."""
+    _check(sources)
+    return function(*arguments)
+
+
+@lru_cache(maxsize=4)
+def _check(sources: Sources) -> None:
+    """Raise WorkerMismatch where a file is another one here than where the campaign was begun."""
+    for path, digest in sources:
+        if not path.is_file() or hashlib.sha256(path.read_bytes()).hexdigest() != digest:
+            raise WorkerMismatch(f"a worker on {os.uname().nodename} has another {path} than the campaign")
+    gc.freeze()  # what is imported stays: collections need not look at it after every log

@@ -1,0 +1,73 @@
+"""The studies of the collision-monitoring paper as kinds of experiments: impacts, each seen by every tuning."""
+
+from abc import abstractmethod
+from collections.abc import Callable, Iterable, Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import Any, TypeVar
+
+from rtstack.experiments.experiment import Experiment, Request, Results, Row, Stage, Stages, Task
+from rtstack.experiments.report import Report
+from rtstack.papers.aim_aware.grid import Case
+from rtstack.papers.aim_aware.outline import Portion
+from rtstack.papers.aim_aware.study import StudyRun, load_run
+from rtstack.papers.aim_aware.tuned import tuning_file
+
+P = TypeVar("P", bound=Portion[Any, Any])
+
+
+class MonitorStudy(Experiment[P, Case]):
+    """What both studies have in common."""
+
+    unit = "simulations"
+
+    @abstractmethod
+    def work(self) -> tuple[Callable[[P, Case], None], Callable[[P, Sequence[Case]], list[Row]]]:
+        """Return what compiles a case, and what runs cases of one batch."""
+
+    def stages(self) -> Stages:
+        """Run one case before the others: what is compiled, is compiled once."""
+        first = next(self.specification.grid.cases())
+        yield Stage("compiling", [Task("compiling", self.work()[0], (self.specification, first))])
+
+    def cases(self, rows: Sequence[Row]) -> list[Case]:
+        """Return the points of the grid."""
+        return list(self.specification.grid.cases())
+
+    def tasks(self, cases: Sequence[Case]) -> Iterable[Task]:
+        """Return a task for each batch."""
+        _, run = self.work()
+        for _, some in groupby(cases, self.specification.batch_of):
+            batch = tuple(some)
+            yield Task(batch[0].id, run, (self.specification, batch), batch)
+
+    def robot_s(self, row: Row) -> float:
+        """Return a simulation's duration."""
+        return self.specification.study.task.duration_s
+
+
+class PlanarStudy(MonitorStudy[StudyRun]):
+    """Section IV-A: an arm of three joints in a plane, and a plant of its own."""
+
+    def __init__(self, specification: StudyRun, request: Request) -> None:
+        from rtstack.papers.aim_aware.worker import columns
+
+        sources = [request.file.path, tuning_file(specification.name)]
+        super().__init__(specification, request, columns(specification), sources)
+
+    @classmethod
+    def read(cls, path: Path, quick: bool) -> StudyRun:
+        """See Experiment."""
+        return load_run(path, quick)
+
+    def work(self) -> tuple[Callable[[StudyRun, Case], None], Callable[[StudyRun, Sequence[Case]], list[Row]]]:
+        """See MonitorStudy."""
+        from rtstack.papers.aim_aware.worker import compile_case, run_cases
+
+        return compile_case, run_cases
+
+    def report(self, results: Results) -> Report:
+        """See rtstack.papers.aim_aware.report."""
+        from rtstack.papers.aim_aware.report import report
+
+        return report(self.specification, results)

@@ -1,0 +1,64 @@
+"""The judgement of the grab's monitor as a kind of experiment: good and faulty grabs that its tuning never saw."""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from rtstack.experiments.experiment import Experiment, Request, Results, Row, Stages, Task
+from rtstack.experiments.report import Report
+from rtstack.experiments.store import columns_of
+from rtstack.papers.aim_aware.grab.cases import Case, Judged, load_judged
+from rtstack.trials.errors import TrialError
+
+
+class GrabStudy(Experiment[Judged, Case]):
+    """Good grabs of several objects, and grabs in which something goes wrong: does the monitor know which?"""
+
+    def __init__(self, specification: Judged, request: Request) -> None:
+        from rtstack.cli.cells import load_description
+        from rtstack.papers.aim_aware.grab.worker import Finding, GrabBench
+        from rtstack.papers.demonstrations import Bench
+        from rtstack.papers.simulated_cell import open_conditioned_cell, plant_files
+        from rtstack.trials.monitoring import tuning_of
+        from rtstack.trials.scoring import SuccessCriterion
+
+        monitors, self._tunings = {}, {}
+        for name in specification.objects:
+            tuning = tuning_of(name)
+            if tuning is None:
+                raise TrialError(
+                    f"there is no tuning for {name}: make deploy/monitor/{name}.toml with `rtstack tune-monitor`"
+                )
+            monitors[name], self._tunings[name] = tuning.monitor, tuning.provenance
+        cell_file = load_description(None)[1]
+        sources = [request.file.path, cell_file, *plant_files()]
+        super().__init__(specification, request, columns_of(Finding), sources, also=monitors)
+        bench = Bench(request.out, cell_file, open_conditioned_cell, SuccessCriterion(), self.digest)
+        self._grab = GrabBench(bench, specification.conditions, specification.faults, monitors)
+
+    @classmethod
+    def read(cls, path: Path, quick: bool) -> Judged:
+        """See Experiment."""
+        return load_judged(path, quick)
+
+    def stages(self) -> Stages:
+        """Record the demonstrations that are missing."""
+        from rtstack.papers.demonstrations import recording_stages
+
+        study = self.specification
+        return recording_stages(self._grab.bench, study.recorded(), study.conditions, study.seed)
+
+    def cases(self, rows: Sequence[Row]) -> list[Case]:
+        """Return all cases."""
+        return self.specification.cases()
+
+    def tasks(self, cases: Sequence[Case]) -> Iterable[Task]:
+        """Return a task for each case."""
+        from rtstack.papers.aim_aware.grab.worker import run_case
+
+        return [Task(case.id, run_case, (self._grab, case), (case,)) for case in cases]
+
+    def report(self, results: Results) -> Report:
+        """See rtstack.papers.aim_aware.grab.report."""
+        from rtstack.papers.aim_aware.grab.report import report
+
+        return report(self._tunings, results)

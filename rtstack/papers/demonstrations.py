@@ -1,0 +1,105 @@
+"""Demonstrations that the trials of a campaign follow: how a worker records them, and what all its trials share."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from hal.cell import Cell
+from hal.description import fr3_urdf
+from hal.displacement import Displacement
+from rtstack.experiments.archive import Archive
+from rtstack.experiments.experiment import Stage, Stages, Task
+from rtstack.experiments.seeds import seed_of
+from rtstack.log.job import Attachment
+from rtstack.model.cell_description import CellDescription, load_cell_description
+from rtstack.papers.conditions import Conditions
+from rtstack.papers.reference import Reference
+from rtstack.trials.company import Company
+from rtstack.trials.demonstration import run_demonstration
+from rtstack.trials.errors import TrialError
+from rtstack.trials.record import frames, trial_metadata
+from rtstack.trials.scoring import SuccessCriterion
+from rtstack.trials.specification import DemonstrationSpecification
+from rtstack.trials.whole_run_log import WholeRunLog
+
+CELL = "direct"
+RECORDINGS = "references"
+LOGS = "logs"
+
+# object, displacement, seed, conditions -> cell
+OpenCell = Callable[[str, Displacement, int, Conditions], Cell]
+
+
+@dataclass(frozen=True, slots=True)
+class Bench:
+    """What all trials of a campaign have in common, as it is sent to the workers.
+
+    Paths are absolute: workers on other machines need the same folders. elsewhere: where recordings and logs are, if
+    not in `out`: an address that fsspec knows. digest: the campaign's, for the logs.
+    """
+
+    out: Path
+    cell_file: Path
+    open_cell: OpenCell
+    criterion: SuccessCriterion
+    digest: str
+    elsewhere: str | None = None
+
+    @property
+    def archive(self) -> Archive:
+        """Where recordings and logs are."""
+        return Archive(self.elsewhere or str(self.out))
+
+    @property
+    def description(self) -> CellDescription:
+        """The cell, read once in a process."""
+        return _description(self.cell_file)
+
+
+@lru_cache(maxsize=4)
+def _description(cell_file: Path) -> CellDescription:
+    return load_cell_description(cell_file)
+
+
+@lru_cache(maxsize=1)
+def common_attachments(cell_file: Path) -> list[Attachment]:
+    """Return what every log of a campaign has attached."""
+    return [
+        Attachment("cell.toml", "application/toml", cell_file.read_bytes()),
+        Attachment("fr3.urdf", "application/xml", fr3_urdf().encode()),
+    ]
+
+
+def record(bench: Bench, reference: Reference, conditions: Conditions, seed: int) -> str | None:
+    """Record a demonstration. Returns None, or in one line why there is none."""
+    description = bench.description
+    specification = DemonstrationSpecification(reference.object, reference.variation, seed, reference.speed_m_s)
+    metadata = {"trial": trial_metadata(specification, CELL, None)}
+    with bench.archive.new(f"{RECORDINGS}/{reference.file}") as path:
+        log = WholeRunLog(
+            path, metadata, common_attachments(bench.cell_file),
+            frames(description, reference.object),
+        )  # fmt: skip
+        cell = bench.open_cell(reference.object, Displacement(), seed, conditions)
+        try:
+            return run_demonstration(specification, description, cell, Company(log)).failure_reason
+        finally:
+            cell.close()
+
+
+def recording_stages(
+    bench: Bench, references: Iterable[Reference], conditions: Conditions, seed: int
+) -> Stages:  # fmt: skip
+    """Record the references that are missing; seed: the plan's. Raises TrialError for one that cannot be recorded."""
+    there = bench.archive.names(RECORDINGS)
+    missing = [reference for reference in references if reference.file not in there]
+    tasks = [
+        Task(f"reference-{one.name}", record, (bench, one, conditions, seed_of(seed, "reference", one.name)))
+        for one in missing
+    ]
+    failed = yield Stage("references", tasks)
+    for reference, task in zip(missing, tasks, strict=True):
+        if task.name in failed:
+            bench.archive.remove(f"{RECORDINGS}/{reference.file}")
+            raise TrialError(f"the reference {reference.name} could not be recorded: {failed[task.name]}")

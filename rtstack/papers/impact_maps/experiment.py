@@ -1,0 +1,136 @@
+"""The validation of impact maps as a kind of experiment: friction first, then references and what is left of friction
+along them, then trials.
+"""
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from rtstack.experiments.experiment import Experiment, Request, Results, Row, Stage, Stages, Task
+from rtstack.experiments.report import Report
+from rtstack.experiments.store import columns_of
+from rtstack.papers.impact_maps.plan import (
+    FreeRuns,
+    PlannedReference,
+    ValidationPlan,
+    ValidationTrial,
+    load_validation_plan,
+)
+from rtstack.trials.errors import TrialError
+
+
+class Validation(Experiment[ValidationPlan, ValidationTrial]):
+    """Sections V and VI of the impact-map paper. Trials of a reference that is refused are left out, and reported."""
+
+    def __init__(self, specification: ValidationPlan, request: Request) -> None:
+        from rtstack.cli.cells import load_description
+        from rtstack.papers.impact_maps.cell import open_validation_cell
+        from rtstack.papers.impact_maps.worker import Measured, ValidationBench
+        from rtstack.papers.simulated_cell import plant_files
+        from rtstack.trials.object import check_object
+        from rtstack.trials.result import TrialResult
+
+        self.description, cell_file = load_description(None)
+        for thing in specification.objects:
+            check_object(thing, self.description)
+        columns = columns_of(ValidationTrial, TrialResult, Measured)
+        super().__init__(specification, request, columns, [request.file.path, cell_file, *plant_files()])
+        nominal = next(iter(specification.conditions.values()))
+        self._bench = ValidationBench(
+            request.out, cell_file, open_validation_cell, specification.robot, nominal, self.digest
+        )
+        self.refused: dict[PlannedReference, str] = {}
+
+    @classmethod
+    def read(cls, path: Path, quick: bool) -> ValidationPlan:
+        """See Experiment."""
+        return load_validation_plan(path, quick)
+
+    def size(self) -> int:
+        """Return how many trials have a reference."""
+        return len(self.cases(()))
+
+    def stages(self) -> Stages:
+        """Identify friction, then what is left along each reference, then plan. Raises TrialError without friction."""
+        from rtstack.papers.demonstrations import LOGS, RECORDINGS
+        from rtstack.papers.impact_maps.worker import SWEEPS
+
+        for name in (SWEEPS, RECORDINGS, LOGS):
+            (self.request.out / name).mkdir(exist_ok=True)
+        yield from self._identify()
+        not_identified: dict[FreeRuns, str] = {}
+        yield from self._identify_along(not_identified)
+        yield from self._plan_references(not_identified)
+
+    def _identify(self) -> Stages:
+        """Make the runs of Appendix A that are missing, and the file that the controller reads."""
+        from rtstack.identification.procedure import Identification, lowest_object, runs_of
+        from rtstack.papers.impact_maps.worker import FRICTION, SWEEPS, identify
+        from rtstack.trials.friction import friction_toml
+
+        path, logs = self.request.out / FRICTION, self.request.out / SWEEPS
+        if path.exists():
+            return
+        plan = self.specification
+        runs = list(runs_of(lowest_object(self.description), plan.identification_runs, plan.robot))
+        missing = [one for one in runs if not (logs / one.file).exists()]
+        failed = yield Stage(
+            "friction identification", [Task(one.file, identify, (self._bench, one)) for one in missing]
+        )
+        for file, reason in failed.items():
+            raise TrialError(f"friction identification: {file}: {reason}")
+        identification = Identification(self.description)
+        for one in runs:
+            if not identification.take_log(one, logs / one.file):
+                raise TrialError(f"{logs / one.file} is no complete log: remove it, and go on with --resume")
+        path.write_text(friction_toml(identification.file(self.description.name, plan.robot)), encoding="utf-8")
+
+    def _identify_along(self, not_identified: dict[FreeRuns, str]) -> Stages:
+        """Make what is missing of the runs along the references; adds what could not be made, and why."""
+        from rtstack.papers.impact_maps.reference import identify_along
+        from rtstack.papers.impact_maps.worker import SWEEPS
+
+        plan, folder = self.specification, self.request.out / SWEEPS
+        missing = {one.file: one for one in plan.free_runs() if not (folder / one.file).exists()}
+        failed = yield Stage("identification along the references", [
+            Task(file, identify_along, (self._bench, one, plan.scenario(one.motion), plan.identification_runs))
+            for file, one in missing.items()
+        ])  # fmt: skip
+        not_identified.update({missing[file]: reason for file, reason in failed.items()})
+
+    def _plan_references(self, not_identified: dict[FreeRuns, str]) -> Stages:
+        """Plan what is missing; a reference along which nothing could be identified is refused, too."""
+        from rtstack.papers.demonstrations import RECORDINGS
+        from rtstack.papers.impact_maps.reference import plan_reference
+
+        plan, folder = self.specification, self.request.out / RECORDINGS
+        self.refused = {
+            one: not_identified[runs]
+            for one in plan.references() for runs in one.free_runs if runs in not_identified
+        }  # fmt: skip
+        missing = {
+            one.file: one for one in plan.references() if one not in self.refused and not (folder / one.file).exists()
+        }
+        failed = yield Stage("references", [
+            Task(file, plan_reference, (self._bench, one, plan.scenario(one.motion))) for file, one in missing.items()
+        ])  # fmt: skip
+        self.refused |= {missing[file]: reason for file, reason in failed.items()}
+
+    def cases(self, rows: Sequence[Row]) -> list[ValidationTrial]:
+        """Return the trials whose reference is not refused."""
+        plan = self.specification
+        return [trial for trial in plan.trials() if plan.reference(trial) not in self.refused]
+
+    def tasks(self, cases: Sequence[ValidationTrial]) -> Iterable[Task]:
+        """Return a task for each trial."""
+        from rtstack.papers.impact_maps.worker import run
+
+        plan = self.specification
+        for trial in cases:
+            gains, conditions = plan.scenario(trial.motion).gains, plan.conditions[trial.conditions]
+            yield Task(trial.id, run, (self._bench, trial, plan.reference(trial), gains, conditions), (trial,))
+
+    def report(self, results: Results) -> Report:
+        """See rtstack.papers.impact_maps.report."""
+        from rtstack.papers.impact_maps.report import report
+
+        return report(self.specification, self.description, results, self.refused)

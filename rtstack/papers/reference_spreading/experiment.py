@@ -1,0 +1,84 @@
+"""The comparison of controllers as a kind of experiment: references are recorded, trials run and logged, compared."""
+
+import sys
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from rtstack.experiments.experiment import Experiment, Request, Results, Row, Stages, Task
+from rtstack.experiments.report import Report
+from rtstack.experiments.store import columns_of
+from rtstack.papers.reference_spreading.plan import Plan, load_plan
+from rtstack.papers.reference_spreading.trial import Trial
+
+
+class ControllerComparison(Experiment[Plan, Trial]):
+    """Controllers x references x displacements, under one or more sets of conditions: the campaign of the
+    reference-spreading paper, and any plan of this form.
+    """
+
+    options = frozenset({"logs", "cell_file"})
+
+    def __init__(self, specification: Plan, request: Request) -> None:
+        from rtstack.cli.cells import load_description, plant_difference
+        from rtstack.papers.demonstrations import Bench
+        from rtstack.papers.reference_spreading.measures import Measures
+        from rtstack.papers.simulated_cell import LabCell, open_conditioned_cell, plant_files
+        from rtstack.trials.object import check_object
+        from rtstack.trials.result import TrialResult
+
+        description, cell_file = load_description(request.cell_file)
+        for thing in dict.fromkeys(reference.object for reference in specification.references()):
+            check_object(thing, description)
+            if other := plant_difference(request.cell_file, thing):
+                print(f"rtstack: warning: {other}", file=sys.stderr)
+        sources = [request.file.path, cell_file, *plant_files()]
+        super().__init__(specification, request, columns_of(Trial, TrialResult, Measures), sources)
+        open_cell = LabCell(cell_file) if request.cell_file is not None else open_conditioned_cell
+        criterion = specification.criterion
+        self._bench = Bench(request.out, cell_file, open_cell, criterion, self.digest, request.logs)
+        self._bench.archive.check()
+
+    @classmethod
+    def read(cls, path: Path, quick: bool) -> Plan:
+        """See Experiment."""
+        return load_plan(path, quick)
+
+    def stages(self) -> Stages:
+        """Record the references that are missing."""
+        from rtstack.papers.demonstrations import recording_stages
+
+        plan = self.specification
+        conditions = next(iter(plan.conditions.values()))
+        return recording_stages(self._bench, plan.references(), conditions, plan.seed)
+
+    def cases(self, rows: Sequence[Row]) -> list[Trial]:
+        """See Experiment."""
+        return self.specification.cases(rows)
+
+    def adopt(self, cases: Sequence[Trial]) -> Iterable[Row]:
+        """Take the rows of trials from their logs, which are the truth."""
+        from rtstack.papers.reference_spreading.adoption import adopted
+
+        return adopted(self._bench, cases, self.columns)
+
+    def tasks(self, cases: Sequence[Trial]) -> Iterable[Task]:
+        """Return a task for each trial."""
+        from rtstack.papers.reference_spreading.worker import run
+
+        conditions = self.specification.conditions
+        return [Task(each.id, run, (self._bench, each, conditions[each.conditions]), (each,)) for each in cases]
+
+    def tidy(self) -> None:
+        """Remove the halves of logs that workers left which were killed."""
+        from rtstack.papers.demonstrations import LOGS
+        from rtstack.trials.whole_run_log import PARTIAL
+
+        for name in self._bench.archive.names(LOGS):
+            if name.endswith(PARTIAL):
+                self._bench.archive.remove(f"{LOGS}/{name}")
+
+    def report(self, results: Results) -> Report:
+        """See rtstack.papers.reference_spreading.report."""
+        from rtstack.papers.reference_spreading.report import report
+
+        return report(self.specification, self._bench, results)

@@ -1,0 +1,104 @@
+"""The engine with the smallest experiment: stages, cases, retries, the progress file, the report."""
+
+import json
+import os
+import re
+
+import pytest
+
+from console.campaigns.folder import CampaignFolder
+from rtstack.experiments.experiment import Request, Results
+from rtstack.experiments.plan_file import PlanFile
+from rtstack.experiments.preliminary import Preliminary
+from rtstack.experiments.progress import campaign_progress
+from rtstack.experiments.report import write_report
+from rtstack.experiments.runner import Runner
+from rtstack.experiments.store import Store
+from tests.support.counting import PLAN, CountingExperiment
+from tests.support.dask_worker import dask_worker
+
+
+@pytest.fixture(scope="module")
+def client():
+    """One worker in this process, whose scheduler remembers every result."""
+    with dask_worker() as client:
+        yield client
+
+
+@pytest.fixture
+def experiment(tmp_path):
+    path, out = tmp_path / "plan.toml", tmp_path / "out"
+    path.write_text(PLAN)
+    out.mkdir()
+    return CountingExperiment(CountingExperiment.read(path, False), Request(PlanFile(path, "commit"), out))
+
+
+def run(experiment, client):
+    """Run what is missing. Returns the rows and what failed."""
+    with Store(experiment.request.out, experiment.columns) as store:
+        store.claim(experiment)
+        with campaign_progress(store.out) as progress:
+            runner = Runner(experiment, store, client, progress)
+            runner.run()
+        return store.rows(), runner.tally
+
+
+def test_what_fails_is_named_and_run_again_with_the_next_invocation(experiment, client, capsys):
+    out = experiment.request.out
+    (out / "no-2").touch()
+    rows, tally = run(experiment, client)
+    assert [row["id"] for row in rows] == ["number-1"]  # the last one waits for the others
+    assert tally.failures == {"number-2": "ValueError: no 2"}
+    assert CampaignFolder(out).stage().done == 1
+    (out / "no-2").unlink()
+    rows, tally = run(experiment, client)  # the scheduler still has the failure, and the stage, under their old keys
+    assert [row["number"] for row in rows] == [1, 2, 3]
+    assert (tally.rows, tally.robot_s, tally.failures) == (2, 2.0, {})
+    for row in rows:
+        assert (row["digest"], row["worker"].split(":")[1]) == (experiment.digest, str(os.getpid()))
+    said = capsys.readouterr().err.splitlines()
+    assert said[0] == "looking for fingers: 0 of 1"
+    assert said[-1].startswith("trials: 3 of 3")
+
+
+def test_a_page_learns_of_any_stage_from_the_file(tmp_path):
+    """Whatever a stage is called: no label is a special one."""
+    folder = CampaignFolder(tmp_path)
+    assert (folder.stage().label, folder.stage().total) == ("starting", None)
+    with campaign_progress(tmp_path) as progress:
+        for label in ("friction identification", "identification along the references", "trials"):
+            progress.begin(label, 0, 7)
+            assert (folder.stage().label, folder.stage().done, folder.stage().total) == (label, 0, 7)
+            for _ in range(3):
+                progress.advance()
+            progress.close()
+            assert folder.stage().done == 3
+
+
+def test_rows_become_claims_a_table_a_figure_and_a_page(experiment, client):
+    rows, _ = run(experiment, client)
+    out = experiment.request.out
+    with Store(out, experiment.columns) as store:
+        page = write_report(experiment.report(Results(rows, out)), experiment, store, rows).read_text()
+    numbers = json.loads((out / "report.json").read_text())
+    assert (numbers["plan"], numbers["digest"]) == ("counting", experiment.digest)
+    assert numbers["conditions"][0]["claims"][0]["verdict"] == "holds"
+    assert (out / "figures" / "numbers.png").read_bytes().startswith(b"\x89PNG")
+    assert len(re.findall("data:image/png;base64,", page)) == 1
+    assert '<td>False</td><td class="number">2</td>' in page
+    assert "3 of 3 trials" in page
+
+
+def test_figures_and_claims_of_results_so_far(experiment, client, monkeypatch):
+    run(experiment, client)
+    out = experiment.request.out
+    with Store(out, experiment.columns) as store:
+        preliminary = Preliminary(experiment, store)
+        preliminary()
+        assert CampaignFolder(out).figures() == {}  # not yet
+        monkeypatch.setattr(preliminary, "_due_s", 0.0)
+        preliminary()
+    folder = CampaignFolder(out)
+    assert [path.name for path in folder.figures().values()] == ["numbers.png"]
+    assert folder.claims()[0]["claim"] == "some are even"
+    assert folder.report is None
