@@ -18,6 +18,15 @@ from log_topics import host_clock_fields, log_messages, topic_table  # noqa: E40
 from mkdocs.structure.files import File, Files  # noqa: E402
 from versions import pinned  # noqa: E402
 
+DECISIONS = sorted((ROOT / "docs/decisions").glob("[0-9]*.md"))
+
+
+def decision_list() -> str:
+    """Return the list of the decisions: the titles, as links."""
+    titles = [(path.name, path.read_text().partition("\n")[0].removeprefix("# ")) for path in DECISIONS]
+    return "\n".join(f"- [{title}]({name})" for name, title in titles)
+
+
 PAGES = {
     "reference/commands.md": command_line_page,
     "reference/http.md": http_api_page,
@@ -29,6 +38,7 @@ FILLED = {
     "{{ topic_table }}": topic_table,
     "{{ log_messages }}": log_messages,
     "{{ host_clock_fields }}": host_clock_fields,
+    "{{ decisions }}": decision_list,
     "{{ papers }}": papers,
     "{{ fidelity_fields }}": fidelity_fields,
     "{{ fidelity_errors }}": fidelity_errors,
@@ -38,11 +48,13 @@ RUNBOOK = ROOT / "docs/runbook"
 
 
 def on_config(config: Any) -> Any:
-    """Put the runbook's pages, whichever there are, before the project's."""
+    """Insert the runbook's pages before the project's, and the decisions after its architecture."""
     pages = sorted(RUNBOOK.glob("*.md"), key=lambda path: (path.stem not in ("index", "README"), path.name))
     if pages:
         runbook: Any = {"Runbook": [f"runbook/{path.name}" for path in pages]}
         config["nav"].insert(-1, runbook)
+    decisions: Any = {"Decisions": ["decisions/index.md", *(f"decisions/{path.name}" for path in DECISIONS)]}
+    config["nav"][-1]["Project"].insert(2, decisions)
     return config
 
 
