@@ -12,7 +12,6 @@ from console.page_script import page_script
 from console.parts import NeedsParts, Parts
 from console.queue.entry import MAX_REPETITIONS
 from console.review.logs import NotReviewable, entry_of, opened_entry
-from console.review.plotting import MAPLIBRE_STYLE, PLOTLY_PATH
 from console.routes.recordings import recording_entry
 from console.sign_in import Session
 from rtstack.palette import MODE_STYLES
@@ -39,7 +38,6 @@ _REACH = {
 }
 
 _CHOICES = {"controllers": [str(name) for name in Controller], "reactions": [str(name) for name in Reaction]}
-_PLOTTING = {"plotly": PLOTLY_PATH, "maplibre": MAPLIBRE_STYLE}
 
 TEMPLATES = Environment(
     loader=FileSystemLoader(Path(__file__).parents[1] / "pages"), autoescape=True, undefined=StrictUndefined
@@ -95,7 +93,7 @@ def access(request: Request, parts: NeedsParts) -> HTMLResponse:
 @router.get("/recordings/{log_id}", response_class=HTMLResponse)
 def recording(log_id: str, request: Request, parts: NeedsParts) -> HTMLResponse:
     """Return the page on which a recording is looked at and decided about."""
-    return show("recording.html", "operate", request, parts, log=recording_entry(parts, log_id), **_PLOTTING)
+    return show("recording.html", "operate", request, parts, log=recording_entry(parts, log_id))
 
 
 @router.get("/logs", response_class=HTMLResponse)

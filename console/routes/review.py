@@ -7,14 +7,13 @@ from typing import Any
 
 from fastapi import APIRouter, Request, WebSocket, WebSocketDisconnect
 from fastapi.exceptions import HTTPException
-from fastapi.responses import FileResponse, Response
+from fastapi.responses import Response
 from pydantic import BaseModel, Field, ValidationError
 from starlette.concurrency import run_in_threadpool
 
 from console.parts import NeedsParts, Parts, parts_of, session_now
 from console.review.columns import ColumnsGone
 from console.review.logs import NotReviewable, ReadLog, opened, wanted_signals
-from console.review.plotting import PLOTLY_FILE, PLOTLY_PATH
 from console.review.scene import Pose, Poses
 from console.review.series import moment
 from console.routes.scene import pass_on_page, pass_on_stream
@@ -38,14 +37,6 @@ class Cursor(BaseModel):
     signals: str = Field(default="", max_length=8192)
     other: str = Field(default="", max_length=128)
     offset: StrictFloat = Field(default=0.0, ge=-1e9, le=1e9)
-
-
-@router.get(PLOTLY_PATH)
-def plotly() -> FileResponse:
-    """Send plotly.js as the installed package has it; the version is in its address, so that it may be kept."""
-    return FileResponse(
-        PLOTLY_FILE, media_type="text/javascript", headers={"cache-control": "private, max-age=31536000, immutable"}
-    )
 
 
 @router.get("/viser/review/{detail}/{view}/{path:path}")

@@ -41,7 +41,7 @@ PAGES = {
     "/campaigns": ("campaigns", "#pictures img" if WRITE else "#plan:not(:empty)"),
     "/logs": ("logs", "#logs tbody tr"),
     "/logs/{trial}": ("log", "#log-events li"),
-    "/recordings/{demonstration}": ("recording", "#whole-force .main-svg"),
+    "/recordings/{demonstration}": ("recording", "#whole-force[data-points]"),
     "/access": ("access", "#audit tbody tr"),
     "/api": ("api", "#operations-access-access_me"),
 }

@@ -4,45 +4,20 @@ import { get, post } from "./api.js";
 import { showError } from "./errors.js";
 import { startFrame } from "./frame.js";
 import { startPlayback } from "./playback.js";
+import { RecordingPlot } from "./recording_plot.js";
 
 const $ = (id) => document.getElementById(id);
 const id = document.querySelector("main").dataset.id;
 const SIDES = ["left", "right"];
-
-const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-
-function band(from, to, fill) {
-  return { type: "rect", xref: "x", yref: "paper", x0: from, x1: to, y0: 0, y1: 1, fillcolor: fill, opacity: 0.18, line: { width: 0 } };
-}
-
-function rule(at, stroke, dash) {
-  return { type: "line", xref: "x", yref: "paper", x0: at, x1: at, y0: 0, y1: 1, line: { color: stroke, width: 1.5, dash } };
-}
-
-function layout(title, shapes, range) {
-  const grid = { gridcolor: colour("--line"), zerolinecolor: colour("--line") };
-  return {
-    title: { text: title, font: { size: 13 }, x: 0, xanchor: "left" },
-    paper_bgcolor: "rgba(0,0,0,0)",
-    plot_bgcolor: "rgba(0,0,0,0)",
-    font: { color: colour("--text"), size: 12 },
-    margin: { l: 56, r: 12, t: 28, b: 36 },
-    showlegend: false,
-    shapes,
-    xaxis: { ...grid, title: { text: "time, s" }, ...(range ? { range } : {}) },
-    yaxis: { ...grid },
-  };
-}
-
-const line = (x, y, name, side, dash, width = 1.5) => ({
-  x, y, name: `${name}, ${side}`, mode: "lines", line: { color: colour(`--${side}`), dash, width },
-});
+const PLOTS = ["velocity", "force", "whole-velocity", "whole-force"];
+const ROOM = 0.25; // of what was recorded, above and below it: references that are extended far leave the picture
+const PARTS = [["recorded", "solid", 2], ["ante", "dash", 1.5], ["post", "dot", 1.5]]; // name, dash, width
 
 class Page {
   constructor() {
     this.tried = null; // an impact's time that is looked at and not kept
     this.acceptance = null;
-    this.drawn = "";
+    this.plots = new Map(PLOTS.map((name) => [name, new RecordingPlot($(name))]));
     $("impact").addEventListener("change", () => this.look($("impact").value === "" ? null : $("impact").valueAsNumber));
     $("detected").addEventListener("click", () => {
       $("impact").value = "";
@@ -120,36 +95,26 @@ class Page {
 
   draw() {
     const { extraction } = this.data;
-    const marks = [];
+    const [bands, rules] = [[], []];
     if (extraction.nominal_impact_s !== null) {
       const at = extraction.nominal_impact_s;
-      marks.push(band(at - extraction.exclusion_s, at + extraction.exclusion_s, colour("--interim")), rule(at, colour("--text"), "solid"));
+      bands.push({ from: at - extraction.exclusion_s, to: at + extraction.exclusion_s, colour: "interim" });
+      rules.push({ at, colour: "text", dash: [] });
     }
-    if (extraction.detected_impact_s !== null) marks.push(rule(extraction.detected_impact_s, colour("--stopping"), "dot"));
-    const options = { responsive: true, displaylogo: false, displayModeBar: false };
-    const close = (curves) => SIDES.flatMap((side) => [
-      line(extraction.t_s, curves[side].recorded, "recorded", side, "solid", 2),
-      line(extraction.t_s, curves[side].ante, "ante-impact", side, "dash"),
-      line(extraction.t_s, curves[side].post, "post-impact", side, "dot"),
-    ]);
-    const whole = (curves) => SIDES.map((side) => line(extraction.whole_t_s, curves[side], "recorded", side, "solid"));
-    const limits = (curves) => {
-      const values = SIDES.flatMap((side) => curves[side].recorded);
-      return values.length ? [Math.min(...values), Math.max(...values)] : null;
-    };
-    for (const [place, traces, title, around] of [
-      ["velocity", close(extraction.velocity), "Velocity along y around the impact, m/s", extraction.velocity],
-      ["force", close(extraction.force), "Desired force along y around the impact, N", extraction.force],
-      ["whole-velocity", whole(extraction.whole_velocity), "Velocity along y, all of it, m/s", null],
-      ["whole-force", whole(extraction.whole_force), "Desired force along y, all of it, N", null],
-    ]) {
-      const picture = layout(title, marks);
-      const range = around && limits(around);
-      if (range) {
-        const room = 0.25 * (range[1] - range[0] || 1);
-        picture.yaxis.range = [range[0] - room, range[1] + room];
-      }
-      Plotly.react($(place), traces, picture, options);
+    if (extraction.detected_impact_s !== null) rules.push({ at: extraction.detected_impact_s, colour: "stopping", dash: [2, 3] });
+    for (const [name, curves] of [["velocity", extraction.velocity], ["force", extraction.force]]) {
+      const lines = SIDES.flatMap((side) => PARTS.map(([part, dash, width]) => (
+        { name: `${side} ${part}`, y: curves[side][part], colour: side, dash, width }
+      )));
+      const recorded = SIDES.flatMap((side) => curves[side].recorded);
+      const [low, high] = [Math.min(...recorded), Math.max(...recorded)];
+      const room = ROOM * (high - low || 1);
+      const range = recorded.length ? [low - room, high + room] : null;
+      this.plots.get(name).show({ t: extraction.t_s, curves: lines, range, bands, rules });
+    }
+    for (const [name, curves] of [["whole-velocity", extraction.whole_velocity], ["whole-force", extraction.whole_force]]) {
+      const lines = SIDES.map((side) => ({ name: side, y: curves[side], colour: side, dash: "solid", width: 1.5 }));
+      this.plots.get(name).show({ t: extraction.whole_t_s, curves: lines, range: null, bands, rules });
     }
   }
 

@@ -10,11 +10,12 @@ const CROWDED = 6; // px up and down a pixel of width: from then on a curve is a
 const ROOM = 0.05; // of a pane's range above and below its curves
 
 export class Chart {
-  // panes: [{top, bottom}] px; curves: [{name, pane, x, y, colour, dash, width, opacity}], x in s, pane: its place there
+  // panes: [{top, bottom}] px, a range too where it is not what the curves need; curves: [{name, pane, x, y, colour, dash, width, opacity}],
+  // x in s, pane: its place there
   constructor({ width, height, from, to, panes, curves }) {
     Object.assign(this, { width, height, from, to, curves });
     this.plotWidth = width - MARGIN.left - MARGIN.right;
-    this.panes = panes.map((pane, place) => ({ ...pane, range: rangeOf(curves.filter((curve) => curve.pane === place)) }));
+    this.panes = panes.map((pane, place) => ({ range: rangeOf(curves.filter((curve) => curve.pane === place)), ...pane }));
   }
 
   x(t) {

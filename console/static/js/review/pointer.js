@@ -11,8 +11,8 @@ export class Pointer {
   // area: what the curves are in; time: px -> s
   constructor(view, area, time) {
     Object.assign(this, { view, area, time });
-    this.cursor = document.getElementById("cursor");
-    this.selection = document.getElementById("selection");
+    this.cursor = area.querySelector(".cursor"); // there may be none to drag
+    this.selection = area.querySelector(".selection");
     this.from = null; // px, where a drag began
     area.addEventListener("pointerdown", (event) => this.down(event));
     area.addEventListener("pointermove", (event) => this.move(event));
@@ -35,7 +35,7 @@ export class Pointer {
 
   move(event) {
     const place = this.place(event);
-    if (this.cursor.hasPointerCapture(event.pointerId)) this.view.setCursor(this.time(place));
+    if (this.cursor?.hasPointerCapture(event.pointerId)) this.view.setCursor(this.time(place));
     if (this.from === null) return;
     const [left, width] = [Math.min(this.from, place), Math.abs(place - this.from)];
     this.selection.hidden = width < CLICK_PX;
