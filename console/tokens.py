@@ -4,7 +4,6 @@ The file has a digest of each token, never the token. A token is 256 random bits
 SHA-256 serves. The command line and the console write the same file, one at a time; a change counts at once.
 """
 
-import fcntl
 import hashlib
 import hmac
 import json
@@ -22,6 +21,7 @@ from typing import Annotated
 from pydantic import Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
 
+from hal.files import locked, write_whole
 from rtstack.configuration import STRICT
 
 FILE_NAME = "tokens.json"  # in the folder of logs
@@ -132,21 +132,12 @@ class Tokens:
     @contextmanager
     def _changing(self) -> Iterator[dict[str, Token]]:
         """Give the tokens for changing, one process at a time, and write them: all, or nothing."""
-        new = self.path.with_name(FILE_NAME + ".new")
         try:
-            folder = os.open(self._folder, os.O_RDONLY)
-            try:
-                fcntl.flock(folder, fcntl.LOCK_EX)  # of the folder: the file itself is replaced
+            with locked(self._folder):  # not the file, which is replaced
                 tokens = dict(self._load())
                 yield tokens
-                new.unlink(missing_ok=True)
-                with os.fdopen(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
-                    json.dump([asdict(token) for token in tokens.values()], file, indent=1)
-                    file.flush()
-                    os.fsync(file.fileno())
-                os.replace(new, self.path)
-            finally:
-                os.close(folder)
+                content = json.dumps([asdict(token) for token in tokens.values()], indent=1)
+                write_whole(self.path, content, durable=True, mode=0o600)
         except OSError as error:
             raise TokensError(f"{self.path}: cannot be written: {error.strerror}") from None
 

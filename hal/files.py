@@ -2,33 +2,36 @@
 
 import fcntl
 import os
+import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+PARTIAL = ".part"  # how the name of a file ends that is being written
+
 
 @contextmanager
-def replacing(path: Path, mode: int | None = None) -> Iterator[Path]:
+def replacing(path: Path, durable: bool = False, mode: int = 0o666) -> Iterator[Path]:
     """Give the path of a new file beside `path`; it takes its place when the block ends, and is removed otherwise.
 
-    A reader sees the old file or the new one, also after a power failure. mode: permissions; None: the process's usual
-    ones. Raises OSError.
+    A reader sees the old file or the new one; durable: also after a power failure. mode: permissions, less the
+    process's mask. Raises OSError.
     """
-    new = path.with_name(f".{path.name}.{os.uname().nodename}-{os.getpid()}.part")
+    new = path.with_name(f".{path.name}.{secrets.token_hex(4)}{PARTIAL}")
+    os.close(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode))
     try:
-        new.unlink(missing_ok=True)
-        os.close(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666 if mode is None else mode))
         yield new
-        with new.open("rb") as written:
-            os.fsync(written.fileno())
+        if durable:
+            with new.open("rb") as written:
+                os.fsync(written.fileno())
         os.replace(new, path)
     finally:
         new.unlink(missing_ok=True)
 
 
-def write_whole(path: Path, content: str | bytes, mode: int | None = None) -> None:
+def write_whole(path: Path, content: str | bytes, durable: bool = False, mode: int = 0o666) -> None:
     """Replace a file's content in one step. Text is written as UTF-8. See `replacing`. Raises OSError."""
-    with replacing(path, mode) as new:
+    with replacing(path, durable, mode) as new:
         new.write_bytes(content.encode() if isinstance(content, str) else content)
 
 

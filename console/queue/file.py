@@ -1,7 +1,6 @@
 """The queue's file in the folder of logs: written whole or not at all, so that a restart finds what there was."""
 
 import json
-import os
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -9,6 +8,7 @@ from pathlib import Path
 from pydantic import TypeAdapter, ValidationError
 
 from console.queue.entry import Entry, EntryState
+from hal.files import write_whole
 
 FILE_NAME = "queue.json"
 INTERRUPTED = "the console ended while it ran"
@@ -37,12 +37,7 @@ def load_entries(path: Path) -> tuple[Entry, ...]:
 
 def save_entries(path: Path, entries: Sequence[Entry]) -> None:
     """Keep the entries. Raises QueueFileError."""
-    new = path.with_name(path.name + ".new")
     try:
-        with open(new, "w", encoding="utf-8") as file:
-            json.dump([asdict(entry) for entry in entries], file, indent=1)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(new, path)
+        write_whole(path, json.dumps([asdict(entry) for entry in entries], indent=1), durable=True)
     except OSError as error:
         raise QueueFileError(f"{path}: cannot be written: {error.strerror}") from None

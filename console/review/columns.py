@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from console.review.signals import column_block, topic_signals
+from hal.files import write_whole
 
 BUCKET = 64
 INDEX = "index.json"
@@ -52,9 +53,7 @@ class Index:
 
     def write(self, folder: Path) -> None:
         """Replace the folder's index in one step: a reader sees the old one or the new one."""
-        new = folder / f"{INDEX}.new"
-        new.write_text(json.dumps(asdict(self)))
-        os.replace(new, folder / INDEX)
+        write_whole(folder / INDEX, json.dumps(asdict(self)))
 
 
 def read_index(folder: Path) -> Index | None:

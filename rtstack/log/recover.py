@@ -28,6 +28,7 @@ from mcap.records import (
     SummaryOffset,
 )
 
+from hal.files import replacing
 from rtstack.log.container import (
     MAGIC,
     MESSAGE_HEADER,
@@ -78,19 +79,15 @@ def recover(
         output = path.with_suffix(".recovered.mcap") if output is None else Path(output)
         if output.exists():
             raise LogError(f"{output} exists already: remove it, or choose another name")
-        partial = output.with_name(output.name + ".part")
         try:
-            with open(partial, "wb") as target:
+            with replacing(output) as partial, open(partial, "wb") as target:
                 copy = _Copy(target)
                 _copy_all(source, copy, progress)
                 if not copy.counts:
                     raise LogError(_nothing(path, copy.damaged))
                 copy.finish({"source": path.name, "damaged_chunks": str(copy.damaged)})
-            os.replace(partial, output)
         except OSError as error:
             raise LogError(f"cannot write {output}: {error.strerror}") from error
-        finally:
-            partial.unlink(missing_ok=True)
     return RecoverySummary(path, output, False, sum(copy.counts.values()), copy.end_ns, copy.damaged)
 
 

@@ -1,14 +1,13 @@
 """Writes a plan as a log (rtstack.references.planned reads it): arms, references, the object's way, predictions."""
 
-import contextlib
 import json
-import os
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hal.description import fr3_urdf
+from hal.files import replacing
 from hal.tracker import OBJECT_POSE
 from rtstack.log.errors import LogError
 from rtstack.log.frames import quaternions_of
@@ -30,7 +29,6 @@ def write_plan(
 
     tuning: of the plan's monitor, TOML, which goes with it.
     """
-    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
     values = {key: value if isinstance(value, str) else json.dumps(value) for key, value in planned.as_dict().items()}
     load = planned.recording.load
     values["load"] = json.dumps([] if load is None else load.tolist())
@@ -48,7 +46,7 @@ def write_plan(
     if tuning is not None:
         attachments.append(Attachment(MONITOR, "application/toml", tuning.encode()))
     try:
-        with open(partial, "xb") as file:
+        with replacing(path) as partial, open(partial, "wb") as file:
             sink = McapSink(file)
             sink.write_metadata("trial", trial)
             sink.write_metadata(PLAN, values)
@@ -56,12 +54,8 @@ def write_plan(
                 sink.attach(attachment.name, attachment.media_type, attachment.data)
             sink.write(batches, scenery.update(arms, batches["/object/pose"]))
             sink.close()
-        os.replace(partial, path)
     except OSError as error:
         raise LogError(f"cannot write {path}: {error.strerror or error}") from None
-    finally:
-        with contextlib.suppress(FileNotFoundError):
-            partial.unlink()
 
 
 def _records(planned: PlannedMotion) -> dict[str, NDArray]:

@@ -4,7 +4,6 @@ It stands beside the recording, in a small file of its own: a log that is finish
 """
 
 import json
-import os
 from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import Annotated
 from pydantic import Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
 
+from hal.files import write_whole
 from rtstack.configuration import STRICT
 from rtstack.messages import StrictFloat
 
@@ -64,9 +64,7 @@ def load_acceptance(recording: Path) -> Acceptance:
 def save_acceptance(recording: Path, acceptance: Acceptance) -> None:
     """Keep what is said about a recording: whole, or not at all. Raises AcceptanceError."""
     path = acceptance_file(recording)
-    new = path.with_name(path.name + ".new")
     try:
-        new.write_text(json.dumps(asdict(acceptance), indent=1) + "\n")
-        os.replace(new, path)
+        write_whole(path, json.dumps(asdict(acceptance), indent=1) + "\n")
     except OSError as error:
         raise AcceptanceError(f"{path}: cannot be written: {error.strerror}") from None

@@ -1,10 +1,10 @@
 """Which logs somebody has reviewed: a small file beside a log, since a log that is finished is never written again."""
 
 import json
-import os
 import time
 from pathlib import Path
 
+from hal.files import write_whole
 from rtstack.log.errors import LogError
 from rtstack.references.acceptance import SUFFIX as ACCEPTANCE
 from rtstack.references.acceptance import AcceptanceError, Verdict, load_acceptance
@@ -18,10 +18,8 @@ def mark_reviewed(log: Path, by: str) -> None:
     if not log.is_file():
         raise LogError(f"{log}: there is no such log")
     path = log.with_name(log.name + REVIEWED)
-    new = path.with_name(path.name + ".new")
     try:
-        new.write_text(json.dumps({"by": by, "when": time.strftime("%Y-%m-%dT%H:%M:%S%z")}) + "\n")
-        os.replace(new, path)
+        write_whole(path, json.dumps({"by": by, "when": time.strftime("%Y-%m-%dT%H:%M:%S%z")}) + "\n")
     except OSError as error:
         raise LogError(f"{path}: cannot be written: {error.strerror}") from None
 

@@ -122,8 +122,6 @@ WRONG = {
     "token revoke": ("id --logs none", "none: no such folder"),
     "logs reviewed": ("none.mcap", "there is no such log"),
     "logs prune": ("--logs none --older-than 3", "cannot read none"),
-    "logs backup": ("backup.sqlite --logs none", "cannot read none"),
-    "logs restore": ("none.sqlite --logs none", "no such folder"),
 }
 
 

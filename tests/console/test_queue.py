@@ -282,7 +282,8 @@ def test_a_disk_that_is_full_changes_nothing_that_a_person_asks_for_and_hides_no
     queue = Queue(tmp_path / "queue.json")
     queue.add(QueueOrder(trial()), "")
     entry = queue.view().entries[0]
-    (tmp_path / "queue.json.new").mkdir()  # as unwritable as a full disk, for root too
+    (tmp_path / "queue.json").unlink()
+    (tmp_path / "queue.json").mkdir()  # as unwritable as a full disk, for root too
     with pytest.raises(QueueFileError, match="cannot be written"):
         queue.add(QueueOrder(trial()), "")
     assert queue.view().entries == (entry,)

@@ -1,7 +1,6 @@
-"""Which logs go, and which never; and a catalogue that comes back."""
+"""Which logs go, and which never."""
 
 import os
-import sqlite3
 from functools import partial
 from pathlib import Path
 
@@ -9,11 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rtstack.log.catalogue import CACHE, Catalogue, LogCondition, LogEntry
+from rtstack.log.catalogue import Catalogue, LogCondition, LogEntry
 from rtstack.log.errors import LogError
-from rtstack.references.acceptance import Acceptance, Verdict, load_acceptance, save_acceptance
+from rtstack.references.acceptance import Acceptance, Verdict, save_acceptance
 from rtstack.retention import policy
-from rtstack.retention.backup import BEFORE, back_up, restore
 from rtstack.retention.marks import mark_reviewed, may_go
 
 NOW_S = 1.7e9
@@ -98,41 +96,3 @@ def test_a_log_that_changes_meanwhile_stays(tmp_path):
     path.write_bytes(b"somebody writes")
     assert list(policy.prune(plan)) == []
     assert path.exists()
-
-
-def test_a_backup_comes_back_with_its_marks(tmp_path):
-    logs = tmp_path / "logs"
-    logs.mkdir()
-    first = log(logs, "first")
-    mark_reviewed(first, "anna")
-    save_acceptance(first, Acceptance(name="the good one", verdict=Verdict.ACCEPTED))
-    Catalogue(logs).entries()
-    backup = back_up(logs, tmp_path / "backup.sqlite")
-    with pytest.raises(LogError, match="exists"):
-        back_up(logs, backup)
-    for path in logs.glob("*.json"):
-        path.unlink()
-    (logs / CACHE).unlink()
-    log(logs, "second")
-    assert len(Catalogue(logs).entries()) == 2
-    assert restore(logs, backup) == (1, 2)
-    with sqlite3.connect(logs / CACHE) as base:
-        assert [row[0] for row in base.execute("SELECT name FROM logs")] == ["first.mcap"]
-    base.close()
-    assert (logs / BEFORE).exists()
-    assert load_acceptance(first).name == "the good one"
-    assert len(Catalogue(logs).entries()) == 2
-
-
-def test_what_is_no_backup_changes_nothing(tmp_path):
-    log(tmp_path, "one")
-    Catalogue(tmp_path).entries()
-    whole = back_up(tmp_path, tmp_path / "b.sqlite").read_bytes()
-    before = (tmp_path / CACHE).read_bytes()
-    (tmp_path / "torn.sqlite").write_bytes(whole[: len(whole) // 2])
-    (tmp_path / "junk.sqlite").write_bytes(b"junk" * 1000)
-    for name in ("torn.sqlite", "junk.sqlite", "none.sqlite"):
-        with pytest.raises(LogError):
-            restore(tmp_path, tmp_path / name)
-    assert (tmp_path / CACHE).read_bytes() == before
-    assert not (tmp_path / BEFORE).exists()

@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+FAILED = 1  # exit status
+
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else.")]
 ObjectName = Annotated[str, typer.Option("--object", help="An object of the cell.")]
 CellKind = Annotated[str, typer.Option(help="direct, lockstep, realtime or fci:LEFT,RIGHT.")]
@@ -17,3 +19,4 @@ CellFile = Annotated[Path | None, typer.Option("--cell-file", help="TOML descrip
 # the first name of --cell-file where the cell is no kind: other people's scripts and unit files have it
 OldCellFile = Annotated[Path | None, typer.Option("--cell", hidden=True)]
 Seed = Annotated[int, typer.Option(help="Seed of noise, plant and placement.", min=0)]
+LogFolder = Annotated[Path, typer.Option("--logs", metavar="DIR", help="The folder of logs.")]

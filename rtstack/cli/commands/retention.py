@@ -1,20 +1,27 @@
-"""`rtstack logs`: what may go, and backups."""
+"""`rtstack logs`: what is reviewed, and what may go."""
 
+import time
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-commands = typer.Typer(help="What may go of the logs, and backups of their catalogue.")
-LogFolder = Annotated[Path, typer.Option("--logs", metavar="DIR", help="The folder of logs.")]
+from rtstack.cli.commands.options import FAILED, LogFolder
+
+commands = typer.Typer(help="What may go of the logs.")
+_GB = 1e9
 
 
 @commands.command("reviewed")
 def logs_reviewed(logs: Annotated[list[Path], typer.Argument(metavar="LOG.mcap...")]) -> None:
     """Mark logs as reviewed: only these ever go."""
-    from rtstack.cli.retention import reviewed as run
+    import getpass
 
-    run(logs)
+    from rtstack.retention.marks import mark_reviewed
+
+    for log in logs:
+        mark_reviewed(log, getpass.getuser())
+        typer.echo(f"{log}: reviewed, it may go when its time has come")
 
 
 @commands.command("prune")
@@ -27,28 +34,25 @@ def logs_prune(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="List what would go.")] = False,
 ) -> None:
     """Remove reviewed logs by age and budget; never one that nobody has reviewed, nor an accepted reference."""
-    from rtstack.cli.retention import prune as run
+    from rtstack.log.catalogue import Catalogue
+    from rtstack.log.errors import LogError
+    from rtstack.retention.policy import DAY_S, plan_pruning
+    from rtstack.retention.policy import prune as remove
 
-    run(folder, older_than, budget, dry_run)
-
-
-@commands.command("backup")
-def logs_backup(
-    output: Annotated[Path, typer.Argument(metavar="BACKUP.sqlite", help="A new file, or a folder.")],
-    folder: LogFolder = Path("logs"),
-) -> None:
-    """Write the catalogue and all marks to one file, and read it again."""
-    from rtstack.cli.retention import backup as run
-
-    run(folder, output)
-
-
-@commands.command("restore")
-def logs_restore(
-    source: Annotated[Path, typer.Argument(metavar="BACKUP.sqlite")],
-    folder: LogFolder = Path("logs"),
-) -> None:
-    """Put a backup of the catalogue back; the present one is kept beside it."""
-    from rtstack.cli.retention import restore as run
-
-    run(folder, source)
+    if older_than is None and budget is None:
+        raise LogError("say what may go: --older-than DAYS, --budget GB, or both")
+    older_s = None if older_than is None else older_than * DAY_S
+    plan = plan_pruning(Catalogue(folder).entries(), time.time(), older_s, None if budget is None else budget * _GB)
+    gone = list(plan.going) if dry_run else list(remove(plan))
+    for entry in gone:
+        age = (time.time() - entry.modified_s) / DAY_S
+        typer.echo(f"{entry.path.name}: {entry.size_bytes / 1e6:.1f} MB, {age:.0f} days old")
+    verb = "would go" if dry_run else "removed"
+    typer.echo(f"{len(gone)} logs {verb}, {sum(entry.size_bytes for entry in gone) / _GB:.2f} GB; "
+               f"{plan.kept_bytes / _GB:.2f} GB stay")  # fmt: skip
+    if plan.over_bytes:
+        typer.echo(
+            f"rtstack: {plan.over_bytes / _GB:.2f} GB over the budget: {plan.unreviewed_bytes / _GB:.2f} GB are not "
+            "reviewed, or accepted as references: review them (rtstack logs reviewed), or give them more room", err=True
+        )  # fmt: skip
+        raise typer.Exit(FAILED)
