@@ -176,7 +176,7 @@ class Campaigns:
         at_once = workers or max(1, len(os.sched_getaffinity(0)) - 1)
         command = ["campaign", asked.name, "--out", str(folder.path), "--workers", str(at_once)]
         command += ["--quick"] * asked.quick + ["--resume"] * resume
-        child = [sys.executable, "-m", "console.campaigns.child", str(niceness), *command]
+        child = [sys.executable, "-m", "rtstack.cli.child", str(niceness), *command]
         with folder.said.open("a", encoding="utf-8") as said:
             process = subprocess.Popen(child, stdin=subprocess.PIPE, stdout=said, stderr=said, start_new_session=True)
         self._running = _Running(folder, process)

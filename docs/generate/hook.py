@@ -17,6 +17,7 @@ from http_api import http_api_page  # noqa: E402
 from log_topics import host_clock_fields, log_messages, topic_table  # noqa: E402
 from mkdocs.structure.files import File, Files  # noqa: E402
 from versions import pinned  # noqa: E402
+from watchdogs import watchdogs  # noqa: E402
 
 DECISIONS = sorted((ROOT / "docs/decisions").glob("[0-9]*.md"))
 
@@ -40,6 +41,7 @@ FILLED = {
     "{{ host_clock_fields }}": host_clock_fields,
     "{{ decisions }}": decision_list,
     "{{ papers }}": papers,
+    "{{ watchdogs }}": watchdogs,
     "{{ fidelity_fields }}": fidelity_fields,
     "{{ fidelity_errors }}": fidelity_errors,
     "{{ fidelity_commands }}": fidelity_commands,

@@ -18,7 +18,7 @@ from rtstack.control.tick import ArmController, DualArmController
 from rtstack.control.watch import TrialMonitor
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
-from rtstack.references.impact import ExpectedImpact
+from rtstack.monitor.expected import ExpectedImpact
 from rtstack.samples import Mode, QpSolver, QpStatus
 from rtstack.trials.assembly import Parameters, arm_controllers, safety_judges
 from rtstack.trials.monitoring import tuning_of

@@ -11,8 +11,8 @@ import typer
 from rtstack.cli.cells import load_description
 from rtstack.cli.progress import progress_bar
 from rtstack.log.reader import read_log
+from rtstack.monitor.expected import ExpectedImpact
 from rtstack.monitor.pair import PairParameters
-from rtstack.references.impact import ExpectedImpact
 from rtstack.references.recording import ReferenceError
 from rtstack.references.source import load_reference
 from rtstack.trials.assembly import arm_controllers, cell_parameters

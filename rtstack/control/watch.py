@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.compilation import bound, compiled
+from rtstack.monitor.expected import ExpectedImpact
 from rtstack.monitor.pair import AFTER, IMPACT, PAIR, TARE, PairParameters, pair_expect, pair_step
 from rtstack.monitor.records import Reason, Verdict, monitor_dtype
-from rtstack.references.impact import ExpectedImpact
 
 FREE_AFTER_S = 0.4  # after the release the pads have let go, and feel nothing again
 _UNEXPECTED = int(Verdict.UNEXPECTED)  # numpy takes 5 us to compare its own with an IntEnum

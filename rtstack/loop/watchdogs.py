@@ -1,7 +1,7 @@
 """What has to give a sign of life while the arms move. A session asks each watchdog once a tick, beside STOP.
 
 A watchdog loads a word and compares: it never waits, opens, logs or raises. What it finds ends the session through the
-judge's stop. rtstack/watchdogs.py lists all of them, with the ones outside of the loop.
+judge's stop. docs/generate/watchdogs.py lists all of them, with the ones outside of the loop.
 """
 
 import os

@@ -6,10 +6,10 @@ a plan the same, with what was planned in place of what was measured: its joints
 with the velocities of the impact map, and its forces are those that move and carry the object.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
+
+from rtstack.monitor.expected import ExpectedImpact
 
 Array = NDArray[np.float64]
 LIFTED_S = 0.6  # after the impact the object hangs in the air
@@ -17,29 +17,6 @@ CARRIED_SHARE = 0.35  # of its weight: what carrying adds or takes away at most
 EARLIER_S = 0.1  # a trial meets the table earlier, where it has grabbed the object lower
 NEAR_TABLE_M = 0.01  # a planned object that is not higher may stand on the table: arms sag, and it slips in the pads
 SMOOTHING_S = 0.02  # on each side: what oscillates in the demonstration's velocities is no reference
-
-
-@dataclass(frozen=True, slots=True)
-class ExpectedImpact:
-    """Arrays of n ticks from the start of the reference, arms (left, right).
-
-    t_d_s: nominal impact; q_d (2, 7) rad; dq_ante (2, 7) rad/s just before it; dq_post (2, n, 7) rad/s; net_force
-    (n, 3): N along the world's axes, of the pads on the object, both arms together; set_down_s: until when it is
-    carried; release_s: when it is let go.
-    """
-
-    t_d_s: float
-    q_d: Array
-    dq_ante: Array
-    dq_post: Array
-    net_force: Array
-    set_down_s: float
-    release_s: float
-
-    @property
-    def dq_jump(self) -> Array:
-        """Velocity jump (2, 7), rad/s, of the ideally rigid impact: dq+ - dq- at t_d."""
-        return self.dq_post[:, round(self.t_d_s * 1e3)] - self.dq_ante
 
 
 def demonstrated_impact(

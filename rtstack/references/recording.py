@@ -12,8 +12,9 @@ from rtstack.control.records import POINT
 from rtstack.control.tick import ArmController
 from rtstack.log.errors import LogError
 from rtstack.log.reader import Log, read_log
+from rtstack.monitor.expected import ExpectedImpact
 from rtstack.references.acceptance import Acceptance, AcceptanceError, Verdict, load_acceptance
-from rtstack.references.impact import ExpectedImpact, demonstrated_impact, planned_impact
+from rtstack.references.impact import demonstrated_impact, planned_impact
 from rtstack.references.motion import Motion
 from rtstack.samples import SIDES, Mode
 

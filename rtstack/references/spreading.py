@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtstack.model.rotation import exp_so3
-from rtstack.references.impact import ExpectedImpact
+from rtstack.monitor.expected import ExpectedImpact
 from rtstack.references.motion import Motion
 from rtstack.references.recording import Recording, ReferenceError
 

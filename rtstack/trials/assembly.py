@@ -19,8 +19,8 @@ from rtstack.control.tick import ArmController, DualArmController
 from rtstack.control.watch import TrialMonitor
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
+from rtstack.monitor.expected import ExpectedImpact
 from rtstack.monitor.pair import PairParameters
-from rtstack.references.impact import ExpectedImpact
 from rtstack.safety.judge import Base, SafetyJudge, Tool, pair_of_judges
 from rtstack.safety.limits import SafetyLimits
 from rtstack.samples import Mode, QpSolver, Reaction

@@ -17,10 +17,10 @@ from scipy.ndimage import maximum_filter1d
 from rtstack.control.records import WORKSPACE
 from rtstack.control.watch import FREE_AFTER_S, UNTIL_BEFORE_S, TrialMonitor
 from rtstack.loop.history import Columns
+from rtstack.monitor.expected import ExpectedImpact
 from rtstack.monitor.monitor import Monitor
 from rtstack.monitor.pair import TARE_FROM_NS, NetForceParameters, PairParameters
 from rtstack.monitor.parameters import MonitorParameters
-from rtstack.references.impact import ExpectedImpact
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE
 from rtstack.trials.errors import TrialError
 

@@ -53,7 +53,7 @@ def test_a_campaign_is_cancelled_resumed_and_shown_with_its_figures_report_resul
     with served.signed_in() as (client, headers):
         campaign = served.parts.campaigns.start(str(plan), False, 1, NICENESS)
         address = f"/api/campaigns/{campaign.id}"
-        (child,) = [each for each in psutil.Process().children() if "console.campaigns.child" in each.cmdline()]
+        (child,) = [each for each in psutil.Process().children() if "rtstack.cli.child" in each.cmdline()]
         assert client.post("/api/campaigns", json={"name": "reference-spreading"}, headers=headers).status_code == 409
         until(client, address, lambda said: said["stage"] == "trials")
         assert child.nice() == min(19, NICENESS + os.nice(0))

@@ -6,8 +6,8 @@ import pytest
 from hal.tracker import OBJECT_POSE
 from rtstack.cli.monitor import Recorded, split, tune_monitor, tuning_toml
 from rtstack.loop.history import Columns
+from rtstack.monitor.expected import ExpectedImpact
 from rtstack.monitor.records import Reason, Verdict
-from rtstack.references.impact import ExpectedImpact
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, TIMING_SAMPLE
 from rtstack.trials.errors import TrialError
 from rtstack.trials.monitoring import load_tuning, tuning_of

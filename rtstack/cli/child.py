@@ -1,8 +1,8 @@
-"""`rtstack campaign` that never outlives the console, and leaves the processor to whoever needs it.
+"""The command line as a child of another program: it never outlives its parent, and leaves the processor to others.
 
-    python -m console.campaigns.child NICENESS campaign NAME --out DIR ...
+    python -m rtstack.cli.child NICENESS campaign NAME --out DIR ...
 
-Its standard input is a pipe that the console holds: once that is gone, the campaign ends as at Ctrl-C.
+Its standard input is a pipe that the parent holds: once that is gone, the command ends as at Ctrl-C.
 """
 
 import os

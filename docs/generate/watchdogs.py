@@ -1,12 +1,6 @@
-"""Everything that watches for something to go quiet or wrong, in one table: `docs/watchdogs.md` shows it.
+"""Everything that watches for something to go quiet or wrong, in one table, with the constants that the code uses."""
 
-The numbers are the constants that the code uses. `python -m rtstack.watchdogs docs/watchdogs.md` writes the table into
-the document; a test compares the two.
-"""
-
-import sys
 from dataclasses import dataclass
-from pathlib import Path
 
 from hal.fci.pair import STALE_S
 from hal.limits import COLLISION_TORQUES
@@ -96,20 +90,9 @@ WATCHDOGS = (
 )  # fmt: skip
 
 
-def table() -> list[str]:
-    """Return the lines of the table, in Markdown."""
+def watchdogs() -> str:
+    """Return the table, in Markdown."""
     lines = ["| watchdog | what it watches | notices after | reason | reaction | who sees it |", "|---" * 6 + "|"]
     for e in WATCHDOGS:
         lines.append(f"| {e.name} | {e.watches} | {e.notices:g} {e.unit} | {e.reason} | {e.reaction} | {e.seen_by} |")
-    return lines
-
-
-def with_table(text: str) -> str:
-    """Return a document with the table in the place of the one that it has."""
-    begin, end = text.index("| watchdog"), text.rindex("|\n")
-    return text[:begin] + "\n".join(table()) + text[end + 1 :]
-
-
-if __name__ == "__main__":
-    document = Path(sys.argv[1])
-    document.write_text(with_table(document.read_text()))
+    return "\n".join(lines)
