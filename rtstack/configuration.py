@@ -1,8 +1,9 @@
-"""TOML into frozen dataclasses: an unknown, missing or ill-typed key is one line that names it, with its place."""
+"""TOML into frozen dataclasses, and back: an unknown, missing or ill-typed key is one line with its name and place."""
 
+import json
 import re
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -67,6 +68,28 @@ def from_document(document: dict[str, Any], kind: type[T], source: str, text: st
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
         raise ConfigurationError(f"{place_of(source, text, first['loc'])}: key {key}: {first['msg']}") from None
+
+
+def toml_text(document: Mapping[str, Any], *comments: str) -> str:
+    """Return the text of a TOML file: a line for each comment and each value, and then the tables.
+
+    Values are text, numbers that are finite, booleans, lists of these, and mappings: a table each. A value None is left
+    out. tomli-w would write a line for each element of a list. Raises ValueError for a number that is not finite.
+    """
+    return "\n".join([*(f"# {comment}" for comment in comments), *_table(document, "")]) + "\n"
+
+
+def _table(values: Mapping[str, Any], path: str) -> Iterator[str]:
+    tables = {name: value for name, value in values.items() if isinstance(value, Mapping)}
+    for name, value in values.items():
+        if name not in tables and value is not None:  # a value is written in JSON as in TOML
+            yield f"{_key(name)} = {json.dumps(value, ensure_ascii=False, allow_nan=False)}"
+    for name, table in tables.items():
+        yield from ("", f"[{path}{_key(name)}]", *_table(table, f"{path}{_key(name)}."))
+
+
+def _key(name: str) -> str:
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
 
 
 STRICT = ConfigDict(extra="forbid", strict=False, arbitrary_types_allowed=True)

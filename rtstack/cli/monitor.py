@@ -2,14 +2,16 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import typer
 
 from rtstack.cli.cells import load_description
 from rtstack.cli.progress import progress_bar
+from rtstack.configuration import toml_text
 from rtstack.log.reader import read_log
 from rtstack.monitor.expected import ExpectedImpact
 from rtstack.monitor.pair import PairParameters
@@ -111,45 +113,27 @@ def tuning_toml(
     parameters: PairParameters, sensitivity: float, found: Check, used: Sequence[Recorded],
     held_out: Sequence[Recorded], command: str = "rtstack tune-monitor",
 ) -> str:  # fmt: skip
-    """Return the file. command: that made it. Written by hand: nobody writes TOML in the standard library."""
-    arm, net = parameters.arm, parameters.net_force
-    lines = [
-        f"# The aim-aware monitor for grabs of {used[0].object}, made by `{command}`:",
-        "# rtstack/trials/tuning.py says what each number is. Units in the names;",
-        "# [provenance] says from what it was made and what it does on runs that were held out.",
-        "",
-        "[monitor]",
-        f"later_s = {parameters.later_s!r}",
-        "",
-        "[monitor.arm]",
-        f"residual_rate_nm_s = {list(arm.residual_rate_nm_s)}",
-        *(f"{name} = {getattr(arm, name)!r}" for name in (
-            "window", "delay", "decay_1_s", "configuration_rad", "time_s", "horizon_s", "velocity_rad_s", "spacing_s"
-        )),
-        "",
-        "[monitor.net_force]",
-        f"start_s = {net.start_s!r}",
-        f"step_s = {net.step_s!r}",
-        f"patience = {net.patience}",
-        *(f"{name} = {list(getattr(net, name))}" for name in ("x_n", "y_n", "z_n")),
-        "",
-        "[provenance]",
-        f'object = "{used[0].object}"',
-        f"sensitivity = {sensitivity!r}",
-        *_runs("", used),
-        *_runs("held_out_", held_out),
-        f"held_out_false_alarms = {len(found.false_alarms)}",
-        f"held_out_smallest_margin = {round(found.smallest_margin, 3)!r}",
-        "",
-    ]  # fmt: skip
-    return "\n".join(lines)
+    """Return the file. command: that made it."""
+    provenance = {
+        "object": used[0].object,
+        "sensitivity": sensitivity,
+        **_runs("", used),
+        **_runs("held_out_", held_out),
+        "held_out_false_alarms": len(found.false_alarms),
+        "held_out_smallest_margin": round(found.smallest_margin, 3),
+    }
+    return toml_text(
+        {"monitor": asdict(parameters), "provenance": provenance},
+        f"The aim-aware monitor for grabs of {used[0].object}, made by `{command}`:",
+        "rtstack/trials/tuning.py says what each number is. Units in the names;",
+        "[provenance] says from what it was made and what it does on runs that were held out.",
+    )
 
 
-def _runs(prefix: str, records: Sequence[Recorded]) -> list[str]:
-    demonstrations = sorted({record.demonstration for record in records})
-    return [
-        f"{prefix}runs = {len(records)}",
-        f"{prefix}demonstrations = {json.dumps(demonstrations)}",
-        f"{prefix}displacements_mm = {sorted({record.displacement_mm for record in records})}",
-        f"{prefix}seeds = {sorted(record.seed for record in records)}",
-    ]
+def _runs(prefix: str, records: Sequence[Recorded]) -> dict[str, Any]:
+    return {
+        f"{prefix}runs": len(records),
+        f"{prefix}demonstrations": sorted({record.demonstration for record in records}),
+        f"{prefix}displacements_mm": sorted({record.displacement_mm for record in records}),
+        f"{prefix}seeds": sorted(record.seed for record in records),
+    }

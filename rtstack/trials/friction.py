@@ -1,5 +1,6 @@
 """The file of an identified friction: what `rtstack identify-friction` writes, and what a cell or a trial names."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -7,8 +8,9 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from rtstack.configuration import STRICT, load_toml
+from rtstack.configuration import STRICT, load_toml, toml_text
 from rtstack.control.parameters import FrictionParameters
+from rtstack.samples import SIDES
 
 Number = Annotated[float, Field(allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
@@ -57,14 +59,11 @@ def load_friction(path: Path) -> tuple[FrictionParameters, FrictionParameters]:
 
 def friction_toml(file: FrictionFile) -> str:
     """Return the text of a friction file."""
-    lines = [
-        "# Identified by `rtstack identify-friction`: Appendix A of the impact-map paper, one joint at a time.",
-        '# A cell\'s TOML names this file (joint_friction = "..."), or `rtstack trial --friction`.',
-        f'cell = "{file.cell}"',
-        f"seed = {file.seed}",
-        f"runs = {file.runs}",
-    ]
-    for side, arm in (("left", file.left), ("right", file.right)):
-        lines += ["", f"[{side}]"]
-        lines += [f"{name} = {[round(v, 6) for v in getattr(arm, name)]}" for name in ArmFriction.__slots__]
-    return "\n".join(lines) + "\n"
+    document = asdict(file)
+    for side in SIDES:
+        document[side] = {name: [round(v, 6) for v in values] for name, values in document[side].items()}
+    return toml_text(
+        document,
+        "Identified by `rtstack identify-friction`: Appendix A of the impact-map paper, one joint at a time.",
+        'A cell\'s TOML names this file (joint_friction = "..."), or `rtstack trial --friction`.',
+    )
