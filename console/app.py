@@ -13,7 +13,7 @@ from fastapi.staticfiles import StaticFiles
 from starlette.exceptions import HTTPException
 
 from console.campaigns.campaigns import CampaignRefused, NoCampaign
-from console.description import OPENAPI_PATH, describe, operation_id
+from console.description import describe, operation_id
 from console.guard import Guard
 from console.parts import Parts
 from console.presence import heartbeat
@@ -64,7 +64,7 @@ def create_app(parts: Parts, port: int) -> FastAPI:
         version=version("rtstack"),
         docs_url=None,
         redoc_url=None,
-        openapi_url=OPENAPI_PATH,
+        openapi_url=description.OPENAPI_PATH,
         generate_unique_id_function=operation_id,
         responses=problems(400, 401, 403),
         lifespan=alive,

@@ -13,8 +13,6 @@ from fastapi.routing import APIRoute
 from console.guard import CSRF_HEADER, MAX_BODY_BYTES
 from console.routes.problems import problems
 
-OPENAPI_PATH = "/api/openapi.json"
-
 _TEXT = f"""\
 The operator's console as programs see it. The page uses nothing else.
 

@@ -8,12 +8,12 @@ from fastapi import APIRouter, Request
 from fastapi.exceptions import HTTPException
 from fastapi.responses import FileResponse, HTMLResponse
 
-from console.description import OPENAPI_PATH
 from console.parts import NeedsParts
 from console.routes.pages import show
 
 router = APIRouter(include_in_schema=False)
 
+OPENAPI_PATH = "/api/openapi.json"
 _PACKAGE = "fastapi-offline"
 _ASSETS = f"/assets/swagger-ui-{version(_PACKAGE)}"
 _TYPES = {"swagger-ui-bundle.js": "text/javascript", "swagger-ui.css": "text/css"}

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from console.app import create_app
-from console.description import OPENAPI_PATH
+from console.routes.description import OPENAPI_PATH
 
 PREFIX = "/api"
 _UNUSED_PORT = 8080

@@ -5,7 +5,7 @@ import functools
 import numpy as np
 
 from sim_robot.cell import SimulatedCell
-from sim_robot.faults import link as faults_link
+from sim_robot.fci import link_faults
 from sim_robot.fci.gripper import GripperPort, vacuum_port
 from sim_robot.fci.poller import Poller
 from sim_robot.fci.protocol import ROBOT_STATE, Command
@@ -40,7 +40,7 @@ class Server:
         self._feed: TrackerFeed | None = None
         stations = []
         for side, address in enumerate(addresses):
-            make_link, make_station = faults_link.kinds(cell.faults, side)
+            make_link, make_station = link_faults.kinds(cell.faults, side)
             link = make_link(
                 self.poller,
                 address,

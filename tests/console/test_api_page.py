@@ -3,7 +3,7 @@
 import pytest
 from playwright.sync_api import sync_playwright
 
-from console.description import OPENAPI_PATH
+from console.routes.description import OPENAPI_PATH
 
 PATIENCE_MS = 60_000
 

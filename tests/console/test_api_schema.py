@@ -13,7 +13,7 @@ from contextlib import contextmanager
 import httpx
 import pytest
 
-from console.description import OPENAPI_PATH
+from console.routes.description import OPENAPI_PATH
 from console.tokens import Scope
 from rtstack.live.protocol import JobState
 from tests.console.test_review_api import read, write_log
