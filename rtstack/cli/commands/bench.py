@@ -1,11 +1,10 @@
 """`rtstack bench`."""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from rtstack.cli.commands.options import CellKind, Json
+from rtstack.cli.commands.options import CellKind, Json, LogOut
 from rtstack.samples import QpSolver
 
 commands = typer.Typer(help="Measure the stack on this machine.")
@@ -27,7 +26,7 @@ def bench_tick(
 def bench_loop(
     cell: CellKind = "realtime",
     seconds: Annotated[float, typer.Option(help="Length of the run.", min=6.0)] = 20.0,
-    log: Annotated[Path | None, typer.Option(metavar="OUT.mcap", help="Keep the log here.")] = None,
+    log: LogOut = None,
     json: Json = False,
 ) -> None:
     """The whole loop: both arms grab and hold a box, controlled, judged and logged."""

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from rtstack.cli.commands.options import CellFile, Json, LeftArm, RightArm
+from rtstack.cli.commands.options import CellFile, Json, LeftArm, LogsWritten, RightArm
 
 commands = typer.Typer()
 
@@ -15,7 +15,7 @@ def check(
     left: LeftArm = None,
     right: RightArm = None,
     cell_file: CellFile = None,
-    logs: Annotated[Path, typer.Option(help="Where logs are to be written.")] = Path("logs"),
+    logs: LogsWritten = Path("logs"),
     json: Json = False,
 ) -> None:
     """Say what this machine lacks, and what that costs; with both addresses hold the arms and judge the link."""

@@ -20,3 +20,6 @@ CellFile = Annotated[Path | None, typer.Option("--cell-file", help="TOML descrip
 OldCellFile = Annotated[Path | None, typer.Option("--cell", hidden=True)]
 Seed = Annotated[int, typer.Option(help="Seed of noise, plant and placement.", min=0)]
 LogFolder = Annotated[Path, typer.Option("--logs", metavar="DIR", help="The folder of logs.")]
+LogsWritten = Annotated[Path, typer.Option("--logs", metavar="DIR", help="Where logs are written.")]
+LogOut = Annotated[Path | None, typer.Option("--log", metavar="OUT.mcap", help="The log to write.")]
+Faults = Annotated[Path | None, typer.Option("--faults", metavar="FILE", help="TOML script of what goes wrong.")]

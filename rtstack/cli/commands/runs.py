@@ -5,12 +5,11 @@ from typing import Annotated
 
 import typer
 
-from rtstack.cli.commands.options import CellFile, CellKind, Json, ObjectName, Seed, ShiftX, ShiftY, Yaw
+from rtstack.cli.commands.options import CellFile, CellKind, Faults, Json, LogOut, ObjectName, Seed, ShiftX, ShiftY, Yaw
 from rtstack.samples import Reaction
 from rtstack.trials.specification import Controller
 
 commands = typer.Typer()
-LogOut = Annotated[Path | None, typer.Option(metavar="OUT.mcap", help="The log to write.")]
 
 
 @commands.command()
@@ -61,9 +60,7 @@ def trial(
     monitor: Annotated[
         Path | None, typer.Option(metavar="TOML", help="The monitor's parameters, made by `rtstack tune-monitor`.")
     ] = None,
-    faults: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="TOML script of what goes wrong in a simulated cell.")
-    ] = None,
+    faults: Faults = None,
     whole_reference: Annotated[
         bool, typer.Option("--whole-reference", help="Attach the reference to the log; else it is named by its digest.")
     ] = False,

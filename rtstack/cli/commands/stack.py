@@ -5,10 +5,20 @@ from typing import Annotated
 
 import typer
 
-from rtstack.cli.commands.options import CellFile, LeftArm, OldCellFile, RightArm, Seed, ShiftX, ShiftY, Yaw
+from rtstack.cli.commands.options import (
+    CellFile,
+    Faults,
+    LeftArm,
+    LogsWritten,
+    OldCellFile,
+    RightArm,
+    Seed,
+    ShiftX,
+    ShiftY,
+    Yaw,
+)
 
 commands = typer.Typer()
-LogsWritten = Annotated[Path, typer.Option(help="Where logs are written.")]
 Port = Annotated[int, typer.Option(help="Port of the console, on the loopback address.", min=0, max=65535)]
 RunFolder = Annotated[Path, typer.Option("--run", metavar="DIR", help="Where robot process and console meet.")]
 
@@ -88,9 +98,7 @@ def sim(
     displacement_x_mm: ShiftX = 0.0,
     yaw_deg: Yaw = 0.0,
     cell_file: CellFile = None,
-    faults: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="TOML script of what goes wrong, and when.")
-    ] = None,
+    faults: Faults = None,
     tracker: Annotated[
         str, typer.Option(metavar="HOST:PORT", help="Who is sent the object's poses (UDP).")
     ] = "127.0.0.1:1341",

@@ -5,15 +5,16 @@ from typing import Annotated
 
 import typer
 
+from rtstack.cli.commands.options import LogFolder
+
 commands = typer.Typer(help="Let programs use the console: bearer tokens.")
-Logs = Annotated[Path, typer.Option(help="The folder of logs that `rtstack up` was given.")]
 
 
 @commands.command("create")
 def token_create(
     name: Annotated[str, typer.Option(help="What the program is called, in the audit trail too.")],
     scope: Annotated[str, typer.Option(help="view: look, and press STOP; operate: everything.")] = "view",
-    logs: Logs = Path("logs"),
+    logs: LogFolder = Path("logs"),
 ) -> None:
     """Make a token for a program and print it, once."""
     from rtstack.cli.token import create as run
@@ -22,7 +23,7 @@ def token_create(
 
 
 @commands.command("list")
-def token_list(logs: Logs = Path("logs")) -> None:
+def token_list(logs: LogFolder = Path("logs")) -> None:
     """List the tokens, without what makes them tokens."""
     from rtstack.cli.token import list_all as run
 
@@ -32,7 +33,7 @@ def token_list(logs: Logs = Path("logs")) -> None:
 @commands.command("revoke")
 def token_revoke(
     token_id: Annotated[str, typer.Argument(metavar="ID", help="As `rtstack token list` has it.")],
-    logs: Logs = Path("logs"),
+    logs: LogFolder = Path("logs"),
 ) -> None:
     """Revoke a token: a running console does not know it any more from now on."""
     from rtstack.cli.token import revoke as run
