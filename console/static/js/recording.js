@@ -98,14 +98,12 @@ class Page {
     const [bands, rules] = [[], []];
     if (extraction.nominal_impact_s !== null) {
       const at = extraction.nominal_impact_s;
-      bands.push({ from: at - extraction.exclusion_s, to: at + extraction.exclusion_s, colour: "interim" });
+      bands.push({ from: at - extraction.exclusion_s, to: at + extraction.exclusion_s, colour: "mode-interim" });
       rules.push({ at, colour: "text", dash: [] });
     }
     if (extraction.detected_impact_s !== null) rules.push({ at: extraction.detected_impact_s, colour: "stopping", dash: [2, 3] });
     for (const [name, curves] of [["velocity", extraction.velocity], ["force", extraction.force]]) {
-      const lines = SIDES.flatMap((side) => PARTS.map(([part, dash, width]) => (
-        { name: `${side} ${part}`, y: curves[side][part], colour: side, dash, width }
-      )));
+      const lines = SIDES.flatMap((side) => PARTS.map(([part, dash, width]) => ({ side, y: curves[side][part], colour: side, dash, width })));
       const recorded = SIDES.flatMap((side) => curves[side].recorded);
       const [low, high] = [Math.min(...recorded), Math.max(...recorded)];
       const room = ROOM * (high - low || 1);
@@ -113,7 +111,7 @@ class Page {
       this.plots.get(name).show({ t: extraction.t_s, curves: lines, range, bands, rules });
     }
     for (const [name, curves] of [["whole-velocity", extraction.whole_velocity], ["whole-force", extraction.whole_force]]) {
-      const lines = SIDES.map((side) => ({ name: side, y: curves[side], colour: side, dash: "solid", width: 1.5 }));
+      const lines = SIDES.map((side) => ({ side, y: curves[side], colour: side, dash: "solid", width: 1.5 }));
       this.plots.get(name).show({ t: extraction.whole_t_s, curves: lines, range: null, bands, rules });
     }
   }

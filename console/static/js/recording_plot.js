@@ -20,7 +20,7 @@ export class RecordingPlot {
     new ResizeObserver(() => this.draw()).observe(area);
   }
 
-  // t: s; curves: [{name, y, colour, dash, width}], y null where there is no value, colour a token; range: of y, or none
+  // t: s; curves: [{side, y, colour, dash, width}], y null where there is no value, colour a token; range: of y, or none
   // for what the curves need; bands: [{from, to, colour}]; rules: [{at, colour, dash}]
   show({ t, curves, range, bands, rules }) {
     const whole = this.t.length === 0 || (this.from === this.begin && this.to === this.end);
@@ -39,9 +39,9 @@ export class RecordingPlot {
 
   setCursor(t) {
     const row = this.t.findIndex((time) => time >= t);
-    const words = this.curves?.filter(({ y }) => Number.isFinite(y[row])).map(({ name, y }) => `${name} ${y[row].toFixed(3)}`);
-    this.values.textContent = row < 0 || !words.length ? "" : `${this.t[row].toFixed(3)} s: ${words.join(", ")}`;
-    this.values.title = this.values.textContent;
+    const sides = Map.groupBy(row < 0 ? [] : this.curves.filter(({ y }) => Number.isFinite(y[row])), ({ side }) => side);
+    const words = [...sides].map(([side, curves]) => `${side} ${curves.map(({ y }) => y[row].toFixed(3)).join(" ")}`);
+    this.values.textContent = words.length ? `${this.t[row].toFixed(3)} s: ${words.join(", ")}` : "";
   }
 
   timeAt(px) {
