@@ -11,9 +11,9 @@ from pydantic.dataclasses import dataclass as checked
 
 from rtstack.configuration import STRICT, ConfigurationError, load_toml
 from rtstack.experiments.seeds import seed_of
+from rtstack.monitor.expected import ExpectedImpact
 from rtstack.papers.conditions import Conditions
 from rtstack.papers.reference import Reference
-from rtstack.references.impact import ExpectedImpact
 from rtstack.trials.unexpected import Unexpected
 
 Count = Annotated[int, Field(ge=1, le=10_000)]
