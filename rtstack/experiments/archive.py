@@ -16,6 +16,7 @@ from typing import Any
 
 from fsspec.core import url_to_fs
 
+from hal.files import replacing
 from rtstack.trials.errors import TrialError
 
 S3 = "s3://"
@@ -69,9 +70,8 @@ class Archive:
         path = self._local(name)
         if self.distant and not path.exists():
             files, root = _files(self.place)
-            partial = path.with_suffix(".part")
-            files.get_file(f"{root}/{name}", str(partial))
-            partial.replace(path)
+            with replacing(path) as partial:
+                files.get_file(f"{root}/{name}", str(partial))
         return path
 
     def names(self, folder: str) -> set[str]:

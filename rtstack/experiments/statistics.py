@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from scipy.stats import norm, t
+from scipy.stats import binomtest, t
 
 CONFIDENCE = 0.95
 
@@ -58,8 +58,5 @@ def proportion(successes: int, n: int) -> Interval | None:
     """Return a share and its Wilson interval (Wilson 1927), which stays within 0 and 1."""
     if n == 0:
         return None
-    z = float(norm.ppf(0.5 + CONFIDENCE / 2))
-    share = successes / n
-    middle = (share + z * z / (2 * n)) / (1 + z * z / n)
-    half = z / (1 + z * z / n) * sqrt(share * (1 - share) / n + z * z / (4 * n * n))
-    return Interval(share, max(0.0, middle - half), min(1.0, middle + half), n)
+    low, high = binomtest(successes, n).proportion_ci(CONFIDENCE, "wilson")
+    return Interval(successes / n, float(low), float(high), n)

@@ -1,16 +1,17 @@
 """Where results are kept: one SQLite table, a transaction for the rows of a task, and CSV made from it."""
 
 import csv
-import fcntl
 import json
 import sqlite3
 import typing
 from collections.abc import Iterable, Mapping
+from contextlib import ExitStack
 from dataclasses import fields
 from pathlib import Path
 from types import TracebackType
-from typing import Any, TextIO
+from typing import Any
 
+from hal.files import locked
 from rtstack.experiments.experiment import Case, Experiment, Row
 from rtstack.trials.errors import TrialError
 
@@ -50,7 +51,7 @@ class Store:
         """Open or create the table of an experiment's columns. Raises TrialError where another program works here."""
         self.out = out
         columns = self._columns = stored(columns)
-        self._lock = _locked(out)
+        self._lock = _lock_of(out)
         self._database = sqlite3.connect(out / DATABASE)
         self._database.row_factory = sqlite3.Row
         self._database.execute("PRAGMA journal_mode=WAL")
@@ -125,14 +126,13 @@ class Store:
         return {name: bool(row[name]) if kind is bool else row[name] for name, kind in self._columns.items()}
 
 
-def _locked(out: Path) -> TextIO:
-    lock = open(out / ".lock", "w", encoding="utf-8")  # noqa: SIM115 (held until the store is closed)
+def _lock_of(out: Path) -> ExitStack:
+    held = ExitStack()
     try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        lock.close()
+        held.enter_context(locked(out / ".lock", wait=False))
+    except BlockingIOError:
         raise TrialError(f"another campaign is running in {out}: wait for it, or choose another folder") from None
-    return lock
+    return held
 
 
 def check_folder(experiment: Experiment[Any, Any], resume: bool) -> None:

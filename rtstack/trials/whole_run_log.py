@@ -6,13 +6,13 @@ that a worker which is killed leaves no half log under a trial's id.
 """
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
 from numpy.typing import NDArray
 
 from hal.description import fr3_urdf
+from hal.files import replacing
 from rtstack.log.batches import BatchWriter
 from rtstack.log.frames import CellFrames
 from rtstack.log.job import Attachment
@@ -22,8 +22,6 @@ from rtstack.log.sink import McapSink
 from rtstack.loop.history import Columns, History
 from rtstack.samples import SIDES
 from rtstack.trials.record import TrialLog
-
-PARTIAL = ".part"
 
 
 class WholeRunLog(TrialLog):
@@ -59,10 +57,9 @@ class WholeRunLog(TrialLog):
 
     def close(self, result: dict[str, Any]) -> str | None:
         """Write the file. Returns None, or in one line why there is none. `columns` are the samples from now on."""
-        # a name of its own: a worker that was cut off may still write what another one has taken over
-        partial = self.path.with_name(f"{self.path.stem}.{os.uname().nodename}-{os.getpid()}{PARTIAL}")
         try:
-            with open(partial, "wb") as file:
+            # under a name of its own: a worker that was cut off may still write what another one has taken over
+            with replacing(self.path) as partial, open(partial, "wb") as file:
                 sink = McapSink(file)
                 for name, values in self._metadata.items():
                     sink.write_metadata(name, values)
@@ -74,9 +71,7 @@ class WholeRunLog(TrialLog):
                     self.columns = self._history.columns()
                     writer.write(_batches(self.columns, self._history))
                 writer.finish(values, "closed", self.evidence, {})
-            os.replace(partial, self.path)
         except OSError as error:
-            partial.unlink(missing_ok=True)
             return f"the log {self.path} was not written: {error.strerror or error}"
         return None
 

@@ -12,16 +12,15 @@ largest.
 """
 
 import argparse
-import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.progress import track
 
-from rtstack.configuration import ConfigurationError
+from rtstack.configuration import ConfigurationError, toml_text
 from rtstack.experiments.registry import plan_file
 from rtstack.papers.aim_aware.classification import Impact, plan_case, simulate_case
 from rtstack.papers.aim_aware.grid import Banded, Case, Found
@@ -29,6 +28,9 @@ from rtstack.papers.aim_aware.outline import Outline
 from rtstack.papers.aim_aware.study import COMMAND, Study, Tuned, load_study
 from rtstack.papers.aim_aware.tuned import digest_of, tuning_file
 
+SEPARATIONS = "separations: of each candidate for r_b, by tuning; none: wanted and unwanted cases cannot be told apart"
+    "separations: of each candidate for r_b, by tuning; none where wanted and unwanted cases cannot be told apart"
+)
 LARGE = 1e3  # bounds that nothing reaches
 
 
@@ -108,52 +110,20 @@ def tune(path: Path) -> Tuned:
     return Tuned(digest_of(path.read_bytes()), best, good[best], separations)
 
 
-def as_toml(tuned: Tuned, study_name: str) -> str:
-    """Return the file."""
-    lines = [
-        f"# Found by `{COMMAND}` on the coarse grid of deploy/campaigns/{study_name}.toml: run it again, do not edit.",
-        f'study_digest = "{tuned.study_digest}"',
-        f"residual_rate_nm_s = {tuned.residual_rate_nm_s}",
-        "",
-        *separation_lines(tuned.separations, "r_b"),
-        *found_lines(tuned.tunings),
-    ]
-    return "\n".join(lines) + "\n"
-
-
-def separation_lines(separations: Mapping[str, list[float]], of_what: str) -> list[str]:
-    """Return the lines of a tuning's file that say how good the candidates were."""
-    return [
-        f"# of each candidate for {of_what}, by tuning; none where wanted and unwanted cases cannot be told apart",
-        "[separations]",
-        *(f'"{candidate}" = {json.dumps(values)}' for candidate, values in separations.items()),
-    ]
-
-
-def found_lines(tunings: Mapping[str, Found]) -> list[str]:
-    """Return the lines of a tuning's file that say what was found."""
-    lines = []
-    for name, found in tunings.items():
-        lines += [
-            "",
-            f"[tunings.{name}]",
-            f"configuration_rad = {found.configuration_rad}",
-            f"velocity_rad_s = {found.velocity_rad_s}",
-            f"separation = {found.separation}",
-        ]
-    return lines
-
-
 def write_tuning(
-    study: str, load: Callable[[Path], Outline], tune: Callable[[Path], Any], as_toml: Callable[[Any, str], str]
+    study: str, load: Callable[[Path], Outline], tune: Callable[[Path], Any], command: str, *notes: str
 ) -> None:
-    """Run the program that tunes a study, given or by its name, and writes deploy/tunings/NAME.toml."""
+    """Run the program that tunes a study, given or by its name, and writes deploy/tunings/NAME.toml.
+
+    command: the program; notes: what the file says of its keys.
+    """
     parser = argparse.ArgumentParser(description="Tune a study on its coarse grid.")
     parser.add_argument("study", nargs="?", type=Path, default=plan_file(study).path)
     path = parser.parse_args().study
     try:
         name = load(path).name
-        text = as_toml(tune(path), name)
+        found = f"Found by `{command}` on the coarse grid of {name}.toml: run it again, do not edit."
+        text = toml_text(asdict(tune(path)), found, SEPARATIONS, *notes)
     except ConfigurationError as error:
         parser.exit(2, f"rtstack: {error}\n")
     except KeyboardInterrupt:
@@ -164,4 +134,4 @@ def write_tuning(
 
 
 if __name__ == "__main__":
-    write_tuning("aim-aware-planar", load_study, tune, as_toml)
+    write_tuning("aim-aware-planar", load_study, tune, COMMAND)

@@ -1,10 +1,10 @@
 """What a worker does for a reference: plan it, run its parts with nothing in the way, feed forward what they tell."""
 
-import os
 from dataclasses import replace
 
 import numpy as np
 
+from hal.files import replacing
 from rtstack.experiments.seeds import seed_of
 from rtstack.identification.along import COORDINATES, FADE_S, average, residual
 from rtstack.papers.demonstrations import CELL, RECORDINGS, common_attachments
@@ -65,9 +65,8 @@ def identify_along(bench: ValidationBench, runs: FreeRuns, scenario: Scenario, c
             return f"its run with nothing in the way ({runs.log(run)}): {reason}"
         found.append(residual(columns, free, arms))
     fade_s = FADE_S if runs.part is Part.POST else 0.0
-    partial = bench.out / SWEEPS / f".{runs.name}.{os.getpid()}.npy"
-    np.save(partial, average(found, fade_s, free.plan.period_s))
-    os.replace(partial, bench.out / SWEEPS / runs.file)
+    with replacing(bench.out / SWEEPS / runs.file) as partial, open(partial, "wb") as file:
+        np.save(file, average(found, fade_s, free.plan.period_s))
     return None
 
 

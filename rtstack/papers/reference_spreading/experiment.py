@@ -70,8 +70,8 @@ class ControllerComparison(Experiment[Plan, Trial]):
 
     def tidy(self) -> None:
         """Remove the halves of logs that workers left which were killed."""
+        from hal.files import PARTIAL
         from rtstack.papers.demonstrations import LOGS
-        from rtstack.trials.whole_run_log import PARTIAL
 
         for name in self._bench.archive.names(LOGS):
             if name.endswith(PARTIAL):

@@ -30,7 +30,7 @@ from rtstack.papers.aim_aware.planar.plan import approach_velocity
 from rtstack.papers.aim_aware.platform.plan import AXES, PERIOD_S
 from rtstack.papers.aim_aware.platform.setup import platform_files
 from rtstack.papers.aim_aware.tuned import digest_of
-from rtstack.papers.aim_aware.tuning import LARGE, Need, found_lines, need, separate, separation_lines, write_tuning
+from rtstack.papers.aim_aware.tuning import LARGE, Need, need, separate, write_tuning
 
 SETTLED = 50  # ticks: the observer has started
 BEFORE = 30  # ticks before the planned impact: nothing can be touched yet
@@ -144,30 +144,6 @@ def separated(
     return found, lost
 
 
-def as_toml(tuned: ArmTuned, study_name: str) -> str:
-    """Return the file."""
-    lines = [
-        f"# Found by `{COMMAND}` on the coarse grid of deploy/campaigns/{study_name}.toml: run it again, do not edit.",
-        f'study_digest = "{tuned.study_digest}"',
-        f"noise_factor = {tuned.noise_factor} # r_b over the residual's largest rate in free motion",
-        f"quiet_nm_s = {list(tuned.quiet_nm_s)}",
-        f"residual_rate_nm_s = {list(tuned.residual_rate_nm_s)}",
-        f"mirrored = {str(tuned.mirrored).lower()} # the paper's bands with the sign of inclinations turned round",
-        "",
-        *separation_lines(tuned.separations, "r_b, as factors, and the side of a band"),
-        "",
-        "# wanted hits that nothing could make expected",
-        "[left_out]",
-        *(f'"{candidate}" = {count}' for candidate, count in tuned.left_out.items()),
-        "",
-        "# by approach, deg: the pad's velocity after a nominal impact, x m/s, z m/s, about y rad/s",
-        "[learned]",
-        *(f'"{deg}" = {list(twist)}' for deg, twist in tuned.learned.items()),
-        *found_lines(tuned.tunings),
-    ]
-    return "\n".join(lines) + "\n"
-
-
 def _rates(factor: float, quiet: NDArray[np.float64]) -> Seven:
     return _seven(factor * quiet)
 
@@ -183,4 +159,10 @@ def _twist(values: NDArray[np.float64]) -> Twist:
 
 
 if __name__ == "__main__":
-    write_tuning("aim-aware-arm", load_arm_study, tune, as_toml)
+    write_tuning(
+        "aim-aware-arm", load_arm_study, tune, COMMAND,
+        "noise_factor: r_b over the residual's largest rate in free motion, quiet_nm_s",
+        "mirrored: the paper's bands with the sign of the inclinations turned round",
+        "learned: by approach, deg: the pad's velocity after a nominal impact, x m/s, z m/s, about y rad/s",
+        "left_out: wanted hits that nothing could make expected",
+    )  # fmt: skip
