@@ -29,8 +29,6 @@ from rtstack.papers.aim_aware.study import COMMAND, Study, Tuned, load_study
 from rtstack.papers.aim_aware.tuned import digest_of, tuning_file
 
 SEPARATIONS = "separations: of each candidate for r_b, by tuning; none: wanted and unwanted cases cannot be told apart"
-    "separations: of each candidate for r_b, by tuning; none where wanted and unwanted cases cannot be told apart"
-)
 LARGE = 1e3  # bounds that nothing reaches
 
 
