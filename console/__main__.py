@@ -44,7 +44,6 @@ from rtstack.log.catalogue import Catalogue
 from rtstack.log.errors import LogError
 from rtstack.log.ring import Rings
 from rtstack.loop.mailbox import Mailbox, MailboxError
-from rtstack.model.cell_description import load_cell_description
 
 
 class _Server(uvicorn.Server):
@@ -99,7 +98,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _parts(asked: argparse.Namespace, port: int, stack: ExitStack) -> Parts:
     audit = stack.enter_context(closing(AuditTrail(asked.logs / FILE_NAME)))
-    cell = described_as(load_cell_description(asked.cell), asked.kind)
+    cell = described_as(asked.cell, asked.kind)
     mailbox = stack.enter_context(closing(Mailbox.attach(f"{asked.name}-mailbox")))
     rings = Rings.attach(asked.rings)
     socket_path = asked.run / SOCKET_NAME

@@ -5,12 +5,12 @@ What `rtstack teach` and `rtstack trial` do, in Python: without a browser, as fa
 
 from pathlib import Path
 
-from rtstack.cli.cells import load_description, open_cell
+from rtstack.cells import load_description, open_cell
 from rtstack.log.writer import check_log_path
 from rtstack.trials.company import Company
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.record import open_log
-from rtstack.trials.specification import Controller, DemonstrationSpecification, TrialSpecification
+from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
 
 RECORDING, LOG = Path("ref.mcap"), Path("trial.mcap")
@@ -33,7 +33,7 @@ def record(path: Path) -> None:
 def follow(reference: Path, path: Path) -> None:
     """Follow a recording. Its references are made, and checked, before anything is opened."""
     description, source = load_description(None)
-    asked = TrialSpecification(str(reference), Controller.PROPOSED, "rice_box", DISPLACEMENT_MM)
+    asked = TrialSpecification(str(reference), "proposed", "rice_box", DISPLACEMENT_MM)
     prepared = prepare_trial(asked, description)
     cell = open_cell("direct", asked.object, DISPLACEMENT_MM * 1e-3, asked.seed, description)
     try:

@@ -6,7 +6,7 @@ them. Nothing is written here: without a log a trial takes a second.
 
 from dataclasses import replace
 
-from rtstack.cli.cells import load_description, open_cell
+from rtstack.cells import load_description, open_cell
 from rtstack.trials.assembly import cell_parameters
 from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial

@@ -6,7 +6,7 @@ meant. Here the reference comes from the demonstration that is attached to the l
 
 from pathlib import Path
 
-from rtstack.cli.cells import load_description
+from rtstack.cells import load_description
 from rtstack.log.reader import read_log
 from rtstack.monitor.monitor import Monitor
 from rtstack.references.source import load_reference

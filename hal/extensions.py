@@ -13,7 +13,7 @@ class ExtensionError(Exception):
     """An extension that is not there, is offered twice, or cannot be loaded. One line that says what to do."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)  # without slots: Python 3.11 cannot set the type that a generic class was made for
 class ExtensionPoint(Generic[T]):
     """A group of entry points. what: one thing of the group, for messages; kind: the type that all of them have."""
 
@@ -25,11 +25,18 @@ class ExtensionPoint(Generic[T]):
         """Return the names that are offered, sorted. Imports nothing."""
         return tuple(sorted(_offered(self.group)))
 
+    def check(self, name: str) -> str:
+        """Return a name that is offered. Imports nothing. Raises ExtensionError."""
+        names = self.names()
+        if not names:
+            raise ExtensionError(f"no {self.what} is installed: the installation is older than its sources: make setup")
+        if name not in names:
+            raise ExtensionError(f"unknown {self.what} {name!r}: choose one of {', '.join(names)}")
+        return name
+
     def load(self, name: str) -> T:
         """Import and return what is offered under a name. Raises ExtensionError."""
-        offered = _offered(self.group).get(name, [])
-        if not offered:
-            raise ExtensionError(f"unknown {self.what} {name!r}: choose one of {', '.join(self.names())}")
+        offered = _offered(self.group)[self.check(name)]
         if len(offered) > 1:
             packages = ", ".join(sorted(map(_package, offered)))
             raise ExtensionError(f"{self.what} {name!r} is offered more than once: uninstall all but one of {packages}")
@@ -42,6 +49,11 @@ class ExtensionPoint(Generic[T]):
         if not isinstance(found, self.kind):
             raise ExtensionError(self._refusal(entry, f"is {type(found).__name__}, not {self.kind.__name__}"))
         return found
+
+    def package(self, name: str) -> tuple[str, str]:
+        """Return name and version of the package that offers a name; of the first, where there are several."""
+        entry = _offered(self.group)[name][0]
+        return (entry.dist.name, entry.dist.version) if entry.dist is not None else ("unknown", "unknown")
 
     def loadable(self) -> tuple[dict[str, T], tuple[str, ...]]:
         """Return everything that can be loaded, by name, and one line for each that cannot."""
@@ -73,4 +85,4 @@ def _by_name(entries: Iterable[EntryPoint]) -> dict[str, list[EntryPoint]]:
 
 
 def _package(entry: EntryPoint) -> str:
-    return f"{entry.dist.name} {entry.dist.version}" if entry.dist is not None else "a package without a name"
+    return f"{entry.dist.name} {entry.dist.version}" if entry.dist is not None else "an unknown package"

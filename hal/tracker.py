@@ -43,3 +43,11 @@ class ObjectTracker(Protocol):
     def latest(self) -> ObjectPose:
         """Return the newest pose without blocking. It belongs to the tracker and is overwritten by the next call."""
         ...
+
+
+class ClosableTracker(ObjectTracker, Protocol):
+    """A tracker that a cell has opened, and closes."""
+
+    def close(self) -> None:
+        """Stop listening. Never raises."""
+        ...

@@ -13,14 +13,16 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
+from hal import extensions
+from rtstack.cells import default_cell_file, open_cell
 from rtstack.cli.app import main
-from rtstack.cli.cells import default_cell_file, open_cell
 from rtstack.model.cell_description import CellDescription, load_cell_description
 from rtstack.trials.company import Company
+from rtstack.trials.controllers import DEFAULT
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.record import open_log
 from rtstack.trials.result import DemonstrationResult, TrialResult
-from rtstack.trials.specification import Controller, DemonstrationSpecification, TrialSpecification
+from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
 
 # the first example may compile code, and shared machines stall: correctness is never a matter of wall-clock here
@@ -73,7 +75,7 @@ class Runner:
 
     def run(
         self,
-        controller: Controller = Controller.PROPOSED,
+        controller: str = DEFAULT,
         displacement_mm: float = 0.0,
         seed: int = 1,
         log: Path | None = None,
@@ -98,6 +100,29 @@ class Runner:
 def runner(cell: CellDescription, demonstration: Demonstration) -> Runner:
     """Trials on the shared demonstration."""
     return Runner(cell, demonstration.path)
+
+
+@pytest.fixture
+def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
+    """Install a package as pip would: a module's source, and what it offers to a group, as NAME=ATTRIBUTE."""
+    installed: list[str] = []
+
+    def put(package: str, source: str, group: str, **offers: str) -> None:
+        place = tmp_path / "installed" / package
+        metadata = place / f"{package}-1.2.dist-info"
+        metadata.mkdir(parents=True)
+        (place / f"{package}.py").write_text(source)
+        (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.2\n")
+        lines = [f"{name} = {package}:{attribute}" for name, attribute in offers.items()]
+        (metadata / "entry_points.txt").write_text("\n".join([f"[{group}]", *lines, ""]))
+        monkeypatch.syspath_prepend(str(place))
+        extensions._offered.cache_clear()
+        installed.append(package)
+
+    yield put
+    extensions._offered.cache_clear()
+    for package in installed:
+        sys.modules.pop(package, None)
 
 
 @pytest.fixture

@@ -30,11 +30,11 @@ from console.teleoperation.hand import Hand
 from console.tokens import Scope, Tokens
 from console.watch import Watch
 from deploy import cells
-from rtstack.cli.cells import live_source
 from rtstack.live.audit import FILE_NAME, AuditTrail
 from rtstack.live.client import RobotClient
 from rtstack.live.desk import Desk
 from rtstack.live.service import Service
+from rtstack.live.source import live_source
 from rtstack.log.catalogue import Catalogue
 from rtstack.log.ring import Rings
 from rtstack.loop.mailbox import Mailbox

@@ -11,7 +11,7 @@ from pydantic.dataclasses import dataclass as checked
 from rtstack.live.protocol import DisplacementMm, ObjectName, Seed, TrialRequest, YawDeg
 from rtstack.messages import MESSAGE, NUMBER, StrictFloat
 from rtstack.samples import Reaction
-from rtstack.trials.specification import Controller
+from rtstack.trials.controllers import DEFAULT, ControllerName
 
 MAX_REPETITIONS = 200
 
@@ -24,7 +24,7 @@ class TrialOrder:
 
     reference: Annotated[str, Field(min_length=1, max_length=128)]
     object: ObjectName
-    controller: Controller = Controller.PROPOSED
+    controller: ControllerName = DEFAULT
     displacement_mm: DisplacementMm = 0.0
     displacement_x_mm: DisplacementMm = 0.0
     yaw_deg: YawDeg = 0.0

@@ -24,7 +24,7 @@ from rtstack.teleoperation.reach import (
     SPEED_M_S,
     STIFFNESS_N_M,
 )
-from rtstack.trials.specification import Controller
+from rtstack.trials.controllers import controller_names
 
 router = APIRouter(include_in_schema=False)
 
@@ -37,7 +37,7 @@ _REACH = {
     "stiffness": STIFFNESS_N_M,
 }
 
-_CHOICES = {"controllers": [str(name) for name in Controller], "reactions": [str(name) for name in Reaction]}
+_CHOICES = {"controllers": controller_names(), "reactions": [str(name) for name in Reaction]}
 
 TEMPLATES = Environment(
     loader=FileSystemLoader(Path(__file__).parents[1] / "pages"), autoescape=True, undefined=StrictUndefined

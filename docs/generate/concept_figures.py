@@ -13,14 +13,14 @@ from concept_runs import demonstrate, follow
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rtstack.cli.cells import load_description
+from rtstack.cells import load_description
 from rtstack.impact_map import impact_map, load_scene
 from rtstack.log.reader import Log
 from rtstack.monitor.records import Verdict
+from rtstack.papers.reference_spreading.controllers import Controller
 from rtstack.references.acceptance import Acceptance
 from rtstack.samples import SIDES, Mode
 from rtstack.trials.extraction import Extraction, extract
-from rtstack.trials.specification import Controller
 
 COLOURS = {"left": "#1f77b4", "right": "#d95f02"}
 BEFORE_S, AFTER_S = 0.25, 0.35  # of the nominal impact

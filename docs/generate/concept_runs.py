@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
-from rtstack.cli.cells import load_description, open_cell
+from rtstack.cells import load_description, open_cell
 from rtstack.log.reader import Log, read_log
 from rtstack.trials.company import Company
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.record import open_log
-from rtstack.trials.specification import Controller, DemonstrationSpecification, TrialSpecification
+from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
 
 
@@ -22,7 +22,7 @@ def demonstrate(path: Path) -> None:
         cell.close()
 
 
-def follow(reference: Path, controller: Controller, object_name: str, displacement_mm: float) -> Log:
+def follow(reference: Path, controller: str, object_name: str, displacement_mm: float) -> Log:
     """Return the log of a trial, seed 0, which is written beside its reference."""
     description, source = load_description(None)
     asked = TrialSpecification(str(reference), controller, object_name, displacement_mm)

@@ -7,7 +7,7 @@ from tempfile import TemporaryDirectory
 import typer
 
 from rtstack.bench.tick import bench_tick
-from rtstack.cli.cells import load_description
+from rtstack.cells import load_description
 from rtstack.samples import QpSolver
 from rtstack.trials.assembly import default_parameters
 
@@ -29,7 +29,7 @@ def tick(ticks: int, solver: QpSolver | None, json: bool) -> None:
 def link(cell_kind: str, ticks: int, json: bool) -> None:
     """Measure the link of a cell and print the figures."""
     from rtstack.bench.link import bench_link
-    from rtstack.cli.cells import open_cell
+    from rtstack.cells import open_cell
 
     cell = open_cell(cell_kind, "rice_box", 0.0, 0)
     try:
@@ -41,7 +41,7 @@ def link(cell_kind: str, ticks: int, json: bool) -> None:
 def loop(cell_kind: str, seconds: float, log_path: Path | None, json: bool) -> None:
     """Run the whole loop on a cell for some time and print the figures of its log."""
     from rtstack.bench.loop import long_grab, loop_figures
-    from rtstack.cli.cells import open_cell
+    from rtstack.cells import open_cell
     from rtstack.cli.interrupt import interruptible
     from rtstack.log.writer import check_log_path
     from rtstack.trials.company import Company

@@ -10,12 +10,12 @@ from hal.cell import Cell
 from hal.errors import HardwareError
 from rtstack.bench.hold import GOOD_RAD, ArmMoved
 from rtstack.bench.link import GOOD_SUCCESS, LinkBenchmark, bench_link
+from rtstack.cells import load_description, open_cell
 from rtstack.check.arm import resting_findings
 from rtstack.check.finding import Finding, finding
 from rtstack.check.host import host_findings
 from rtstack.check.network import arm_finding, gripper_finding, interface_finding
 from rtstack.check.software import software_findings
-from rtstack.cli.cells import load_description, open_cell
 from rtstack.configuration import ConfigurationError
 from rtstack.model.cell_description import CellDescription
 from rtstack.samples import SIDES

@@ -5,7 +5,7 @@ from pathlib import Path
 import typer
 
 from hal.cell import Cell
-from rtstack.cli.cells import load_description, open_cell
+from rtstack.cells import load_description, open_cell
 from rtstack.cli.interrupt import Interrupt, interruptible
 from rtstack.cli.progress import progress_bar
 from rtstack.identification.procedure import Identification, Run, lowest_object, runs_of

@@ -9,7 +9,7 @@ from typing import Any
 
 import typer
 
-from rtstack.cli.cells import load_description
+from rtstack.cells import load_description
 from rtstack.cli.progress import progress_bar
 from rtstack.configuration import toml_text
 from rtstack.log.reader import read_log
@@ -20,6 +20,7 @@ from rtstack.references.source import load_reference
 from rtstack.trials.assembly import arm_controllers, cell_parameters
 from rtstack.trials.errors import TrialError
 from rtstack.trials.followed import followed_file
+from rtstack.trials.monitoring import tuning_folder
 from rtstack.trials.review import log_columns
 from rtstack.trials.tuning import HELD_OUT, Check, GoodRun, check, tune
 
@@ -31,6 +32,8 @@ def tune_monitor(logs: Sequence[Path], out: Path, sensitivity: float, json_outpu
     """Tune on two thirds of the logs, check on the others, write the TOML `out`, which must not exist yet."""
     if out.exists():
         raise TrialError(f"{out} exists already: choose another name")
+    if out.parent == tuning_folder():
+        out.parent.mkdir(parents=True, exist_ok=True)
     if not out.parent.is_dir():
         raise TrialError(f"cannot write {out}: the folder {out.parent} does not exist")
     if len(logs) < FEWEST:

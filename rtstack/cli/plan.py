@@ -6,7 +6,7 @@ from typing import Any
 
 import typer
 
-from rtstack.cli.cells import load_description
+from rtstack.cells import load_description
 from rtstack.log.writer import check_log_path
 from rtstack.model.cell_description import CellDescription
 from rtstack.planning import PlanError, PlannedMotion, TooFast, grab_plan, plan_grab, plan_push, push_plan

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rtstack.cli.cells import open_cell
+from rtstack.cells import open_cell
 from rtstack.cli.interrupt import interruptible
 from rtstack.cli.monitor import Recorded, split, tuning_toml
 from rtstack.cli.progress import progress_bar

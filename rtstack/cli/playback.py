@@ -4,7 +4,7 @@ from pathlib import Path
 
 import typer
 
-from rtstack.cli.cells import load_description, open_cell
+from rtstack.cells import load_description, open_cell
 from rtstack.cli.interrupt import Interrupt, interruptible
 from rtstack.cli.progress import progress_bar
 from rtstack.log.writer import check_log_path
@@ -47,7 +47,7 @@ def play(
         ):
             log = None
             if log_path is not None:
-                log = open_log(log_path, prepared.specification, description, cell_kind, description_file)
+                log = open_log(log_path, prepared.specification, description, cell_kind, description_file, cell=cell)
             company = Company(log, progress=progress, watchdogs=(Parent(),))
             result = run_playback(prepared, cell, company, soft_stop=_Softly(stop), way=way)
     finally:

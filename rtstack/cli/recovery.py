@@ -7,7 +7,7 @@ import typer
 
 from hal.errors import RecoveryRefused
 from hal.fci import open_pair
-from rtstack.cli.cells import fci_addresses
+from rtstack.cells.fci import fci_addresses
 from rtstack.live.client import RobotClient, RobotRefused, RobotUnreachable, running_stacks
 from rtstack.trials.errors import TrialError
 

@@ -4,23 +4,24 @@ import os
 import sys
 from pathlib import Path
 
-from rtstack.cli.cells import load_description
-from rtstack.cli.stack import SOURCE, kind_of, make_log_folder
+from rtstack.cells import load_description
+from rtstack.cli.stack import make_log_folder
 from rtstack.live.alone import MAILBOX, find_rings
+from rtstack.live.source import described_as
 from rtstack.live.stack import StackError, listen
 from rtstack.trials.errors import TrialError
 
 
-def robot(run: Path, logs: Path, cell_file: Path | None, left: str | None, right: str | None) -> None:
+def robot(run: Path, logs: Path, cell_file: Path | None, kind: str) -> None:
     """Become the robot process. Raises TrialError, ConfigurationError."""
-    shared = _shared(run, logs, cell_file, left, right)
+    shared = _shared(run, logs, cell_file, kind)
     make_log_folder(logs)
-    _become("rtstack.live.robot", [*shared, "--source", SOURCE])
+    _become("rtstack.live.robot", shared)
 
 
-def console(run: Path, port: int, logs: Path, cell_file: Path | None, left: str | None, right: str | None) -> None:
+def console(run: Path, port: int, logs: Path, cell_file: Path | None, kind: str) -> None:
     """Become the console of the robot process in a run folder. Raises TrialError, ConfigurationError, LogError."""
-    shared = _shared(run, logs, cell_file, left, right)
+    shared = _shared(run, logs, cell_file, kind)
     rings = find_rings(run)
     try:
         listener = listen(port)
@@ -31,9 +32,9 @@ def console(run: Path, port: int, logs: Path, cell_file: Path | None, left: str 
     _become("console", [*shared, "--rings", rings, "--listener", str(listener.fileno())])
 
 
-def _shared(run: Path, logs: Path, cell_file: Path | None, left: str | None, right: str | None) -> list[str]:
-    kind = kind_of(left, right)
-    _, source = load_description(cell_file)
+def _shared(run: Path, logs: Path, cell_file: Path | None, kind: str) -> list[str]:
+    source = load_description(cell_file)[1]
+    described_as(source, kind)
     return ["--alone", f"--run={run}", f"--name={MAILBOX}", f"--logs={logs}", f"--cell={source}", f"--kind={kind}"]
 
 

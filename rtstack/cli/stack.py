@@ -4,23 +4,27 @@ from pathlib import Path
 
 import typer
 
-from rtstack.cli.cells import fci_addresses, load_description
+from rtstack.cells import load_description
+from rtstack.cells.fci import fci_addresses
+from rtstack.live.source import described_as
 from rtstack.live.stack import StackSettings, run_stack
 from rtstack.trials.errors import TrialError
 
-SOURCE = "rtstack.cli.cells:live_source"
 
-
-def up(port: int, logs: Path, cell_file: Path | None, left: str | None = None, right: str | None = None) -> None:
-    """Start the stack and stay until it ends; with both addresses on these arms. Raises TrialError."""
-    kind = kind_of(left, right)
-    _, source = load_description(cell_file)
+def up(port: int, logs: Path, cell_file: Path | None, kind: str) -> None:
+    """Start the stack on a kind of cell and stay until it ends. Raises TrialError."""
+    source = load_description(cell_file)[1]
+    described_as(source, kind)
     make_log_folder(logs)
-    raise typer.Exit(run_stack(StackSettings(port=port, logs=logs, source=SOURCE, cell=source, kind=kind)))
+    raise typer.Exit(run_stack(StackSettings(port=port, logs=logs, cell=source, kind=kind)))
 
 
-def kind_of(left: str | None, right: str | None) -> str:
-    """Return the kind of cell that both addresses make, or none of them. Raises TrialError."""
+def chosen_kind(kind: str | None, left: str | None, right: str | None) -> str:
+    """Return the kind of cell that is named, that both addresses make, or the simulated one. Raises TrialError."""
+    if kind is not None and (left is not None or right is not None):
+        raise TrialError("--cell-kind says which arms there are, and so do --left and --right: give one of them")
+    if kind is not None:
+        return kind
     if (left is None) != (right is None):
         raise TrialError("two arms have two addresses: give --left and --right, or neither for the simulated cell")
     if left is None:

@@ -8,7 +8,7 @@ import typer
 
 from hal.cell import Cell
 from hal.displacement import Displacement
-from rtstack.cli.cells import load_description, open_cell
+from rtstack.cells import load_description, open_cell
 from rtstack.cli.interrupt import interruptible
 from rtstack.cli.progress import progress_bar
 from rtstack.log.writer import check_log_path
@@ -21,7 +21,7 @@ from rtstack.trials.monitoring import load_tuning
 from rtstack.trials.object import check_object, object_of
 from rtstack.trials.record import open_log
 from rtstack.trials.result import DemonstrationResult, TrialResult
-from rtstack.trials.specification import Controller, DemonstrationSpecification, TrialSpecification
+from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 from rtstack.trials.start_motion import start_motion
 from rtstack.trials.tightening import load_tightening
 from rtstack.trials.trial import prepare_trial, run_trial
@@ -43,7 +43,7 @@ def teach(
     try:
         way = start_motion(cell, description, object_name)
         with interruptible() as stop, progress_bar("demonstration", not json and not cell.own_clocks) as progress:
-            log = open_log(output, specification, description, cell_kind, source)
+            log = open_log(output, specification, description, cell_kind, source, cell=cell)
             company = Company(log, stop=stop, progress=progress, watchdogs=(Parent(),))
             result = run_demonstration(specification, description, cell, company, way=way)
     finally:
@@ -52,7 +52,7 @@ def teach(
 
 
 def trial(
-    reference: Path, controller: Controller, object_name: str | None, displacement_mm: float, seed: int,
+    reference: Path, controller: str, object_name: str | None, displacement_mm: float, seed: int,
     log_path: Path | None, cell_kind: str, cell_file: Path | None, json: bool, safety: Path | None = None,
     friction: Path | None = None, reaction: Reaction = Reaction.CONTINUE, monitor: Path | None = None,
     faults: Path | None = None, displacement_x_mm: float = 0.0, yaw_deg: float = 0.0, whole_reference: bool = False,
@@ -92,7 +92,7 @@ def trial(
             if log_path is not None:
                 log = open_log(
                     log_path, specification, description, cell_kind, source, reference=prepared.reference,
-                    followed=Followed(reference, whole_reference),
+                    followed=Followed(reference, whole_reference), cell=cell,
                 )  # fmt: skip
             company = Company(log, stop=stop, progress=progress, watchdogs=(Parent(),))
             result = run_trial(prepared, cell, company, way=way)

@@ -78,6 +78,23 @@ def acceleration_feedback(work, setpoint, control):
 
 
 @compiled
+def note_setpoint(setpoint, control):
+    """Write what is asked for to the control record."""
+    for i in range(6):
+        control.wrench_ff[i] = setpoint.wrench_ff[i]
+        control.twist_ref[i] = setpoint.twist[i]
+    for i in range(3):
+        control.pose_ref[i] = setpoint.position[i]
+    quaternion_from_rotation(setpoint.rotation, control.pose_ref[3:7])
+
+
+@compiled
+def note_setpoints(setpoints, controls):
+    """Write setpoints[0] to controls[0], for a law that does not use `desired_wrench`."""
+    note_setpoint(setpoints[0], controls[0])
+
+
+@compiled
 def desired_wrench(work, setpoint, control):
     """(5), (22), (27): feedforward + weight D (v_d - v) + K (pose error, along the inertial axes); D from (7).
 
@@ -96,12 +113,7 @@ def desired_wrench(work, setpoint, control):
         acceleration_feedback(work, setpoint, control)
     else:
         impedance_feedback(work, setpoint, control)
-    for i in range(6):
-        control.wrench_ff[i] = setpoint.wrench_ff[i]
-        control.twist_ref[i] = setpoint.twist[i]
-    for i in range(3):
-        control.pose_ref[i] = setpoint.position[i]
-    quaternion_from_rotation(setpoint.rotation, control.pose_ref[3:7])
+    note_setpoint(setpoint, control)
 
 
 @compiled

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from hal.compilation import bound
 from hal.limits import FR3
 from rtstack.control.completion import CompletionDetector
+from rtstack.control.controller import ArmLaw
 from rtstack.control.detector import ImpactDetector
+from rtstack.control.impedance import note_setpoints
 from rtstack.control.law import force_norm, observe, pose_problem, torque
 from rtstack.control.modes import ModeMachine
 from rtstack.control.parameters import (
@@ -90,7 +92,7 @@ class ArmController:
         self._blend_interim = parameters.blend_interim
         self._stiffness_after = parameters.stiffness_after_impact
         self._stiffness = self.setpoint["stiffness"][0]
-        self._tau_step = FR3.tau_rate_max * parameters.period_s * (1.0 - 2e-4)  # a little inside the judge's line
+        self.tau_step = FR3.tau_rate_max * parameters.period_s * (1.0 - 2e-4)  # a little inside the judge's line
         # views of single fields: looking a field up costs more than writing it
         sample = self.sample[0]
         self._q, self._dq = sample["q"], sample["dq"]
@@ -120,9 +122,9 @@ class ArmController:
         self._pose_problem = bound(
             pose_problem,
             self.sample, self.workspace, self.setpoint, self.control, p.posture_joint, p.weight_impedance,
-            p.weight_posture, p.regularisation, self.limits_table, self.tau_max, p.period_s, self._tau_step,
+            p.weight_posture, p.regularisation, self.limits_table, self.tau_max, p.period_s, self.tau_step,
         )  # fmt: skip
-        self._torque = bound(torque, self.workspace, self.sample, self._tau_step)
+        self._torque = bound(torque, self.workspace, self.sample, self.tau_step)
 
     def observe(self) -> None:
         """Take the state in `sample`: kinematics, dynamics, external force, residual, impact."""
@@ -190,7 +192,7 @@ class ArmController:
 
 
 class DualArmController:
-    """Two arms and the mode that they share."""
+    """Two arms and the mode that they share. laws: of the torques, by default the arms' own QP."""
 
     def __init__(
         self,
@@ -199,7 +201,9 @@ class DualArmController:
         machine: ModeMachine,
         monitor: TrialMonitor | None = None,
         reaction: ReactionMotion | None = None,
+        laws: tuple[ArmLaw, ArmLaw] | None = None,
     ) -> None:
+        self.laws = laws
         self.left = left
         self.right = right
         self.arms = (left, right)
@@ -209,14 +213,25 @@ class DualArmController:
         self.first_impact_s = -1.0
         self.reaction_over = False
         self._reaction = reaction
+        self._note = tuple(bound(note_setpoints, arm.setpoint, arm.control) for arm in self.arms)
         self._force_norm = bound(force_norm, left.control, right.control)
 
-    def follow(self, ante: NDArray, post: NDArray) -> None:
-        """Look up where the references (2, n) and the monitor's records are, before a clock runs."""
+    def follow(self, ante: NDArray, post: NDArray, stiffness: NDArray) -> None:
+        """Look up where the references (2, n) and the monitor's records are, before a clock runs; see `pursue`."""
         for side, arm in enumerate(self.arms):
+            arm.pursue(stiffness, arm.parameters.posture_gain)
             arm.follow(ante[side], post[side])
+            if self.laws is not None:
+                self.laws[side].follow(ante[side], post[side])
             if self.monitor is not None:
                 self.monitor.bind(side, arm.sample, arm.workspace, arm.control)
+
+    def observe(self, side: int, elapsed_ns: int) -> None:
+        """Take the state in an arm's sample, so long after its start."""
+        self.arms[side].observe()
+        if self.laws is not None:
+            self.laws[side].observe()
+        self.watch(side, elapsed_ns)
 
     def watch(self, side: int, elapsed_ns: int) -> None:
         """Let the monitor see what an arm has observed, so long after its start, unless the arms stop."""
@@ -260,6 +275,15 @@ class DualArmController:
             arm.pursue_reaction(self._reaction, side, elapsed_ns * 1e-9)
         else:
             arm.choose(index, self.machine)
+
+    def command(self, side: int, elapsed_ns: int, index: int) -> QpStatus:
+        """Choose an arm's setpoint at the reference's tick `index`, and write its tau_desired."""
+        self.choose(side, elapsed_ns, index)
+        arm, mode = self.arms[side], self.machine.mode
+        if self.laws is None or _BLEND[mode] < 0:
+            return arm.command(mode)
+        self._note[side]()
+        return self.laws[side].command(mode)
 
     def contact_complete(self, t_s: float) -> bool:
         """Whether both pads are in lasting contact; each with the other one's newest state."""

@@ -16,8 +16,8 @@ from rtstack.messages import MESSAGE, NUMBER, StrictBool, StrictFloat
 from rtstack.playback.pace import FASTEST, SLOWEST
 from rtstack.safety.permit import Phase
 from rtstack.samples import Reaction
+from rtstack.trials.controllers import DEFAULT, ControllerName
 from rtstack.trials.specification import (
-    Controller,
     DemonstrationSpecification,
     PlaybackSpecification,
     TeleoperationSpecification,
@@ -90,7 +90,7 @@ class TrialRequest:
     """
 
     reference: Annotated[str, Field(min_length=1, max_length=4096)]
-    controller: Controller = Controller.PROPOSED
+    controller: ControllerName = DEFAULT
     object: ObjectName = "rice_box"
     displacement_mm: DisplacementMm = 0.0
     displacement_x_mm: DisplacementMm = 0.0

@@ -1,6 +1,6 @@
 """The robot process: owns the cell, the loop and the live rings; carries out one job at a time.
 
-    python -m rtstack.live.robot --run FOLDER --name NAME --logs DIR --source MODULE:FUNCTION --cell TOML --kind KIND
+    python -m rtstack.live.robot --run FOLDER --name NAME --logs DIR --cell TOML --kind KIND
 
 It names no robot: the cell comes from a factory of a composition root (rtstack.live.source). It ends on SIGTERM, and
 when its standard input closes, so that it never outlives its supervisor.
@@ -36,7 +36,7 @@ from rtstack.live.lifeline import hold_lifeline
 from rtstack.live.notify import Notifier, Pulse
 from rtstack.live.protocol import JobRequest, JobState, PlaybackRequest, TeleoperationRequest, TrialRequest
 from rtstack.live.service import Service
-from rtstack.live.source import CellSource, SourceError, load_source
+from rtstack.live.source import CellSource, live_source
 from rtstack.log.errors import LogError
 from rtstack.log.ring import Rings
 from rtstack.loop.end import End
@@ -214,7 +214,7 @@ class Robot:
         specification = order.specification(self._desk.job_number) if by_hand else order.specification()
         opened = open_log(
             log, specification, description, cell.name, self._source.file, reference=reference, followed=followed,
-            paced=cell.paced,
+            cell=cell,
         )  # fmt: skip
         self._desk.started(log.name)
         self._idle.tell(Level.INFO, f"{order.verb} started: {log.name}")
@@ -235,7 +235,7 @@ class Robot:
         way = way_to_start(prepared, cell)
         if self._mailbox.stop_requested:
             raise TrialError("stopped by the operator before it began")
-        opened = open_log(log, prepared.specification, description, cell.name, self._source.file, paced=cell.paced)
+        opened = open_log(log, prepared.specification, description, cell.name, self._source.file, cell=cell)
         self._desk.started(log.name)
         self._idle.tell(Level.INFO, f"{order.verb} started: {log.name}")
         finish = Finish(self._mailbox, self._desk.job_number)
@@ -318,7 +318,6 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--run", type=Path, required=True, help="folder of the socket")
     parser.add_argument("--name", required=True, help="name of the shared memory")
     parser.add_argument("--logs", type=Path, required=True)
-    parser.add_argument("--source", required=True, help="module:function that gives the cell")
     parser.add_argument("--cell", type=Path, required=True, help="cell description")
     parser.add_argument("--kind", default="direct", help="kind of cell, as the command line spells it")
     parser.add_argument("--alone", action="store_true", help="without a supervisor: a service of its own")
@@ -326,11 +325,11 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         if asked.alone:
             claim(asked.run, asked.name)
-        source = load_source(asked.source, asked.cell, asked.kind)
+        source = live_source(asked.cell, asked.kind)
         asked.logs.mkdir(parents=True, exist_ok=True)
         audit = AuditTrail(asked.logs / FILE_NAME)
         mailbox = Mailbox.create(f"{asked.name}-mailbox")
-    except (SourceError, ConfigurationError, MailboxError, LogError, TrialError, OSError) as error:
+    except (ConfigurationError, MailboxError, LogError, TrialError, OSError) as error:
         print(f"robot process: {error}", file=sys.stderr)
         return 2
     desk = Desk(source, mailbox, audit)

@@ -1,14 +1,13 @@
-"""Where the robot process gets its cell from: a factory that a composition root hands over by its name."""
+"""Where the robot process gets its cell from: a kind of cell, with the description that a person is shown."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from importlib import import_module
 from pathlib import Path
 from typing import Protocol
 
 from hal.cell import Cell
 from hal.displacement import Displacement
-from rtstack.model.cell_description import CellDescription
+from rtstack.cells import kind_of, open_cell
+from rtstack.model.cell_description import CellDescription, load_cell_description
 
 
 class OpenCell(Protocol):
@@ -30,29 +29,25 @@ class CellSource:
     open_cell: OpenCell
 
 
-class SourceError(Exception):
-    """The name of the factory leads nowhere; the message says where it broke off."""
+def described_as(file: Path, kind: str) -> CellDescription:
+    """Return what a file says of a cell of this kind: whether its arms are simulated, too.
 
-
-def described_as(description: CellDescription, kind: str) -> CellDescription:
-    """Return what a description says of a cell of this kind: whether its arms are simulated.
-
-    Nobody may be told that a real arm is a simulated one: beside the plant of ours (direct), only arms on this machine
-    can be.
+    Raises ConfigurationError, and TrialError for what the kind refuses.
     """
-    addresses = kind.removeprefix("fci:").split(",")
-    here = all(address.startswith("127.") for address in addresses)
-    return replace(description, simulated=kind == "direct" or (description.simulated and here))
+    description = load_cell_description(file)
+    found, argument = kind_of(kind)
+    found.check(argument, description, file)
+    return replace(description, simulated=found.simulated(argument, description))
 
 
-def load_source(name: str, description: Path, kind: str) -> CellSource:
-    """Call the factory `package.module:function` with the path of a cell description and the kind of cell.
+def live_source(file: Path, kind: str = "direct") -> CellSource:
+    """Return the cell that a person watches. Raises ConfigurationError, TrialError.
 
-    Raises SourceError with one line when it is not there, and what the factory raises.
+    A simulated one is paced: real time where the machine can, slower where it cannot, and never wrong.
     """
-    module_name, _, attribute = name.partition(":")
-    try:
-        factory: Callable[[Path, str], CellSource] = getattr(import_module(module_name), attribute)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise SourceError(f"cell source {name!r}: {error}") from None
-    return factory(description, kind)
+    description = described_as(file, kind)
+
+    def open_live(object_name: str, displacement: Displacement, seed: int) -> Cell:
+        return open_cell(kind, object_name, displacement, seed, description, cell_file=file, live=True)
+
+    return CellSource(kind=kind, description=description, file=file, open_cell=open_live)

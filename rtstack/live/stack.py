@@ -34,12 +34,10 @@ class StackError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class StackSettings:
-    """What to start. `source` names the factory of the cell (rtstack.live.source), `kind` the cell as the command line
-    spells it; port 0 takes a free one."""
+    """What to start. `kind` is the cell as the command line spells it; port 0 takes a free one."""
 
     port: int
     logs: Path
-    source: str
     cell: Path
     kind: str = "direct"
 
@@ -97,7 +95,7 @@ def _supervise(settings: StackSettings, stack: ExitStack) -> None:
         settings.kind,
     ]
 
-    robot = _Child("robot process", "rtstack.live.robot", [*shared, "--source", settings.source])
+    robot = _Child("robot process", "rtstack.live.robot", shared)
     stack.callback(robot.end)
     rings = robot.first_line()
     console = _Child(

@@ -3,7 +3,7 @@
 import numpy as np
 
 from hal.compilation import bound, compiled
-from rtstack.control.tick import ArmController
+from rtstack.control.controller import ObservedArm
 from rtstack.safety.judge import SafetyJudge
 
 SAME_TORQUE_NM = 1e-3  # the wire rounds to float32: 4e-6 Nm at 87 Nm
@@ -25,7 +25,7 @@ def largest_difference(tau_J_d, tau_applied):
 class Echo:
     """Where an arm's next torque starts from. `lost`: answers that came too late."""
 
-    def __init__(self, judge: SafetyJudge, arm: ArmController) -> None:
+    def __init__(self, judge: SafetyJudge, arm: ObservedArm) -> None:
         sample = arm.sample[0]
         self._judged = judge.memory["tau_applied"][0]  # what the judge let through last
         self._applied, self._tau_J_d = sample["tau_applied"], sample["tau_J_d"]

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rtstack.control.controller import ObservedArm
 from rtstack.control.records import WORKSPACE
-from rtstack.control.tick import ArmController
 from rtstack.loop.end import End
 from rtstack.loop.watchdogs import Trip
 from rtstack.samples import SIDES, QpStatus
@@ -65,7 +65,7 @@ class FaultNotes:
         self.trip, self.t_ns, self.now_ns, self.ended = trip, t_ns, now_ns, True
         return True
 
-    def take_qp(self, side: int, arm: ArmController) -> None:
+    def take_qp(self, side: int, arm: ObservedArm) -> None:
         """Keep the problem that was not solved in this tick; the first one stays."""
         if self.qp_side < 0:
             self._problem_bytes[:] = arm.workspace.view(np.uint8)

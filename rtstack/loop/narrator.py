@@ -1,6 +1,6 @@
 """What a session tells the people who watch it, as events: its mode, impacts, contact, verdicts, end and link."""
 
-from rtstack.control.tick import DualArmController
+from rtstack.control.controller import Controller
 from rtstack.loop.fault import FaultNotes
 from rtstack.loop.publisher import Publisher
 from rtstack.loop.timeline import Timeline
@@ -15,7 +15,7 @@ class Narrator:
     Times in texts are s since the start of the reference; events carry the robot's time.
     """
 
-    def __init__(self, publisher: Publisher, controller: DualArmController, time: Timeline, notes: FaultNotes) -> None:
+    def __init__(self, publisher: Publisher, controller: Controller, time: Timeline, notes: FaultNotes) -> None:
         self._publisher, self._controller, self._machine = publisher, controller, controller.machine
         self._time, self._notes = time, notes
         self._mode, self._waiting = Mode.IDLE, False  # as they were told

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from hal.cell import LEFT, RIGHT, Cell
 from hal.errors import HardwareError
 from hal.state import ARM_STATE
+from rtstack.control.controller import Controller, ObservedArm
 from rtstack.control.records import WORKSPACE
-from rtstack.control.tick import ArmController, DualArmController
 from rtstack.loop.echo import Echo
 from rtstack.loop.end import End
 from rtstack.loop.fault import Fault, FaultNotes
@@ -54,7 +54,7 @@ class Guide(Protocol):
         """The points (2, 1) of POINT that are written."""
         ...
 
-    def step(self, side: int, arm: ArmController) -> None:
+    def step(self, side: int, arm: ObservedArm) -> None:
         """Write the point of an arm (0 left, 1 right) whose state was just observed. Never waits."""
         ...
 
@@ -112,7 +112,7 @@ class Session:
     def __init__(
         self,
         cell: Cell,
-        controller: DualArmController,
+        controller: Controller,
         judges: tuple[SafetyJudge, SafetyJudge],
         publisher: Publisher,
         plan: Plan,
@@ -132,8 +132,6 @@ class Session:
         if self._share < 1.0:  # compile it before the robot is armed
             low_pass(np.zeros(1, ARM_SAMPLE), np.zeros(1, WORKSPACE), self._share)
         self._arms = (cell.left, cell.right)
-        for arm in controller.arms:
-            arm.pursue(plan.stiffness, arm.parameters.posture_gain)
         self._states = tuple(a.sample.view(np.uint8)[: ARM_STATE.itemsize] for a in controller.arms)
         self._shown: list[NDArray[np.void] | None] = [None, None]  # the record that an arm shows its states in,
         self._shown_bytes: list[NDArray[np.uint8]] = list(self._states)  # and its bytes
@@ -144,7 +142,7 @@ class Session:
         self._residuals = tuple(a.control["momentum_residual"][0] for a in controller.arms)
         # views of single fields: what is looked up once costs a tick nothing
         self._stopping = tuple(judge.memory["stopping"] for judge in judges)
-        controller.follow(plan.ante, plan.post)
+        controller.follow(plan.ante, plan.post, plan.stiffness)
         for judge, (sample, _), residual in zip(judges, self._records, self._residuals, strict=True):
             judge.bind(sample, residual)
         self._last_index = plan.ticks
@@ -263,10 +261,9 @@ class Session:
         return QpStatus.NOT_USED
 
     def _control(self, sides: tuple[int, ...]) -> QpStatus:
-        controller, machine, arms, elapsed = self._controller, self._machine, self._controlled, self._time.elapsed_ns
+        controller, arms, elapsed = self._controller, self._controlled, self._time.elapsed_ns
         for k in sides:
-            arms[k].observe()
-            controller.watch(k, elapsed[k])
+            controller.observe(k, elapsed[k])
         now_ns = self._time.now_ns
         controller.decide(now_ns * 1e-9)
         if self._look_for_an_end(now_ns // TICK_NS):
@@ -277,8 +274,7 @@ class Session:
             if guide is not None:
                 guide.step(k, arm)
             elapsed_ns = elapsed[k]
-            controller.choose(k, elapsed_ns, elapsed_ns // TICK_NS)
-            found = arm.command(machine.mode)
+            found = controller.command(k, elapsed_ns, elapsed_ns // TICK_NS)
             if found > status:
                 status = found
                 if found > _SOLVED:

@@ -73,11 +73,13 @@ class ObjectDescription:
 
 @checked(frozen=True, slots=True, config=STRICT)
 class TrackerAddress:
-    """Where the object's poses arrive, by UDP (hal.tracker_link): HOST:PORT to listen at.
+    """Where the object's poses arrive. kind: a name of rtstack.trackers; udp: at HOST:PORT, as datagrams
+    (hal.tracker_link).
 
     place_tolerance_m: an object that is seen further from its place than this is put back before a trial.
     """
 
+    kind: str = "udp"
     address: Annotated[str, Field(pattern=r"^[^\s:]+:\d{1,5}$")] = "127.0.0.1:1341"
     place_tolerance_m: Annotated[float, Field(gt=0.0, le=1.0, allow_inf_nan=False)] = 0.06
 

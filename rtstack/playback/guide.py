@@ -10,8 +10,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from rtstack.control.controller import ObservedArm
 from rtstack.control.records import POINT
-from rtstack.control.tick import ArmController
 from rtstack.loop.end import End
 from rtstack.loop.watchdogs import Trip
 from rtstack.playback.pace import brake, end_s, follow
@@ -99,7 +99,7 @@ class PlaybackGuide:
             return None
         return Trip(End.STOP_REQUESTED if self._braking else End.COMPLETED, "", Level.INFO)
 
-    def step(self, side: int, arm: ArmController) -> None:
+    def step(self, side: int, arm: ObservedArm) -> None:
         """Write the point of this tick of an arm whose state was observed."""
         if self._start_ns[side] < 0:
             self._start_ns[side] = int(arm.sample["t_ns"][0])

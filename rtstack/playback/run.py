@@ -22,7 +22,7 @@ from rtstack.playback.pace import pace
 from rtstack.playback.path import arm_path
 from rtstack.safety.limits import SafetyLimits
 from rtstack.samples import SIDES
-from rtstack.trials.assembly import Parameters, arm_controllers, cell_parameters
+from rtstack.trials.assembly import Parameters, arm_controllers, cell_parameters, following
 from rtstack.trials.company import NOBODY, Company
 from rtstack.trials.errors import TrialError
 from rtstack.trials.result import PlaybackResult
@@ -135,7 +135,7 @@ def run_playback(
     company = company.joined_by(guide)
     with Run(prepared.description, prepared.parameters, plan, prepared.limits, company, way) as run:
         run.share = lambda: guide.share
-        outcome = run.follow(cell, Strategy.PROPOSED, 0.0)
+        outcome = run.follow(cell, following(Strategy.PROPOSED), 0.0)
         reason = failure_reason(outcome.end, outcome.detail, outcome.safety_interventions)
         result = PlaybackResult(
             success=reason is None,

@@ -9,8 +9,8 @@ from collections.abc import Callable
 import numpy as np
 
 from hal.limits import CONTROL_PERIOD_S
+from rtstack.control.controller import ObservedArm
 from rtstack.control.records import POINT
-from rtstack.control.tick import ArmController
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox
 from rtstack.loop.target import TARGET, Letting
@@ -81,7 +81,7 @@ class Guide:
                 return Trip(End.CLUTCH_QUIET, detail, value=quiet_s, bound=CLUTCH_S)
         return None
 
-    def step(self, side: int, arm: ArmController) -> None:
+    def step(self, side: int, arm: ObservedArm) -> None:
         """Write the point of this tick of an arm whose state was observed."""
         follower, point = self._followers[side], self.points[side]
         if not self._begun[side]:

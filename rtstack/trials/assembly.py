@@ -1,10 +1,12 @@
 """Puts a controller together: models, arms, judges, with everything compiled before the robot is armed."""
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rtstack.control.controller import ArmLaw, Controller
 from rtstack.control.modes import ModeMachine, Strategy
 from rtstack.control.parameters import (
     CompletionParameters,
@@ -25,17 +27,9 @@ from rtstack.safety.judge import Base, SafetyJudge, Tool, pair_of_judges
 from rtstack.safety.limits import SafetyLimits
 from rtstack.samples import Mode, QpSolver, Reaction
 from rtstack.trials.friction import load_friction
-from rtstack.trials.specification import Controller
 from rtstack.trials.tightening import safety_limits
 
-STRATEGIES = {
-    Controller.PROPOSED: Strategy.PROPOSED,
-    Controller.NO_REFERENCE_SPREADING: Strategy.NO_REFERENCE_SPREADING,
-    Controller.NO_VELOCITY_FEEDBACK: Strategy.NO_VELOCITY_FEEDBACK,
-    Controller.NO_INTERIM: Strategy.NO_INTERIM,
-    Controller.CONTACT_COMPLETION: Strategy.CONTACT_COMPLETION,
-}
-_WARM: set[bool] = set()  # whether the code has run in this process, without and with a monitor
+_WARM: set[object] = set()  # whose code has run in this process: which laws, without or with a monitor
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,47 +102,83 @@ def safety_judges(cell: CellDescription, limits: SafetyLimits | None = None) -> 
     return pair_of_judges(limits or safety_limits(cell), left, right, tool)
 
 
-def dual_arm_controller(
-    cell: CellDescription, parameters: Parameters, strategy: Strategy, nominal_impact_s: float,
-    watched: Watched | None = None,
-) -> DualArmController:  # fmt: skip
-    """Return a fresh controller, warm: its code has run once in this process, on another one that is then forgotten."""
-    period_s = parameters.control.period_s
+@dataclass(frozen=True, slots=True)
+class ControllerRequest:
+    """What a controller is made from: the cell, its numbers, and both arms' observation, fresh for this session.
 
-    def controller(impact_s: float) -> DualArmController:
-        machine = ModeMachine(strategy, parameters.control, impact_s)
-        arms = arm_controllers(cell, parameters)
-        if watched is None:
-            return DualArmController(*arms, machine)
-        monitor = TrialMonitor(watched.tuning, watched.impact, period_s)
+    arms: (left, right). nominal_impact_s: of the reference, from its start. watched: None where no monitor watches.
+    """
+
+    cell: CellDescription
+    parameters: Parameters
+    arms: tuple[ArmController, ArmController]
+    nominal_impact_s: float
+    watched: Watched | None = None
+
+    def modes(self, strategy: Strategy) -> ModeMachine:
+        """Return the mode machine of a strategy."""
+        return ModeMachine(strategy, self.parameters.control, self.nominal_impact_s)
+
+    def pair(self, machine: ModeMachine, laws: tuple[ArmLaw, ArmLaw] | None = None) -> DualArmController:
+        """Return both arms with these modes, the trial's monitor and its reaction. laws: instead of our QP."""
+        if self.watched is None:
+            return DualArmController(*self.arms, machine, laws=laws)
+        w = self.watched
+        monitor = TrialMonitor(w.tuning, w.impact, self.parameters.control.period_s)
         return DualArmController(
-            *arms, machine, monitor, ReactionMotion(watched.reaction, watched.approach, watched.start)
+            *self.arms, machine, monitor, ReactionMotion(w.reaction, w.approach, w.start), laws=laws
         )
 
-    if (watched is None) not in _WARM:
+
+ControllerFactory = Callable[[ControllerRequest], Controller]
+
+
+def following(strategy: Strategy) -> ControllerFactory:
+    """Return the factory of our QP with a strategy's modes."""
+
+    def make(request: ControllerRequest) -> DualArmController:
+        return request.pair(request.modes(strategy))
+
+    return make
+
+
+def dual_arm_controller(
+    cell: CellDescription, parameters: Parameters, factory: ControllerFactory, nominal_impact_s: float,
+    watched: Watched | None = None,
+) -> Controller:  # fmt: skip
+    """Return a fresh controller, warm: its code has run once in this process, on another one that is then forgotten."""
+
+    def controller(impact_s: float) -> Controller:
+        return factory(ControllerRequest(cell, parameters, arm_controllers(cell, parameters), impact_s, watched))
+
+    made = controller(nominal_impact_s)
+    ours = isinstance(made, DualArmController) and made.laws is None
+    code = (None if ours else factory, watched is None)
+    if code not in _WARM:
         _warm_up(controller(0.0), cell)
-        _WARM.add(watched is None)
-    return controller(nominal_impact_s)
+        _WARM.add(code)
+    return made
 
 
-def _warm_up(controller: DualArmController, cell: CellDescription) -> None:
-    point = np.zeros(1, POINT)
+def _warm_up(controller: Controller, cell: CellDescription) -> None:
+    points = np.zeros((2, 1), POINT)
     judges = safety_judges(cell)
-    for arm, mounting, judge in zip(controller.arms, (cell.left, cell.right), judges, strict=True):
+    for side, (arm, mounting) in enumerate(zip(controller.arms, (cell.left, cell.right), strict=True)):
         arm.sample["q"][0] = mounting.home
-        arm.observe()
-        controller.watch(0, 0)
-        arm.follow(point, point)
-        point["position"][0] = arm.workspace["position"][0]
-        point["rotation"][0] = arm.workspace["rotation"][0]
-        controller.machine.mode = Mode.ANTE_IMPACT
-        arm.pursue(arm.parameters.stiffness, arm.parameters.posture_gain)
-        arm.choose(0, controller.machine)
-        arm.command(Mode.ANTE_IMPACT)
-        # the solver's first call allocates: have it done, with limits that cannot hold
-        arm.tau_max[:] = 1e-3
-        arm.command(Mode.ANTE_IMPACT)
-        arm.pursue_reaction(ReactionMotion(Reaction.HOLD, np.zeros((2, 3)), np.zeros((2, 3))), 0, 0.0)
+        controller.observe(side, 0)
+        points["position"][side] = arm.workspace["position"][0]
+        points["rotation"][side] = arm.workspace["rotation"][0]
+    controller.follow(points, points, arm.parameters.stiffness)
+    controller.machine.mode = Mode.ANTE_IMPACT
+    for side, (arm, judge) in enumerate(zip(controller.arms, judges, strict=True)):
+        controller.command(side, 0, 0)
+        if isinstance(arm, ArmController):
+            # the solver's first call allocates: have it done, with limits that cannot hold
+            arm.tau_max[:] = 1e-3
+            arm.command(Mode.ANTE_IMPACT)
+            arm.pursue_reaction(ReactionMotion(Reaction.HOLD, np.zeros((2, 3)), np.zeros((2, 3))), 0, 0.0)
         judge.judge(arm.sample, residual=arm.control["momentum_residual"][0])
-    controller.contact_complete(0.0)
+    controller.decide(0.0)
     controller.finish()
+    if isinstance(controller, DualArmController):
+        controller.contact_complete(0.0)

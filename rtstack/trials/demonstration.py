@@ -8,7 +8,7 @@ from rtstack.loop.session import Plan, SessionOutcome
 from rtstack.model.cell_description import CellDescription
 from rtstack.references.demonstration import Grab, grab, scripted_targets
 from rtstack.samples import Mode
-from rtstack.trials.assembly import Parameters, arm_controllers, cell_parameters
+from rtstack.trials.assembly import Parameters, arm_controllers, cell_parameters, following
 from rtstack.trials.company import NOBODY, Company
 from rtstack.trials.object import check_object
 from rtstack.trials.result import DemonstrationResult
@@ -47,7 +47,7 @@ def run_demonstration(
     )
     plan = Plan(targets, targets, Mode.TELEOPERATION, parameters.control.stiffness_teleoperation, period_s)
     with Run(description, parameters, plan, safety_limits(description), company, way) as run:
-        outcome = run.follow(cell, Strategy.PROPOSED, 0.0)
+        outcome = run.follow(cell, following(Strategy.PROPOSED), 0.0)
         return run.finished(_result(specification, cell.name, outcome, run))
 
 

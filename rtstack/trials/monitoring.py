@@ -1,9 +1,11 @@
-"""The monitor's tunings, one an object, as they were committed: what is a good grab of one is none of another.
+"""The monitor's tunings, one an object, in a folder of the user's or the package's: what is a good grab of one is none
+of another.
 
 A plan has a tuning of its own, which is in its file: what runs of it deviate from is what was planned, not what was
 felt in a demonstration.
 """
 
+import os
 import tomllib
 from collections.abc import Mapping
 from importlib.resources import as_file, files
@@ -48,7 +50,19 @@ def tuning_in(plan: Path) -> Tuning | None:
     return None
 
 
+def tuning_folder() -> Path:
+    """Return the folder of the user's own tunings, an OBJECT.toml each."""
+    return Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config") / "rtstack" / "monitor"
+
+
+def tuning_file(object_name: str) -> Path | None:
+    """Return the file of an object's tuning, the user's before the installed one; None where there is none."""
+    with as_file(files("deploy.monitor") / f"{object_name}.toml") as installed:
+        own = tuning_folder() / f"{object_name}.toml"
+        return next((path for path in (own, installed) if path.is_file()), None)
+
+
 def tuning_of(object_name: str) -> Tuning | None:
-    """Return the committed tuning of an object, None where there is none. Raises ConfigurationError."""
-    with as_file(files("deploy.monitor") / f"{object_name}.toml") as path:
-        return load_tuning(path) if path.is_file() else None
+    """Return the tuning of an object, None where there is none. Raises ConfigurationError."""
+    path = tuning_file(object_name)
+    return None if path is None else load_tuning(path)

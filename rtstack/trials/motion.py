@@ -5,7 +5,7 @@ from rtstack.control.modes import Strategy
 from rtstack.loop.history import Columns
 from rtstack.loop.session import Plan
 from rtstack.model.cell_description import CellDescription
-from rtstack.trials.assembly import Parameters
+from rtstack.trials.assembly import Parameters, following
 from rtstack.trials.company import NOBODY, Company
 from rtstack.trials.run import Run
 from rtstack.trials.scoring import failure_reason
@@ -27,7 +27,7 @@ def run_motion(
     Returns why it failed, None for a success, and the samples.
     """
     with Run(description, parameters, plan, safety_limits(description), company, way) as run:
-        outcome = run.follow(cell, Strategy.PROPOSED, 0.0)
+        outcome = run.follow(cell, following(Strategy.PROPOSED), 0.0)
         reason = failure_reason(outcome.end, outcome.detail, outcome.safety_interventions)
         incomplete = run.close({"success": reason is None, "failure_reason": reason})
     return reason or incomplete, run.history.columns()

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from hal.cell import Cell
 from hal.description import fr3_urdf
 from hal.realtime import obtainable
 from rtstack.log.errors import LogError
@@ -17,6 +18,7 @@ from rtstack.loop.history import History
 from rtstack.loop.watchdogs import Trip
 from rtstack.model.cell_description import CellDescription, base_frame
 from rtstack.references.spreading import ExtendedReference
+from rtstack.trials.controllers import CONTROLLERS
 from rtstack.trials.followed import REFERENCE, Followed
 from rtstack.trials.provenance import git_commit, host_report, package_versions
 from rtstack.trials.specification import (
@@ -28,7 +30,7 @@ from rtstack.trials.specification import (
     TrialSpecification,
 )
 
-LOCKSTEP_KINDS = ("direct", "lockstep")  # cells whose robot waits for its answer
+LOCKSTEP_KINDS = ("direct", "lockstep")  # our cells whose robot waits for its answer
 ROOM = 64  # records: below it a run that is faster than the log waits between two ticks
 HANG_S = 5.0  # and waits for no longer: a log that takes nothing for so long hangs
 # of a ring of 8 s: a log that is further behind hangs, and what is left takes the stop
@@ -119,14 +121,15 @@ def open_log(
     reference: ExtendedReference | None = None,
     followed: Followed | None = None,
     overwrite: bool = False,
-    paced: bool = False,
+    cell: Cell | None = None,
 ) -> TrialLog:
     """Start the log of a trial, with its reference's times and file if it has one. Raises LogError.
 
-    paced: the cell is (hal.cell.Cell).
+    cell: tells whether its robot waits, and keeps a clock's pace; without it the name of one of our kinds does.
     """
-    lockstep = cell_kind in LOCKSTEP_KINDS
-    metadata = {"trial": trial_metadata(specification, cell_kind, reference, paced)}
+    lockstep = cell_kind in LOCKSTEP_KINDS if cell is None else not cell.own_clocks
+    timed = not lockstep or (cell is not None and cell.paced)
+    metadata = {"trial": trial_metadata(specification, cell_kind, reference, timed)}
     try:
         attached = () if followed is None else followed.attachments()
         metadata |= {} if followed is None else {REFERENCE: followed.record()}
@@ -167,14 +170,22 @@ def _kind(specification: Specification) -> str:
             return "demonstration"
 
 
+def _versions(specification: Specification) -> dict[str, str]:
+    """Return the versions of what shapes a result, the controller's package included."""
+    versions = package_versions()
+    if not isinstance(specification, TrialSpecification):
+        return versions
+    package, version = CONTROLLERS.package(specification.controller)
+    return {package: version} | versions
+
+
 def trial_metadata(
     specification: Specification,
     cell_kind: str,
     reference: ExtendedReference | None,
-    paced: bool = False,
+    timed: bool = False,
 ) -> dict[str, str]:
-    """Return the metadata record `trial`: nested values are JSON. Where time counts: what the loop gets of the host."""
-    timed = paced or cell_kind not in LOCKSTEP_KINDS
+    """Return the metadata record `trial`: nested values are JSON. timed: with what the loop gets of the host."""
     realtime = {f"loop_{k}": v for k, v in obtainable().as_dict().items()} if timed else {}
     times = {}
     if reference is not None:
@@ -189,7 +200,7 @@ def trial_metadata(
         "object": specification.object,
         "seed": str(specification.seed),
         "cell": cell_kind,
-        "versions": json.dumps(package_versions()),
+        "versions": json.dumps(_versions(specification)),
         "git_commit": git_commit(),
         "host": json.dumps(host_report() | realtime),
         **times,

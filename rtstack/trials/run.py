@@ -8,7 +8,6 @@ from typing import Any, Self, TypeVar
 from hal.cell import Cell
 from hal.errors import HardwareError
 from hal.realtime import realtime_thread
-from rtstack.control.modes import Strategy
 from rtstack.control.watch import TrialMonitor
 from rtstack.loop.end import End
 from rtstack.loop.fault import Fault
@@ -19,7 +18,7 @@ from rtstack.loop.watchdogs import Trip
 from rtstack.model.cell_description import CellDescription
 from rtstack.safety.limits import SafetyLimits
 from rtstack.samples import Level
-from rtstack.trials.assembly import Parameters, Watched, dual_arm_controller, safety_judges
+from rtstack.trials.assembly import ControllerFactory, Parameters, Watched, dual_arm_controller, safety_judges
 from rtstack.trials.attendant import Remark
 from rtstack.trials.company import Company
 from rtstack.trials.evidence import evidence_of
@@ -88,10 +87,10 @@ class Run:
         self._remarks.append(remark)
 
     def follow(
-        self, cell: Cell, strategy: Strategy, nominal_impact_s: float, watched: Watched | None = None
+        self, cell: Cell, factory: ControllerFactory, nominal_impact_s: float, watched: Watched | None = None
     ) -> SessionOutcome:
         """Follow the plan on the cell to its end."""
-        controller = dual_arm_controller(self._description, self._parameters, strategy, nominal_impact_s, watched)
+        controller = dual_arm_controller(self._description, self._parameters, factory, nominal_impact_s, watched)
         self.monitor = controller.monitor
         publisher = self._publisher = Publisher(self._company.listening, self.history)
         judges = safety_judges(self._description, self._limits)

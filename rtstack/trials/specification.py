@@ -1,38 +1,27 @@
 """What a trial is asked to do: data, and nothing else."""
 
 from dataclasses import asdict, dataclass
-from enum import StrEnum
 from typing import Any
 
 from hal.displacement import Displacement
 from rtstack.samples import Reaction
+from rtstack.trials.controllers import DEFAULT
 
 # names of rtstack.safety.limits.SafetyLimits, each with its value
 Tightening = tuple[tuple[str, Any], ...]
 
 
-class Controller(StrEnum):
-    """The paper's controller and its three baselines (part V), and the proposed one with a contact-completion detector
-    (part VI)."""
-
-    PROPOSED = "proposed"
-    NO_REFERENCE_SPREADING = "no_reference_spreading"
-    NO_VELOCITY_FEEDBACK = "no_velocity_feedback"
-    NO_INTERIM = "no_interim"
-    CONTACT_COMPLETION = "contact_completion"
-
-
 @dataclass(frozen=True, slots=True)
 class TrialSpecification:
-    """One trial. `reference` is the path of a recording, `displacement_mm` the object's shift along the world's y.
+    """One trial. reference: the path of a recording; controller: a name of rtstack.trials.controllers.
 
-    The shift along x and the turn about z are the plant's too: no controller learns of any of them. safety: the judge's
-    limits that this trial tightens besides the cell's (rtstack.trials.tightening). reaction: to an impact that was not
-    meant.
+    displacement_mm: the object's shift along the world's y. The shift along x and the turn about z are the plant's too:
+    no controller learns of any of them. safety: the judge's limits that this trial tightens besides the cell's
+    (rtstack.trials.tightening). reaction: to an impact that was not meant.
     """
 
     reference: str
-    controller: Controller = Controller.PROPOSED
+    controller: str = DEFAULT
     object: str = "rice_box"
     displacement_mm: float = 0.0
     seed: int = 0
@@ -48,7 +37,7 @@ class TrialSpecification:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the specification as JSON-ready values."""
-        strings = {"controller": str(self.controller), "reaction": str(self.reaction)}
+        strings = {"controller": str(self.controller), "reaction": str(self.reaction)}  # without an enumeration's type
         return {**asdict(self), **strings, "safety": dict(self.safety)}
 
 

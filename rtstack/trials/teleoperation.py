@@ -12,7 +12,7 @@ from rtstack.loop.timeline import TICK_NS
 from rtstack.model.cell_description import CellDescription
 from rtstack.teleoperation.guide import Guide
 from rtstack.teleoperation.reach import Reach
-from rtstack.trials.assembly import Parameters, cell_parameters
+from rtstack.trials.assembly import Parameters, cell_parameters, following
 from rtstack.trials.company import NOBODY, Company
 from rtstack.trials.object import check_object
 from rtstack.trials.result import TeleoperationResult
@@ -48,7 +48,7 @@ def run_teleoperation(
     control = parameters.control
     plan = Plan.guided(guide, control.stiffness_teleoperation, control.period_s)
     with Run(description, parameters, plan, limits, company.joined_by(guide), way) as run:
-        outcome = run.follow(cell, Strategy.PROPOSED, 0.0)
+        outcome = run.follow(cell, following(Strategy.PROPOSED), 0.0)
         interventions = outcome.safety_interventions
         end = End.COMPLETED if outcome.end in _AS_WANTED else outcome.end
         reason = failure_reason(end, outcome.detail, interventions)

@@ -16,11 +16,12 @@ from rtstack.references.source import load_reference
 from rtstack.references.spreading import ExtendedReference
 from rtstack.safety.limits import SafetyLimits
 from rtstack.samples import Level, Mode, Reaction
-from rtstack.trials.assembly import STRATEGIES, Parameters, Watched, arm_controllers, cell_parameters
+from rtstack.trials.assembly import Parameters, Watched, arm_controllers, cell_parameters
 from rtstack.trials.attendant import Remark
 from rtstack.trials.company import NOBODY, Company
+from rtstack.trials.controllers import controller_factory
 from rtstack.trials.errors import TrialError
-from rtstack.trials.monitoring import tuning_in, tuning_of
+from rtstack.trials.monitoring import tuning_file, tuning_folder, tuning_in, tuning_of
 from rtstack.trials.object import check_object
 from rtstack.trials.result import TrialResult
 from rtstack.trials.run import Run
@@ -34,7 +35,7 @@ from rtstack.trials.tightening import safety_limits
 class PreparedTrial:
     """A trial whose reference was read and checked: nothing is open and nothing written yet.
 
-    monitor: None where the object, or the plan, has no tuning.
+    monitor: None where the object, or the plan, has no tuning. tuned_by: the user's own file that it is from.
     """
 
     specification: TrialSpecification
@@ -43,6 +44,7 @@ class PreparedTrial:
     reference: ExtendedReference
     limits: SafetyLimits
     monitor: PairParameters | None = None
+    tuned_by: Path | None = None
 
     @property
     def unwatched(self) -> str | None:
@@ -58,7 +60,7 @@ class PreparedTrial:
         name = self.specification.object
         return (
             f"the monitor is not tuned for {name}; make a tuning of its good runs: "
-            f"rtstack tune-monitor LOG.mcap... --out deploy/monitor/{name}.toml"
+            f"rtstack tune-monitor LOG.mcap... --out {tuning_folder() / f'{name}.toml'}"
         )
 
 
@@ -68,12 +70,13 @@ def prepare_trial(
     parameters: Parameters | None = None,
     monitor: PairParameters | None = None,
 ) -> PreparedTrial:
-    """Read and check what a trial needs. monitor: by default what the plan brings, or the object's committed tuning.
+    """Read and check what a trial needs. monitor: by default what the plan brings, or the object's tuning.
 
     Raises TrialError with one line, also for a reaction that nothing could start.
     """
     parameters = parameters or cell_parameters(description)
     check_object(specification.object, description)
+    controller_factory(specification.controller)
     limits = safety_limits(description, specification.safety)
     try:
         reference = load_reference(
@@ -85,11 +88,14 @@ def prepare_trial(
         raise TrialError(
             f"the plan is for {reference.object}, not for {specification.object}: choose that object, or plan another"
         )
+    tuned_by = None
     if monitor is None:
         path, name = Path(specification.reference), specification.object
         tuning = tuning_in(path) if reference.planned else tuning_of(name)
         monitor = None if tuning is None else tuning.monitor
-    prepared = PreparedTrial(specification, description, parameters, reference, limits, monitor)
+        file = None if reference.planned else tuning_file(name)
+        tuned_by = file if file is not None and file.parent == tuning_folder() else None
+    prepared = PreparedTrial(specification, description, parameters, reference, limits, monitor, tuned_by)
     if prepared.unwatched is not None and specification.reaction is not Reaction.CONTINUE:
         raise TrialError(f"nothing would start the reaction {specification.reaction}: {prepared.unwatched}")
     return prepared
@@ -124,8 +130,10 @@ def run_trial(
     with Run(prepared.description, prepared.parameters, plan, prepared.limits, company, way) as run:
         if prepared.unwatched is not None:
             run.remark(Remark(Level.INFO, "verdict", f"not watched: {prepared.unwatched}"))
-        strategy = STRATEGIES[specification.controller]
-        outcome = run.follow(cell, strategy, reference.nominal_impact_s, _watched(prepared))
+        elif prepared.tuned_by is not None:
+            run.remark(Remark(Level.INFO, "verdict", f"watched as {prepared.tuned_by} says"))
+        factory = controller_factory(specification.controller)
+        outcome = run.follow(cell, factory, reference.nominal_impact_s, _watched(prepared))
         values = score(
             run.history.columns(), outcome.start_t_ns, reference.nominal_impact_s, reference.release_s,
             run.first_impact_s, criterion or SuccessCriterion(), reference.motion,
@@ -142,7 +150,7 @@ def _result(prepared: PreparedTrial, cell: str, outcome: SessionOutcome, values:
     return TrialResult(
         success=reason is None,
         failure_reason=reason,
-        controller=str(specification.controller),
+        controller=specification.controller,
         object=specification.object,
         displacement_mm=specification.displacement_mm,
         displacement_x_mm=specification.displacement_x_mm,

@@ -22,7 +22,7 @@ import numpy as np
 from numba import njit
 
 from hal.limits import CONTROL_PERIOD_S
-from rtstack.cli.cells import load_description, open_cell
+from rtstack.cells import load_description, open_cell
 from rtstack.control.detector import ImpactDetector
 from rtstack.control.parameters import DetectorParameters
 from rtstack.model.arm_model import ArmModel

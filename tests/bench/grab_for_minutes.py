@@ -10,11 +10,12 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from rtstack.cli.cells import load_description, open_cell
+from rtstack.cells import load_description, open_cell
+from rtstack.papers.reference_spreading.controllers import Controller
 from rtstack.trials.company import Company
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.record import open_log
-from rtstack.trials.specification import Controller, DemonstrationSpecification, TrialSpecification
+from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
 
 DISPLACEMENTS_MM = (0.0, -30.0, 30.0, -15.0, 15.0)

@@ -13,8 +13,8 @@ from served_console import serve_console
 
 from rtstack.log.reader import read_log
 from rtstack.log.sink import McapSink
+from rtstack.papers.reference_spreading.controllers import Controller
 from rtstack.topics import TOPICS
-from rtstack.trials.specification import Controller
 
 pytestmark = pytest.mark.browser
 expect.set_options(timeout=60_000)  # software rendering beside it makes every answer late

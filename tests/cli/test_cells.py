@@ -7,8 +7,10 @@ from pathlib import Path
 import pytest
 
 from hal.errors import HardwareError
-from rtstack.cli.cells import default_cell_file, fci_addresses, live_source, open_cell
+from rtstack.cells import default_cell_file, open_cell
+from rtstack.cells.fci import fci_addresses
 from rtstack.configuration import ConfigurationError
+from rtstack.live.source import live_source
 from rtstack.model.cell_description import load_cell_description
 from rtstack.trials.errors import TrialError
 

@@ -16,8 +16,8 @@ import pytest
 from typer.core import TyperGroup
 from typer.main import get_command
 
+from rtstack.cells import default_cell_file, open_cell
 from rtstack.cli.app import app
-from rtstack.cli.cells import default_cell_file, open_cell
 from rtstack.log.reader import read_log
 from rtstack.trials.company import Company
 from rtstack.trials.demonstration import run_demonstration

@@ -27,8 +27,8 @@ from rtstack.live.protocol import (
     encode,
 )
 from rtstack.loop.mailbox import Mailbox, MailboxError, remove_mailbox
+from rtstack.papers.reference_spreading.controllers import Controller
 from rtstack.safety.permit import Phase
-from rtstack.trials.specification import Controller
 
 REQUESTS = [
     StatusRequest(),

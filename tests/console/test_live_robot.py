@@ -16,7 +16,6 @@ from deploy import cells
 from hal.errors import RecoveryRefused
 from hal.robot_errors import error_bit
 from hal.state import RobotMode
-from rtstack.cli.cells import live_source
 from rtstack.cli.recovery import recover_arms
 from rtstack.live.audit import AuditTrail
 from rtstack.live.client import RUN_PREFIX, SOCKET_NAME
@@ -24,6 +23,7 @@ from rtstack.live.desk import Desk
 from rtstack.live.protocol import DemonstrationRequest, JobState, TrialRequest
 from rtstack.live.robot import Robot
 from rtstack.live.service import Service
+from rtstack.live.source import live_source
 from rtstack.log.reader import read_log
 from rtstack.log.ring import Rings
 from rtstack.loop.end import End

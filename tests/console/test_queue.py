@@ -12,7 +12,7 @@ import pytest
 from console.queue.entry import Entry, EntryState, QueueOrder, TrialOrder
 from console.queue.file import INTERRUPTED, QueueFileError
 from console.queue.queue import MAX_ENTRIES, Queue, QueueRefused, time_left_s
-from rtstack.cli.cells import default_cell_file
+from rtstack.cells import default_cell_file
 from rtstack.live.protocol import JobState
 from rtstack.planning import GrabPlan, plan_grab
 from rtstack.planning.file import write_plan

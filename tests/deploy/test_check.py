@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from rtstack.cells import default_cell_file
 from rtstack.check.host import host_findings
 from rtstack.check.software import software_findings, versions_tested
-from rtstack.cli.cells import default_cell_file
 
 COMMAND = Path(sys.executable).with_name("rtstack")
 LEFT, RIGHT = (f"127.{number}.{os.getpid() // 250 % 250}.{1 + os.getpid() % 250}" for number in (203, 204))

@@ -1,18 +1,24 @@
-"""What is installed by pip alone, without a clone: the command, the pages, the models."""
+"""What is installed by pip alone, without a clone: command, pages, models, and a package that extends it."""
 
 import hashlib
+import json
 import os
 import shutil
 import signal
 import subprocess
 import sys
 import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import httpx
+import numpy as np
 import pytest
 
 from hal.compilation import cache_folder
+from rtstack.log.reader import read_log
+from rtstack.trials.review import log_columns
 
 ROOT = Path(__file__).parents[2]
 TIMEOUT_S = 120.0
@@ -29,16 +35,60 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
             continue
         (folder / "source" / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / name, folder / "source" / name, follow_symlinks=True)
-    wheel = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--disable-pip-version-check"]
-    subprocess.run([*wheel, "-w", str(folder), str(folder / "source")], check=True, timeout=TIMEOUT_S)
-    (made,) = folder.glob("*.whl")
-    with zipfile.ZipFile(made) as archive:
-        archive.extractall(folder / "installed")
+    install(folder / "source", folder / "installed")
     shutil.rmtree(folder / "source")
     cache = folder / "cache"
     take_compiled(folder / "installed", cache)
     own = {"PYTHONPATH": str(folder / "installed"), "PYTHONSAFEPATH": "1", "NUMBA_CACHE_DIR": str(cache)}
     return os.environ | own
+
+
+def install(source: Path, place: Path) -> None:
+    """Build a wheel from a folder, as pip does, and put what is in it into another one."""
+    wheel = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--disable-pip-version-check"]
+    made = place.with_name(f"{place.name}-wheel")
+    subprocess.run([*wheel, "-w", str(made), str(source)], check=True, timeout=TIMEOUT_S)
+    (file,) = made.glob("*.whl")
+    with zipfile.ZipFile(file) as archive:
+        archive.extractall(place)
+
+
+@pytest.fixture(scope="module")
+def extended(installed: dict[str, str], tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """The same environment with the package of examples/plugin, too, which a folder of its own holds."""
+    folder = tmp_path_factory.mktemp("plugin")
+    shutil.copytree(ROOT / "examples" / "plugin", folder / "source")
+    install(folder / "source", folder / "installed")
+    return installed | {"PYTHONPATH": f"{folder / 'installed'}{os.pathsep}{installed['PYTHONPATH']}"}
+
+
+@pytest.fixture(scope="module")
+def reference(extended: dict[str, str], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A demonstration, recorded there."""
+    path = tmp_path_factory.mktemp("reference") / "ref.mcap"
+    assert rtstack(extended, path.parent, "teach", path.name).returncode == 0
+    return path
+
+
+def rtstack(environment: dict[str, str], folder: Path, *arguments: object) -> subprocess.CompletedProcess[str]:
+    """Run a command to its end."""
+    command = [sys.executable, "-m", "rtstack", *map(str, arguments)]
+    return subprocess.run(command, cwd=folder, env=environment, timeout=TIMEOUT_S, capture_output=True, text=True)
+
+
+@contextmanager
+def stack(environment: dict[str, str], folder: Path) -> Iterator[tuple[str, str]]:
+    """Run `rtstack up` with its logs in the folder; give its address and its one-time token."""
+    command = [sys.executable, "-m", "rtstack", "up", "--port", "0", "--logs", str(folder / "logs")]
+    process = subprocess.Popen(command, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        address, token = process.stdout.readline().split()[-1].split("/?token=")
+        yield address, token
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=TIMEOUT_S)
+    assert process.returncode == 0
 
 
 def take_compiled(installed: Path, cache: Path) -> None:
@@ -68,28 +118,65 @@ def test_the_packages_are_the_wheels(installed: dict[str, str], tmp_path: Path) 
 
 
 def test_the_stack_comes_up_with_its_pages_and_models(installed: dict[str, str], tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "rtstack", "up", "--port", "0", "--logs", str(tmp_path / "logs")]
-    stack = subprocess.Popen(command, cwd=tmp_path, env=installed, stdout=subprocess.PIPE, text=True)
-    try:
-        assert stack.stdout is not None
-        address, token = stack.stdout.readline().split()[-1].split("/?token=")
-        with httpx.Client(base_url=address, trust_env=False, timeout=TIMEOUT_S) as client:
-            assert client.get("/", params={"token": token}, follow_redirects=True).status_code == 200
-            for page in PAGES:
-                answer = client.get(page)
-                assert (page, answer.status_code) == (page, 200)
-                assert answer.content
-            assert "rice_box" in client.get("/api/status").json()["objects"]
-    finally:
-        stack.send_signal(signal.SIGINT)
-        stack.communicate(timeout=TIMEOUT_S)
-    assert stack.returncode == 0
+    with (
+        stack(installed, tmp_path) as (address, token),
+        httpx.Client(base_url=address, trust_env=False, timeout=TIMEOUT_S) as client,
+    ):
+        assert client.get("/", params={"token": token}, follow_redirects=True).status_code == 200
+        for page in PAGES:
+            answer = client.get(page)
+            assert (page, answer.status_code) == (page, 200)
+            assert answer.content
+        assert "rice_box" in client.get("/api/status").json()["objects"]
 
 
 def test_a_demonstration_is_recorded_without_a_clone(installed: dict[str, str], tmp_path: Path) -> None:
-    taught = subprocess.run(
-        [sys.executable, "-m", "rtstack", "teach", "ref.mcap"], cwd=tmp_path, env=installed, timeout=TIMEOUT_S,
-        capture_output=True, text=True,
-    )  # fmt: skip
+    taught = rtstack(installed, tmp_path, "teach", "ref.mcap")
     assert taught.returncode == 0, taught.stderr
     assert (tmp_path / "ref.mcap").stat().st_size > 100_000
+
+
+def test_the_command_line_offers_a_packages_controller(
+    installed: dict[str, str], extended: dict[str, str], tmp_path: Path
+) -> None:
+    assert "joint_tracking" in rtstack(extended, tmp_path, "trial", "--help").stdout
+    for environment, offered in ((installed, False), (extended, True)):
+        refused = rtstack(environment, tmp_path, "trial", "--reference", "x.mcap", "--controller", "nothing")
+        assert refused.returncode == 2
+        assert ("joint_tracking" in refused.stderr) is offered
+
+
+def test_a_packages_controller_grabs_the_box(extended: dict[str, str], reference: Path, tmp_path: Path) -> None:
+    """Through the same judge, log and result as ours; which package it was stands in the log."""
+    asked = ("trial", "--reference", reference, "--controller", "joint_tracking", "--log", "trial.mcap", "--json")
+    done = rtstack(extended, tmp_path, *asked)
+    assert done.returncode == 0, done.stdout + done.stderr
+    result = json.loads(done.stdout)
+    assert (result["controller"], result["safety_interventions"]) == ("joint_tracking", 0)
+    assert result["success"]
+    shown = rtstack(extended, tmp_path, "review", "trial.mcap", "--json")
+    assert shown.returncode == 0, shown.stderr
+    assert '"joint-tracking": "0.1.0"' in read_log(tmp_path / "trial.mcap").metadata["trial"]["versions"]
+
+
+def test_the_page_offers_it_and_an_input_device_leads_the_arms(extended: dict[str, str], tmp_path: Path) -> None:
+    with stack(extended, tmp_path) as (address, token):
+        with httpx.Client(base_url=address, trust_env=False, timeout=TIMEOUT_S) as client:
+            page = client.get("/", params={"token": token}, follow_redirects=True).text
+        assert '<option value="joint_tracking">joint tracking</option>' in page
+        made = rtstack(extended, tmp_path, "token", "create", "--name", "device", "--scope", "operate")
+        told = {"RTSTACK_TOKEN": made.stdout.strip()}
+        led = rtstack(extended | told, tmp_path, "teleoperate", "scripted:0.3", "--console", address)
+        assert led.returncode == 0, led.stdout + led.stderr
+    (log,) = (tmp_path / "logs").glob("*teleoperation*.mcap")
+    position = log_columns(read_log(log)).arm["O_T_EE"][:, :, 13]  # along y, m
+    assert (np.ptp(position, axis=1) > 0.01).all()
+
+
+def test_a_packages_robot_is_found_by_its_name(extended: dict[str, str], tmp_path: Path) -> None:
+    look = "from hal.robots import ROBOTS, robot; print(ROBOTS.names(), robot('half_speed').limits.dq_max[0])"
+    said = subprocess.run(
+        [sys.executable, "-c", look], cwd=tmp_path, env=extended, capture_output=True, text=True, check=True
+    ).stdout
+    assert "half_speed" in said
+    assert "1.31" in said

@@ -32,7 +32,7 @@ from hal.cell import Cell
 from hal.errors import CommandRejected, HardwareError
 from hal.robot_errors import error_names
 from hal.state import RobotMode
-from rtstack.cli.cells import default_cell_file
+from rtstack.cells import default_cell_file
 from rtstack.live.idle import IdleView
 from rtstack.log.errors import LogError
 from rtstack.log.ring import Rings

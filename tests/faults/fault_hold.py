@@ -11,7 +11,7 @@ from rtstack.loop.publisher import Publisher
 from rtstack.loop.session import Plan, Session
 from rtstack.model.cell_description import CellDescription
 from rtstack.samples import Mode
-from rtstack.trials.assembly import default_parameters, dual_arm_controller, safety_judges
+from rtstack.trials.assembly import default_parameters, dual_arm_controller, following, safety_judges
 
 TICKS = 60
 
@@ -19,7 +19,7 @@ TICKS = 60
 def hold(cell: Cell, description: CellDescription) -> None:
     """Hold both arms for some ticks. Raises HardwareError where the session does not come to its end."""
     parameters = default_parameters()
-    controller = dual_arm_controller(description, parameters, Strategy.PROPOSED, 0.0)
+    controller = dual_arm_controller(description, parameters, following(Strategy.PROPOSED), 0.0)
     points = np.zeros((2, TICKS), POINT)
     for side, (arm, robot) in enumerate(zip(controller.arms, (cell.left, cell.right), strict=True)):
         arm.sample["q"][0] = robot.read().q

@@ -15,7 +15,7 @@ import psutil
 
 from hal.cell import Cell
 from hal.fci import FciPair, Tool, open_pair
-from rtstack.cli.simulator import Simulator
+from rtstack.cells.simulator import Simulator
 from rtstack.control.tick import DualArmController
 from rtstack.loop import watchdogs
 from rtstack.loop.end import End

@@ -14,7 +14,7 @@ import psutil
 
 from hal.fci import open_pair
 from hal.state import RobotMode
-from rtstack.cli.cells import default_cell_file
+from rtstack.cells import default_cell_file
 from rtstack.live.client import RobotClient, RobotRefused, RobotUnreachable
 from rtstack.live.protocol import DemonstrationRequest
 from rtstack.log.ring import RingReader, Rings

@@ -26,7 +26,7 @@ from fault_model import CaseResult, Fault, Moment
 from fault_process import CaseProcess, take_charge
 from fault_table import write_table
 
-from rtstack.cli.cells import load_description, open_cell
+from rtstack.cells import load_description, open_cell
 from rtstack.log.reader import read_log
 from rtstack.samples import Mode
 from rtstack.trials.company import Company

@@ -13,7 +13,7 @@ from foreign_robot import ForeignRobot, addresses, served
 from hal.cell import Cell
 from hal.errors import HardwareError
 from hal.fci import FciArm
-from rtstack.cli.cells import default_cell_file, open_cell
+from rtstack.cells import default_cell_file, open_cell
 from rtstack.cli.check import link_findings
 from rtstack.log.reader import Log, read_log
 from rtstack.loop.mailbox import Mailbox, remove_mailbox

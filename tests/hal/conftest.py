@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import pytest
 
 from hal.fci import FciPair, open_pair
-from rtstack.cli.simulator import Simulator
+from rtstack.cells.simulator import Simulator
 
 
 @pytest.fixture

@@ -1,51 +1,27 @@
 """Extension points, with packages that are installed: a folder on the path with its metadata."""
 
-import sys
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable
 
 import pytest
 
-from hal import extensions
 from hal.extensions import ExtensionError, ExtensionPoint
 
 Install = Callable[..., None]
 POINT = ExtensionPoint("rtstack.test_things", "thing", int)
 
 
-@pytest.fixture
-def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Install]:
-    """Put a package on the path: its module's source, and what it offers as NAME -> ATTRIBUTE."""
-
-    def put(package: str, source: str, **offers: str) -> None:
-        place = tmp_path / package
-        metadata = place / f"{package}-1.2.dist-info"
-        metadata.mkdir(parents=True)
-        (place / f"{package}.py").write_text(source)
-        (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.2\n")
-        lines = [f"{name} = {package}:{attribute}" for name, attribute in offers.items()]
-        (metadata / "entry_points.txt").write_text("\n".join([f"[{POINT.group}]", *lines, ""]))
-        monkeypatch.syspath_prepend(str(place))
-        extensions._offered.cache_clear()
-
-    yield put
-    extensions._offered.cache_clear()
-    for package in ("one", "other"):
-        sys.modules.pop(package, None)
-
-
 def test_names_are_known_without_an_import(install: Install) -> None:
-    install("one", "raise RuntimeError('imported')", second="B", first="A")
+    install("one", "raise RuntimeError('imported')", POINT.group, second="B", first="A")
     assert POINT.names() == ("first", "second")
 
 
 def test_a_thing_is_loaded_by_its_name(install: Install) -> None:
-    install("one", "A = 5", first="A")
+    install("one", "A = 5", POINT.group, first="A")
     assert POINT.load("first") == 5
 
 
 def test_an_unknown_name_is_refused_with_those_that_there_are(install: Install) -> None:
-    install("one", "A = 5", first="A", second="A")
+    install("one", "A = 5", POINT.group, first="A", second="A")
     with pytest.raises(ExtensionError, match="unknown thing 'third': choose one of first, second"):
         POINT.load("third")
 
@@ -62,16 +38,21 @@ def test_an_unknown_name_is_refused_with_those_that_there_are(install: Install) 
 def test_what_cannot_be_loaded_names_its_package_and_spoils_no_other(
     install: Install, source: str, reason: str
 ) -> None:
-    install("one", "A = 5", good="A")
-    install("other", source, bad="A")
+    install("one", "A = 5", POINT.group, good="A")
+    install("other", source, POINT.group, bad="A")
     found, refused = POINT.loadable()
     assert found == {"good": 5}
     assert refused == (f"thing 'bad': other:A of other 1.2 {reason}; repair or uninstall that package",)
 
 
+def test_an_installation_without_any_says_what_to_do() -> None:
+    with pytest.raises(ExtensionError, match=r"no thing is installed: .*: make setup"):
+        POINT.load("first")
+
+
 def test_a_name_that_two_packages_offer_is_refused_and_no_other(install: Install) -> None:
-    install("one", "A = 5", same="A", good="A")
-    install("other", "A = 6", same="A")
+    install("one", "A = 5", POINT.group, same="A", good="A")
+    install("other", "A = 6", POINT.group, same="A")
     assert POINT.names() == ("good", "same")
     assert POINT.load("good") == 5
     with pytest.raises(ExtensionError, match=r"'same' is offered more than once: .* one 1\.2, other 1\.2"):

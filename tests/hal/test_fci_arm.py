@@ -11,7 +11,7 @@ from hal.errors import CommandRejected, ConnectionLost, HardwareError
 from hal.fci import FciArm, FciPair, Tool
 from hal.fci.faults import names_in
 from hal.state import ARM_STATE, RobotMode
-from rtstack.cli.simulator import Simulator
+from rtstack.cells.simulator import Simulator
 from sim_robot.cell import simulated_cell
 
 PAD = Tool.pad((0.1, 0.1, 0.03), 0.35, 0.03)
@@ -173,7 +173,7 @@ def test_an_end_effector_elsewhere_moves_the_pose(simulator: Simulator):
 
 def test_a_simulator_does_not_outlive_who_started_it():
     program = (
-        "from rtstack.cli.simulator import Simulator; import os, signal\n"
+        "from rtstack.cells.simulator import Simulator; import os, signal\n"
         "s = Simulator('rice_box', 0.0, 0, lockstep=True); print(s.pid, flush=True)\n"
         "os.kill(os.getpid(), signal.SIGKILL)"
     )

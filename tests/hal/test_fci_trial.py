@@ -8,15 +8,16 @@ import pytest
 
 from hal.cell import Cell
 from hal.state import RobotMode
-from rtstack.cli.cells import default_cell_file, open_cell
+from rtstack.cells import default_cell_file, open_cell
 from rtstack.log.reader import read_log
 from rtstack.model.cell_description import CellDescription
+from rtstack.papers.reference_spreading.controllers import Controller
 from rtstack.samples import SIDES
 from rtstack.trials.company import Company
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.record import open_log
 from rtstack.trials.result import TrialResult
-from rtstack.trials.specification import Controller, DemonstrationSpecification, TrialSpecification
+from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
 
 # the heaviest object has the largest forces that an ordinary grab has: 135 N (left) and 115 N (right) at the impact

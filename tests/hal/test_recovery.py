@@ -9,7 +9,7 @@ import pytest
 from hal.errors import CommandRejected, ConnectionLost, RecoveryRefused
 from hal.fci import FciPair, Tool, open_pair
 from hal.state import RobotMode
-from rtstack.cli.simulator import Simulator
+from rtstack.cells.simulator import Simulator
 
 PAD = Tool.pad((0.1, 0.1, 0.03), 0.35, 0.03)
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from hal.cell import Cell
 from hal.fci import Tool, open_pair
-from rtstack.cli.cells import default_cell_file
-from rtstack.cli.simulator import Simulator
+from rtstack.cells import default_cell_file
+from rtstack.cells.simulator import Simulator
 from rtstack.log.reader import read_log
 from rtstack.trials.company import Company
 from rtstack.trials.record import open_log

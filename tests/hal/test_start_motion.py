@@ -14,7 +14,7 @@ from hal.joint_path import JointSpeed
 from hal.state import RobotMode
 from hal.tracker import ObjectPose
 from hal.tracker_link import NoTracker
-from rtstack.cli.simulator import Simulator
+from rtstack.cells.simulator import Simulator
 from rtstack.trials.errors import TrialError
 from rtstack.trials.start_motion import start_motion
 

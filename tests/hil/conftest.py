@@ -22,7 +22,7 @@ from hil_robot import Robot
 from hal.cell import Cell
 from hal.fci import Tool
 from hal.tracker_link import TrackerLink
-from rtstack.cli.cells import open_cell
+from rtstack.cells import open_cell
 from rtstack.model.cell_description import CellDescription, TrackerAddress
 
 BIN = Path(sys.executable).parent

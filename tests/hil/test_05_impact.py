@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hal.limits import COLLISION_TORQUES
-from rtstack.cli.cells import default_cell_file
+from rtstack.cells import default_cell_file
 from rtstack.log.reader import read_log
 from rtstack.samples import SIDES
 from rtstack.trials.company import Company

@@ -3,7 +3,7 @@
 import pytest
 from mcap.reader import make_reader
 
-from rtstack.cli.cells import default_cell_file
+from rtstack.cells import default_cell_file
 from rtstack.log.reader import read_log
 from rtstack.samples import SIDES
 from rtstack.trials.company import Company

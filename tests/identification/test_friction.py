@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rtstack.cli.cells import default_cell_file, open_cell
+from rtstack.cells import default_cell_file, open_cell
 from rtstack.cli.friction import identify_friction
 from rtstack.configuration import ConfigurationError
 from rtstack.control.parameters import FrictionParameters

@@ -3,7 +3,7 @@
 import os
 import signal
 
-from rtstack.cli.cells import default_cell_file, open_cell
+from rtstack.cells import default_cell_file, open_cell
 from rtstack.log.reader import read_log
 from rtstack.samples import Level
 from rtstack.trials.company import Company

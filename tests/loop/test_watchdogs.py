@@ -17,7 +17,7 @@ import rtstack.trials.record
 import rtstack.trials.run
 from hal.cell import Cell
 from hal.errors import ConnectionLost
-from rtstack.cli.cells import open_cell
+from rtstack.cells import open_cell
 from rtstack.log.ring import Rings
 from rtstack.log.writer import LogProcess
 from rtstack.loop.end import End

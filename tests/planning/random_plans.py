@@ -30,7 +30,7 @@ import numpy as np
 from rich.progress import track
 from scipy.stats import binomtest
 
-from rtstack.cli.cells import default_cell_file
+from rtstack.cells import default_cell_file
 from rtstack.model.cell_description import CellDescription, load_cell_description
 from rtstack.planning import GrabPlan, PlanError, PlannedMotion, PushPlan, TooFast, plan_grab, plan_push
 from rtstack.planning.file import write_plan

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rtstack.cells import default_cell_file
 from rtstack.cli.app import app
-from rtstack.cli.cells import default_cell_file
 from rtstack.log.reader import read_log
 from rtstack.planning import GrabPlan, TooFast, plan_grab
 from rtstack.planning.feasibility import check_loads

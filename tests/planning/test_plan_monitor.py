@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rtstack.cli.cells import default_cell_file, open_cell
+from rtstack.cells import default_cell_file, open_cell
 from rtstack.cli.plan_monitor import FIRST_SEED, SHIFTED_MM, plan_monitor
 from rtstack.planning import PlanError
 from rtstack.planning.file import write_plan

@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rtstack.cells import default_cell_file, open_cell
 from rtstack.cli.app import app
-from rtstack.cli.cells import default_cell_file, open_cell
 from rtstack.configuration import ConfigurationError
 from rtstack.log.reader import read_log
+from rtstack.papers.reference_spreading.controllers import Controller
 from rtstack.planning import GrabPlan, PushPlan
 from rtstack.planning.file import write_plan
 from rtstack.references.motion import Motion
@@ -21,7 +22,7 @@ from rtstack.trials.errors import TrialError
 from rtstack.trials.record import open_log
 from rtstack.trials.review import log_columns, review_log
 from rtstack.trials.scoring import SuccessCriterion, score
-from rtstack.trials.specification import Controller, TrialSpecification
+from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
 
 

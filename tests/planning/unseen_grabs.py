@@ -47,7 +47,7 @@ import numpy as np
 from rich.progress import track
 from scipy import stats
 
-from rtstack.cli.cells import default_cell_file, open_cell
+from rtstack.cells import default_cell_file, open_cell
 from rtstack.model.cell_description import load_cell_description
 from rtstack.planning import GrabPlan, plan_grab
 from rtstack.planning.file import write_plan

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rtstack.cli.cells import default_cell_file, open_cell
+from rtstack.cells import default_cell_file, open_cell
 from rtstack.cli.playback import play
 from rtstack.log.reader import read_log
 from rtstack.log.sink import McapSink

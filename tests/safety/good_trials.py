@@ -32,13 +32,14 @@ from judge_version import digest
 from reachable_limits import LIMITS, cases
 from recorded_trial import Recorded, empty_places, furthest, judges_of, read_recorded, replay
 
-from rtstack.cli.cells import default_cell_file, open_cell
+from rtstack.cells import default_cell_file, open_cell
 from rtstack.model.cell_description import CellDescription, load_cell_description
+from rtstack.papers.reference_spreading.controllers import Controller
 from rtstack.safety.limits import HARDWARE
 from rtstack.trials.company import Company
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.record import open_log
-from rtstack.trials.specification import Controller, DemonstrationSpecification, TrialSpecification
+from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
 
 DISPLACEMENTS_MM = (-30.0, 15.0, 0.0, -15.0, 30.0)

@@ -7,10 +7,10 @@ from recorded_trial import Recorded, empty_places, judges_of, read_recorded, rep
 
 from hal.state import ARM_STATE
 from rtstack.model.cell_description import CellDescription
+from rtstack.papers.reference_spreading.controllers import Controller
 from rtstack.safety.judge import Verdict
 from rtstack.safety.limits import HARDWARE, SafetyLimits
 from rtstack.samples import ARM_SAMPLE
-from rtstack.trials.specification import Controller
 from sim_robot.cell import simulated_cell
 
 TRIALS = [(Controller.PROPOSED, 0.0), (Controller.NO_INTERIM, 30.0)]

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hal.limits import FR3
-from rtstack.cli.cells import default_cell_file
+from rtstack.cells import default_cell_file
 from rtstack.configuration import ConfigurationError
 from rtstack.model.cell_description import load_cell_description
 from rtstack.safety.judge import Base, SafetyJudge, Tool

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rtstack.cli.cells import default_cell_file, open_cell
+from rtstack.cells import default_cell_file, open_cell
 from rtstack.log.reader import read_log
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox

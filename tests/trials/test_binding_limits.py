@@ -11,7 +11,7 @@ import pytest
 
 import rtstack.control.tick
 from hal.limits import FR3
-from rtstack.cli.cells import default_cell_file, open_cell
+from rtstack.cells import default_cell_file, open_cell
 from rtstack.control.impedance import quadratic_cost, task_inertia
 from rtstack.control.limits import acceleration_bounds, torque_bounds
 from rtstack.control.program import DaqpProgram

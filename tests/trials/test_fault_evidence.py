@@ -12,7 +12,7 @@ import pytest
 
 import rtstack.trials.record
 import rtstack.trials.run
-from rtstack.cli.cells import default_cell_file, open_cell
+from rtstack.cells import default_cell_file, open_cell
 from rtstack.cli.logs import review as print_review
 from rtstack.log.container import is_complete, open_mcap
 from rtstack.log.errors import LogError

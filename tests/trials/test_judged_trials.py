@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from hal.limits import COLLISION_TORQUES
-from rtstack.cli.cells import default_cell_file, open_cell
+from rtstack.cells import default_cell_file, open_cell
 from rtstack.configuration import ConfigurationError
 from rtstack.log.reader import read_log
 from rtstack.model.cell_description import load_cell_description
+from rtstack.papers.reference_spreading.controllers import Controller
 from rtstack.trials.assembly import default_parameters
 from rtstack.trials.review import log_columns
-from rtstack.trials.specification import Controller, TrialSpecification
+from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
 
 

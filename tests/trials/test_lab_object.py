@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 from typer.main import get_command
 
+from rtstack.cells import default_cell_file, open_cell
 from rtstack.cli.app import app
-from rtstack.cli.cells import default_cell_file, live_source, open_cell
+from rtstack.live.source import live_source
 from rtstack.log.reader import read_log
 from rtstack.model.cell_description import load_cell_description
 from rtstack.planning import GrabPlan, PlanError, plan_grab

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from console.log_rows import log_row
-from rtstack.cli.cells import default_cell_file, open_cell
+from rtstack.cells import default_cell_file, open_cell
 from rtstack.log.catalogue import Catalogue
 from rtstack.log.reader import read_log
 from rtstack.monitor.records import Verdict
 from rtstack.samples import Level, Mode, Reaction
 from rtstack.trials.company import Company
 from rtstack.trials.errors import TrialError
-from rtstack.trials.monitoring import tuning_of
+from rtstack.trials.monitoring import tuning_folder, tuning_of
 from rtstack.trials.record import open_log
 from rtstack.trials.review import log_columns
 from rtstack.trials.specification import TrialSpecification
@@ -150,6 +150,6 @@ def test_an_object_without_a_tuning_is_not_watched_and_its_trial_says_how_to_mak
     assert (result.impact_verdict, result.impact_margin, result.impact_kind) == (None, None, None)
     (event,) = [event for event in read_log(tmp_path / "trial.mcap").events if event.name == "verdict"]
     assert event.level is Level.INFO
-    assert "rtstack tune-monitor LOG.mcap... --out deploy/monitor/box_060.toml" in event.text
+    assert f"rtstack tune-monitor LOG.mcap... --out {tuning_folder() / 'box_060.toml'}" in event.text
     (entry,) = Catalogue(tmp_path).entries()
     assert log_row(entry, None).verdict == "not watched"  # in the console's list

@@ -24,7 +24,7 @@ def _file(tmp_path, text: str):
 
 
 def test_a_trial_is_stopped_by_its_own_limit_and_says_so(runner, tmp_path):
-    from rtstack.cli.cells import default_cell_file, open_cell
+    from rtstack.cells import default_cell_file, open_cell
     from rtstack.trials.record import open_log
     from rtstack.trials.trial import run_trial
 

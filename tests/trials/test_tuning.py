@@ -1,5 +1,7 @@
 """The monitor's parameters from good runs: what they follow from, what they then find, and the file."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from rtstack.monitor.expected import ExpectedImpact
 from rtstack.monitor.records import Reason, Verdict
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, TIMING_SAMPLE
 from rtstack.trials.errors import TrialError
-from rtstack.trials.monitoring import load_tuning, tuning_of
+from rtstack.trials.monitoring import load_tuning, tuning_folder, tuning_of
 from rtstack.trials.tuning import Check, GoodRun, check, replay, tune
 
 TICKS, T_D = 1500, 0.5
@@ -80,6 +82,20 @@ def test_a_file_comes_back_as_it_was(tmp_path) -> None:
     assert again.provenance["held_out_demonstrations"] == ["rice_box-2"]
     assert again.provenance["held_out_seeds"] == [4, 5]
     assert tuning_of("nothing") is None
+
+
+def test_a_tuning_of_the_users_counts_before_the_installed_one(tmp_path, monkeypatch) -> None:
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    installed = tuning_of("rice_box").monitor
+    wider = replace(installed, later_s=2.0 * installed.later_s)
+    used, held_out = split([Recorded(GOOD[0], "rice_box", f"rice_box-{k // 2}", -3.0, k) for k in range(6)])
+    tuning_folder().mkdir(parents=True)
+    for name, monitor in (("rice_box", wider), ("crate", installed)):
+        text = tuning_toml(monitor, 1.3, Check(2, (), 0.5), used, held_out)
+        (tmp_path / "rtstack" / "monitor" / f"{name}.toml").write_text(text)
+    assert tuning_of("rice_box").monitor == wider
+    assert tuning_of("crate").monitor == installed
+    assert tuning_of("parcel") is not None  # of the package
 
 
 def test_runs_of_one_demonstration_are_held_out_one_by_one() -> None:

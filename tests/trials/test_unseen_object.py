@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from hal.tracker_link import NoTracker
-from rtstack.cli.cells import open_cell
+from rtstack.cells import open_cell
 from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
 

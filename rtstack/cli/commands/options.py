@@ -5,11 +5,31 @@ from typing import Annotated
 
 import typer
 
+from rtstack.trials.controllers import controller_names, known_controller
+
 FAILED = 1  # exit status
+
+
+def _controller(name: str) -> str:
+    try:
+        return known_controller(name)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from None
+
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else.")]
 ObjectName = Annotated[str, typer.Option("--object", help="An object of the cell.")]
-CellKind = Annotated[str, typer.Option(help="direct, lockstep, realtime or fci:LEFT,RIGHT.")]
+ControllerChoice = Annotated[
+    str,
+    typer.Option(
+        metavar=f"[{'|'.join(controller_names())}]",
+        callback=_controller,
+        help="The proposed controller, a baseline, contact_completion, or one of another package.",
+    ),
+]
+CellKind = Annotated[
+    str, typer.Option(help="direct, lockstep, realtime, fci:LEFT,RIGHT, or NAME[:ARGUMENT] of another package.")
+]
 ShiftY = Annotated[float, typer.Option("--displacement-mm", help="Shift of the object along y.")]
 ShiftX = Annotated[float, typer.Option("--displacement-x-mm", help="Shift of the object along x.")]
 Yaw = Annotated[float, typer.Option("--yaw-deg", help="Turn of the object about z.")]

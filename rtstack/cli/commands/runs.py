@@ -5,9 +5,21 @@ from typing import Annotated
 
 import typer
 
-from rtstack.cli.commands.options import CellFile, CellKind, Faults, Json, LogOut, ObjectName, Seed, ShiftX, ShiftY, Yaw
+from rtstack.cli.commands.options import (
+    CellFile,
+    CellKind,
+    ControllerChoice,
+    Faults,
+    Json,
+    LogOut,
+    ObjectName,
+    Seed,
+    ShiftX,
+    ShiftY,
+    Yaw,
+)
 from rtstack.samples import Reaction
-from rtstack.trials.specification import Controller
+from rtstack.trials.controllers import DEFAULT
 
 commands = typer.Typer()
 
@@ -35,9 +47,7 @@ def teach(
 @commands.command()
 def trial(
     reference: Annotated[Path, typer.Option(metavar="REC.mcap", help="Made by `rtstack teach` or `rtstack plan`.")],
-    controller: Annotated[
-        Controller, typer.Option(help="The proposed controller, a baseline, or contact_completion.")
-    ] = Controller.PROPOSED,
+    controller: ControllerChoice = DEFAULT,
     object_name: Annotated[
         str | None, typer.Option("--object", help="An object of the cell; by default the reference's.")
     ] = None,

@@ -10,6 +10,7 @@ from rtstack.cli.commands.options import (
     Faults,
     LeftArm,
     LogsWritten,
+    ObjectName,
     OldCellFile,
     RightArm,
     Seed,
@@ -20,6 +21,10 @@ from rtstack.cli.commands.options import (
 
 commands = typer.Typer()
 Port = Annotated[int, typer.Option(help="Port of the console, on the loopback address.", min=0, max=65535)]
+LiveCellKind = Annotated[
+    str | None,
+    typer.Option(metavar="NAME[:ARGUMENT]", help="Kind of cell instead of --left and --right, also of a package's."),
+]
 RunFolder = Annotated[Path, typer.Option("--run", metavar="DIR", help="Where robot process and console meet.")]
 
 
@@ -43,12 +48,14 @@ def up(
     cell_file: CellFile = None,
     left: LeftArm = None,
     right: RightArm = None,
+    cell_kind: LiveCellKind = None,
     cell: OldCellFile = None,
 ) -> None:
     """Start the whole stack, with the arms at --left and --right or the simulated cell; Ctrl-C ends all of it."""
+    from rtstack.cli.stack import chosen_kind
     from rtstack.cli.stack import up as run
 
-    run(port, logs, cell_file or cell, left, right)
+    run(port, logs, cell_file or cell, chosen_kind(cell_kind, left, right))
 
 
 @commands.command()
@@ -58,12 +65,14 @@ def robot(
     cell_file: CellFile = None,
     left: LeftArm = None,
     right: RightArm = None,
+    cell_kind: LiveCellKind = None,
     cell: OldCellFile = None,
 ) -> None:
     """Run the robot process alone, as a service does: cell, loop and logs; disarmed, until somebody arms."""
     from rtstack.cli.service import robot as run
+    from rtstack.cli.stack import chosen_kind
 
-    run(run_folder, logs, cell_file or cell, left, right)
+    run(run_folder, logs, cell_file or cell, chosen_kind(cell_kind, left, right))
 
 
 @commands.command()
@@ -74,12 +83,30 @@ def console(
     cell_file: CellFile = None,
     left: LeftArm = None,
     right: RightArm = None,
+    cell_kind: LiveCellKind = None,
     cell: OldCellFile = None,
 ) -> None:
     """Run the console alone, beside `rtstack robot`, with the same options."""
     from rtstack.cli.service import console as run
+    from rtstack.cli.stack import chosen_kind
 
-    run(run_folder, port, logs, cell_file or cell, left, right)
+    run(run_folder, port, logs, cell_file or cell, chosen_kind(cell_kind, left, right))
+
+
+@commands.command()
+def teleoperate(
+    device: Annotated[
+        str, typer.Argument(metavar="NAME[:ARGUMENT]", help="An input device that an installed package offers.")
+    ],
+    token: Annotated[str, typer.Option(envvar="RTSTACK_TOKEN", help="Made by `rtstack token create --scope operate`.")],
+    console: Annotated[str, typer.Option(metavar="URL", help="Of the console.")] = "http://127.0.0.1:8080",
+    object_name: ObjectName = "rice_box",
+    record: Annotated[bool, typer.Option("--record", help="As a recording, from home; else practise.")] = False,
+) -> None:
+    """Take control, arm, and let an input device lead the arms of a running stack; Ctrl-C ends it softly."""
+    from rtstack.cli.teleoperate import teleoperate as run
+
+    run(device, console, token, object_name, record)
 
 
 @commands.command()

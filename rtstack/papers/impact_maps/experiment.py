@@ -22,7 +22,7 @@ class Validation(Experiment[ValidationPlan, ValidationTrial]):
     """Sections V and VI of the impact-map paper. Trials of a reference that is refused are left out, and reported."""
 
     def __init__(self, specification: ValidationPlan, request: Request) -> None:
-        from rtstack.cli.cells import load_description
+        from rtstack.cells import load_description
         from rtstack.papers.impact_maps.cell import open_validation_cell
         from rtstack.papers.impact_maps.worker import Measured, ValidationBench
         from rtstack.papers.simulated_cell import plant_files

@@ -2,9 +2,9 @@
 
 from rtstack.experiments.claims import Claim, Verdict, order, shown
 from rtstack.experiments.statistics import Interval
+from rtstack.papers.reference_spreading.controllers import Controller
 from rtstack.papers.reference_spreading.evaluation import BASELINES, FIGURE11, TABLE2, Evaluation, Table2Line
 from rtstack.papers.reference_spreading.names import NAMES, millimetres
-from rtstack.trials.specification import Controller
 
 PROPOSED = Controller.PROPOSED
 NO_RS, NO_VELOCITY, NO_INTERIM = BASELINES

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from rtstack.experiments.experiment import Row
 from rtstack.experiments.statistics import Interval, proportion, stratified_mean
-from rtstack.trials.specification import Controller
+from rtstack.papers.reference_spreading.controllers import Controller
 
 TABLE2, FIGURE11 = "table2", "figure11"
 NOMINAL = "nominal"
@@ -39,7 +39,7 @@ class Evaluation:
     """
 
     def __init__(
-        self, rows: list[Row], conditions: str = NOMINAL, controllers: Iterable[Controller] = tuple(PAPER_TABLE2)
+        self, rows: list[Row], conditions: str = NOMINAL, controllers: Iterable[str] = tuple(PAPER_TABLE2)
     ) -> None:
         wanted = set(controllers)
         self.rows = [row for row in rows if row["conditions"] == conditions and row["controller"] in wanted]

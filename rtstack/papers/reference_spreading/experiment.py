@@ -19,7 +19,8 @@ class ControllerComparison(Experiment[Plan, Trial]):
     options = frozenset({"logs", "cell_file"})
 
     def __init__(self, specification: Plan, request: Request) -> None:
-        from rtstack.cli.cells import load_description, plant_difference
+        from rtstack.cells import load_description
+        from rtstack.cells.simulated import plant_difference
         from rtstack.papers.demonstrations import Bench
         from rtstack.papers.reference_spreading.measures import Measures
         from rtstack.papers.simulated_cell import LabCell, open_conditioned_cell, plant_files

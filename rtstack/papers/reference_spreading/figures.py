@@ -17,6 +17,7 @@ from rtstack.log.reader import read_log
 from rtstack.loop.history import Columns
 from rtstack.model.cell_description import CellDescription
 from rtstack.palette import MODE_STYLES
+from rtstack.papers.reference_spreading.controllers import Controller
 from rtstack.papers.reference_spreading.evaluation import Evaluation
 from rtstack.papers.reference_spreading.measures import Passage, hit_arm, passage
 from rtstack.papers.reference_spreading.names import COLOURS, MARKERS, NAMES, name_of
@@ -25,7 +26,6 @@ from rtstack.references.spreading import ExtendedReference
 from rtstack.samples import Mode
 from rtstack.trials.review import log_columns
 from rtstack.trials.scoring import FORCE_WINDOW_S
-from rtstack.trials.specification import Controller
 
 BANDS = (Mode.ANTE_IMPACT, Mode.INTERIM, Mode.POST_IMPACT)
 BEFORE_S, AFTER_S = 0.2, 0.3

@@ -1,6 +1,6 @@
 """What the controllers are called in tables and figures, and how they are drawn."""
 
-from rtstack.trials.specification import Controller
+from rtstack.papers.reference_spreading.controllers import Controller
 
 NAMES = {
     Controller.NO_REFERENCE_SPREADING: "No reference spreading",

@@ -16,8 +16,8 @@ from rtstack.papers.conditions import Conditions, Positive
 from rtstack.papers.reference import Reference
 from rtstack.papers.reference_spreading.names import NAMES
 from rtstack.papers.reference_spreading.trial import Trial, seeded
+from rtstack.trials.controllers import ControllerName, controller_factory
 from rtstack.trials.scoring import SuccessCriterion
-from rtstack.trials.specification import Controller
 
 Count = Annotated[int, Field(ge=1, le=1000)]
 
@@ -79,7 +79,7 @@ class Plan:
     name: str
     title: str
     seed: Annotated[int, Field(ge=0)]
-    controllers: tuple[Controller, ...]
+    controllers: tuple[ControllerName, ...]
     success: Success
     conditions: dict[str, Conditions]
     experiments: tuple[Experiment, ...]
@@ -179,8 +179,10 @@ class Plan:
 
 
 def load_plan(path: Path, quick: bool = False) -> Plan:
-    """Read and check a plan. Raises ConfigurationError with one line."""
+    """Read and check a plan. Raises ConfigurationError, or TrialError for a controller that cannot be loaded."""
     plan = load_toml(path, Plan)
+    for controller in plan.controllers:
+        controller_factory(controller)
     names = [experiment.name for experiment in plan.experiments]
     for index, experiment in enumerate(plan.experiments):
         unknown = [name for name in experiment.conditions if name not in plan.conditions]

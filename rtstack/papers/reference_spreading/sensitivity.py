@@ -7,9 +7,9 @@ from matplotlib.figure import Figure
 
 from rtstack.experiments.statistics import Interval
 from rtstack.papers.reference_spreading.claims import judge_claims
+from rtstack.papers.reference_spreading.controllers import Controller
 from rtstack.papers.reference_spreading.evaluation import PAPER_TABLE2, TABLE2, Evaluation
 from rtstack.papers.reference_spreading.names import COLOURS, MARKERS, NAMES
-from rtstack.trials.specification import Controller
 
 FORCE = "average_force_norm"
 # of the figure: heading, factor

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 from hal.displacement import Displacement
-from rtstack.trials.specification import Controller
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,7 +17,7 @@ class Trial:
     object: str
     displacement_mm: float
     repetition: int
-    controller: Controller
+    controller: str
     seed: int
     displacement_x_mm: float = 0.0
     yaw_deg: float = 0.0

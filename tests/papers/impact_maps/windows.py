@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rtstack.cli.cells import default_cell_file
+from rtstack.cells import default_cell_file
 from rtstack.log.reader import read_log
 from rtstack.loop.history import Columns
 from rtstack.model.cell_description import load_cell_description

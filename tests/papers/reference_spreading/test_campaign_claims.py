@@ -8,13 +8,13 @@ import pytest
 from rtstack.experiments.claims import Verdict
 from rtstack.experiments.store import columns_of, stored
 from rtstack.papers.reference_spreading.claims import judge_claims
+from rtstack.papers.reference_spreading.controllers import Controller
 from rtstack.papers.reference_spreading.evaluation import Evaluation, kind_of
 from rtstack.papers.reference_spreading.measures import Measures
 from rtstack.papers.reference_spreading.names import NAMES
 from rtstack.papers.reference_spreading.sensitivity import outcomes
 from rtstack.papers.reference_spreading.trial import Trial
 from rtstack.trials.result import TrialResult
-from rtstack.trials.specification import Controller
 
 FORCE = {
     Controller.NO_REFERENCE_SPREADING: 33.0,

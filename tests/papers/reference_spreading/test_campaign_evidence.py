@@ -10,13 +10,14 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from rtstack.cli.cells import default_cell_file
+from rtstack.cells import default_cell_file
 from rtstack.experiments.experiment import Request, Results
 from rtstack.experiments.plan_file import PlanFile
 from rtstack.experiments.registry import plan_file
 from rtstack.experiments.store import Store
 from rtstack.log.reader import read_log
 from rtstack.loop.end import End
+from rtstack.papers.reference_spreading.controllers import Controller
 from rtstack.papers.reference_spreading.experiment import ControllerComparison
 from rtstack.papers.reference_spreading.plan import load_plan
 from rtstack.papers.simulated_cell import open_conditioned_cell
@@ -24,7 +25,7 @@ from rtstack.samples import Mode
 from rtstack.topics import TOPICS
 from rtstack.trials.company import Company
 from rtstack.trials.record import frames, open_log
-from rtstack.trials.specification import Controller, TrialSpecification
+from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
 from rtstack.trials.whole_run_log import WholeRunLog
 

@@ -4,8 +4,8 @@ import csv
 
 import pytest
 
+from rtstack.cells import default_cell_file
 from rtstack.cli.campaign import campaign
-from rtstack.cli.cells import default_cell_file
 from rtstack.log.reader import read_log
 from rtstack.trials.errors import TrialError
 

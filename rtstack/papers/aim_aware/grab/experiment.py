@@ -14,7 +14,7 @@ class GrabStudy(Experiment[Judged, Case]):
     """Good grabs of several objects, and grabs in which something goes wrong: does the monitor know which?"""
 
     def __init__(self, specification: Judged, request: Request) -> None:
-        from rtstack.cli.cells import load_description
+        from rtstack.cells import load_description
         from rtstack.papers.aim_aware.grab.worker import Finding, GrabBench
         from rtstack.papers.demonstrations import Bench
         from rtstack.papers.simulated_cell import open_conditioned_cell, plant_files

@@ -1,0 +1,87 @@
+"""Robots at two addresses over the Franka Control Interface, and the tracker that watches their object."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import cast
+
+from hal.cell import Cell
+from hal.errors import HardwareError
+from hal.extensions import ExtensionError, ExtensionPoint
+from hal.fci import FciPair, Tool, open_pair
+from hal.tracker import ClosableTracker
+from rtstack.cells.kinds import CellKind, CellRequest
+from rtstack.model.cell_description import CellDescription, TrackerAddress
+from rtstack.trials.errors import TrialError
+
+# each a callable (host: str, port: int) -> ClosableTracker, with [tracker] address of the cell's file
+TRACKERS = ExtensionPoint[Callable[[str, int], ClosableTracker]]("rtstack.trackers", "tracker", cast(type, Callable))
+
+
+def fci_addresses(kind: str) -> tuple[str, str]:
+    """Return LEFT and RIGHT of fci:LEFT,RIGHT. Raises TrialError."""
+    scheme, _, addresses = kind.partition(":")
+    left, _, right = addresses.partition(",")
+    if scheme != "fci" or not left or not right or "," in right:
+        raise TrialError(f"cell {kind!r}: the robots' addresses are given as fci:LEFT,RIGHT")
+    if left == right:
+        raise TrialError(f"cell {kind!r}: two arms have two addresses")
+    return left, right
+
+
+def pad_tool(description: CellDescription) -> Tool:
+    """Return the pad of a cell, as the robot is told of it."""
+    pad = description.pad
+    return Tool.pad(pad.size, pad.mass, pad.flange_to_face)
+
+
+def _check(argument: str, _description: CellDescription, _file: Path | None) -> None:
+    fci_addresses(f"fci:{argument}")
+
+
+def _simulated(argument: str, description: CellDescription) -> bool:
+    """Nobody may be told that a real arm is a simulated one: only arms on this machine can be."""
+    return description.simulated and all(address.startswith("127.") for address in argument.split(","))
+
+
+def _open(request: CellRequest) -> Cell:
+    if request.faults is not None:
+        raise TrialError(f"cell {request.kind!r}: only a simulated robot has scripted faults: rtstack sim --faults")
+    left, right = fci_addresses(request.kind)
+    tracker = _listen(request.description.tracker)
+    try:
+        pair = open_pair(left, right, pad_tool(request.description))
+    except BaseException:
+        tracker.close()
+        raise
+    return Cell(request.kind, pair.left, pair.right, tracker, _TrackedLink(pair, tracker), own_clocks=True)
+
+
+def _listen(tracker: TrackerAddress) -> ClosableTracker:
+    """Listen for the object's poses. Raises HardwareError with one line, TrialError for an unknown tracker."""
+    try:
+        return TRACKERS.load(tracker.kind)(*tracker.listener)
+    except ExtensionError as error:
+        raise TrialError(f"{error}; see [tracker] kind in the cell's file") from None
+    except (OSError, OverflowError) as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise HardwareError(
+            f"cannot listen for the object's poses at {tracker.address}: {reason}; end whoever listens there, or give "
+            "the cell's file another address under [tracker]"
+        ) from None
+
+
+class _TrackedLink:
+    """Both arms at their addresses, and the tracker that is listened to."""
+
+    def __init__(self, pair: FciPair, tracker: ClosableTracker) -> None:
+        self._pair = pair
+        self._tracker = tracker
+        self.start, self.wait, self.move = pair.start, pair.wait, pair.move
+
+    def close(self) -> None:
+        """Disconnect, and stop listening."""
+        self._pair.close()
+        self._tracker.close()
+
+
+fci = CellKind(_open, _check, _simulated)

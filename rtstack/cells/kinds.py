@@ -1,0 +1,89 @@
+"""Kinds of cells, by the entry points of the group rtstack.cells: `NAME` or `NAME:ARGUMENT` on the command line."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from hal.cell import Cell
+from hal.displacement import Displacement
+from hal.extensions import ExtensionError, ExtensionPoint
+from rtstack.cells.description import load_description
+from rtstack.model.cell_description import CellDescription
+from rtstack.trials.errors import TrialError
+
+
+@dataclass(frozen=True, slots=True)
+class CellRequest:
+    """What a cell is opened with.
+
+    kind: as it was asked for; argument: what stands behind the colon, "" for nothing. object_name: ""
+    for a cell without an object, which a person takes away from real arms. displacement: of the object from its place.
+    description: of the cell, from cell_file (None: ours). faults: a script for a simulated robot, as for `rtstack sim
+    --faults`. noise_seed: of placement and noise, where the same simulated arms are to be met again (None: the seed).
+    live: a person watches; a simulated robot keeps the pace of the host's clock where it can.
+    """
+
+    kind: str
+    argument: str
+    object_name: str
+    displacement: Displacement
+    seed: int
+    description: CellDescription
+    cell_file: Path | None = None
+    faults: Path | None = None
+    noise_seed: int | None = None
+    live: bool = False
+
+
+def _nothing(_argument: str, _description: CellDescription, _file: Path | None) -> None:
+    """Refuse nothing."""
+
+
+def _real(_argument: str, _description: CellDescription) -> bool:
+    return False
+
+
+@dataclass(frozen=True, slots=True)
+class CellKind:
+    """What a package offers: how a cell of a kind is opened.
+
+    open: the caller closes the cell; raises HardwareError or TrialError with one line. check (argument, description,
+    its file): raises TrialError for what `rtstack up` is to refuse before it starts. simulated (argument, description):
+    whether all arms are simulated ones; it decides what an operator is told.
+    """
+
+    open: Callable[[CellRequest], Cell]
+    check: Callable[[str, CellDescription, Path | None], None] = _nothing
+    simulated: Callable[[str, CellDescription], bool] = _real
+
+
+CELLS = ExtensionPoint("rtstack.cells", "cell", CellKind)
+
+
+def kind_of(kind: str) -> tuple[CellKind, str]:
+    """Return the kind of cell of `NAME` or `NAME:ARGUMENT`, and the argument. Raises TrialError."""
+    name, _, argument = kind.partition(":")
+    try:
+        return CELLS.load(name), argument
+    except ExtensionError as error:
+        raise TrialError(str(error)) from None
+
+
+def open_cell(
+    kind: str, object_name: str, displacement: Displacement | float, seed: int,
+    description: CellDescription | None = None, faults: Path | None = None, noise_seed: int | None = None,
+    cell_file: Path | None = None, live: bool = False,
+) -> Cell:  # fmt: skip
+    """Open a cell; see CellRequest. displacement: a number is one along y, m. Raises TrialError, HardwareError.
+
+    Ours: direct (the plant in this process, deterministic); lockstep and realtime (a simulated robot in a process of
+    its own, over the wire: it waits for answers, or keeps 1 kHz); fci:LEFT,RIGHT (robots at these addresses).
+    """
+    found, argument = kind_of(kind)
+    described = description or load_description(None)[0]
+    return found.open(
+        CellRequest(
+            kind, argument, object_name, Displacement.of(displacement), seed, described, cell_file, faults, noise_seed,
+            live,
+        )
+    )  # fmt: skip

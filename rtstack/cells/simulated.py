@@ -1,0 +1,105 @@
+"""The simulated cell, in this process or behind the wire. Only this and the command line name the simulated robot."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+from hal.cell import Cell
+from hal.fci import FciPair, Tool, open_pair
+from rtstack.cells.fci import pad_tool
+from rtstack.cells.kinds import CellKind, CellRequest
+from rtstack.cells.simulator import Simulator
+from rtstack.model.cell_description import CellDescription
+from rtstack.trials.errors import TrialError
+
+
+def plant_difference(cell_file: Path | None, object_name: str) -> str:
+    """Return in one line where the simulated object is not what the cell's file describes, "" where it is.
+
+    Raises TrialError for a bad key of the plant's.
+    """
+    from sim_robot.lab_objects import difference, with_lab_objects
+    from sim_robot.scene import load_scene
+    from sim_robot.strict_toml import BadParameterFile
+
+    if cell_file is None:
+        return ""
+    try:
+        return difference(with_lab_objects(load_scene(), cell_file), cell_file, object_name) or ""
+    except BadParameterFile as error:
+        raise TrialError(str(error)) from None
+
+
+def _check(argument: str, description: CellDescription, cell_file: Path | None) -> None:
+    _check_argument(argument)
+    for thing in description.objects:
+        plant_difference(cell_file, thing)  # a bad key of the plant's
+
+
+def _check_argument(argument: str) -> None:
+    if argument:
+        raise TrialError(f"a simulated cell has no address, and nothing stands behind its name: not {argument!r}")
+
+
+def _simulated(_argument: str, _description: CellDescription) -> bool:
+    return True
+
+
+def _open_direct(request: CellRequest) -> Cell:
+    from sim_robot.cell import simulated_cell
+    from sim_robot.clock import PacedLockstep
+    from sim_robot.faults.file import load_faults
+    from sim_robot.scene import NO_OBJECT
+    from sim_robot.strict_toml import BadParameterFile
+
+    _check_argument(request.argument)
+    try:
+        script = () if request.faults is None else load_faults(request.faults)
+        noise = request.seed if request.noise_seed is None else request.noise_seed
+        cell = simulated_cell(
+            request.object_name or NO_OBJECT, request.displacement, noise, faults=script, arms_seed=request.seed,
+            cell_file=request.cell_file, clock=PacedLockstep() if request.live else None,
+        )  # fmt: skip
+        return replace(cell.as_cell("direct"), warning=plant_difference(request.cell_file, request.object_name))
+    except BadParameterFile as error:
+        raise TrialError(str(error)) from None
+
+
+def _open_served(request: CellRequest) -> Cell:
+    _check_argument(request.argument)
+    warning = plant_difference(request.cell_file, request.object_name)
+    simulator = Simulator(
+        request.object_name, request.displacement, request.seed, lockstep=request.kind == "lockstep",
+        faults=request.faults, cell_file=request.cell_file,
+    )  # fmt: skip
+    return replace(_served_cell(request.kind, simulator, pad_tool(request.description)), warning=warning)
+
+
+class _SimulatorLink:
+    """Both arms of a simulator of our own: it ends with them."""
+
+    def __init__(self, pair: FciPair, simulator: Simulator) -> None:
+        self._pair = pair
+        self._simulator = simulator
+        self.start, self.wait, self.move = pair.start, pair.wait, pair.move
+
+    def close(self) -> None:
+        """Disconnect, end the simulator, and pass on what it says about its pace."""
+        self._pair.close()
+        self._simulator.close()
+        if self._simulator.report:
+            print(f"simulated robot: {self._simulator.report}", file=sys.stderr)
+
+
+def _served_cell(kind: str, simulator: Simulator, tool: Tool) -> Cell:
+    try:
+        pair = open_pair(simulator.left, simulator.right, tool, shared_clock=kind == "lockstep")
+    except BaseException:
+        simulator.close()
+        raise
+    link = _SimulatorLink(pair, simulator)
+    return Cell(kind, pair.left, pair.right, simulator.tracker, link, own_clocks=kind == "realtime")
+
+
+direct = CellKind(_open_direct, _check, _simulated)
+served = CellKind(_open_served, _check, _simulated)

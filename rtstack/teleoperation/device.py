@@ -1,0 +1,48 @@
+"""Input devices that move the arms: what one of them says, and those that packages offer by name."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol, cast
+
+from hal.extensions import ExtensionPoint
+
+Six = tuple[float, float, float, float, float, float]
+Pose = tuple[float, float, float, float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class HandInput:
+    """What an operator does now. held: the clutch; without it nothing moves.
+
+    left, right: a pose (position m, quaternion wxyz, in the world), or a deflection (-1 to 1 of the chosen speed, along
+    the world's axes and about them); None for an arm that stays. finished: the operator has ended the teleoperation.
+    """
+
+    held: bool
+    left: Pose | Six | None = None
+    right: Pose | Six | None = None
+    finished: bool = False
+
+    def message(self) -> dict[str, Any]:
+        """Return the message to the console (POST /api/teleoperation/hand)."""
+        message: dict[str, Any] = {"clutch": self.held}
+        for side, values in (("left", self.left), ("right", self.right)):
+            if self.held and values is not None:
+                message.setdefault("pose" if len(values) == 7 else "deflection", {})[side] = list(values)
+        return message
+
+
+class InputDevice(Protocol):
+    """An open device. `read` is called 50 times a second, outside the real-time loop, in one thread."""
+
+    def read(self) -> HandInput:
+        """Return what the operator does now. Waits for nothing: 0.2 s without an answer stop the arms."""
+        ...
+
+    def close(self) -> None:
+        """Release the device. Never raises."""
+        ...
+
+
+# each a callable (argument: str) -> InputDevice; argument: what stands behind NAME: on the command line, "" for nothing
+DEVICES = ExtensionPoint[Callable[[str], InputDevice]]("rtstack.devices", "input device", cast(Any, Callable))
