@@ -169,8 +169,18 @@ def test_the_page_offers_it_and_an_input_device_leads_the_arms(extended: dict[st
         led = rtstack(extended | told, tmp_path, "teleoperate", "scripted:0.3", "--console", address)
         assert led.returncode == 0, led.stdout + led.stderr
     (log,) = (tmp_path / "logs").glob("*teleoperation*.mcap")
-    position = log_columns(read_log(log)).arm["O_T_EE"][:, :, 13]  # along y, m
+    position = log_columns(read_log(log)).arm["O_T_EE"][:, :, 1, 3]  # along y, m
     assert (np.ptp(position, axis=1) > 0.01).all()
+
+
+def test_a_packages_experiment_has_its_own_table_and_figure(extended: dict[str, str], tmp_path: Path) -> None:
+    plan = ROOT / "examples" / "plugin" / "tracking.toml"
+    done = rtstack(extended, tmp_path, "campaign", plan, "--out", "tracking", "--quick", "--workers", "1")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert (tmp_path / "tracking" / "figures" / "tracking.png").stat().st_size > 5_000
+    page = (tmp_path / "tracking" / "report.html").read_text()
+    assert "Error before the impact" in page
+    assert "joint tracking" in page
 
 
 def test_a_packages_robot_is_found_by_its_name(extended: dict[str, str], tmp_path: Path) -> None:

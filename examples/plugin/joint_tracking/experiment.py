@@ -26,7 +26,7 @@ COLUMNS = {"controller": str, "seed": int, "success": bool, "error_mm": float}
 
 @checked(frozen=True, slots=True, config=STRICT)
 class Plan:
-    """A plan's file. seeds: 0 to seeds - 1."""
+    """A plan's file. seeds: 1 to this number; 0 is the demonstration's, which a trial with it repeats exactly."""
 
     name: str
     title: str
@@ -73,7 +73,8 @@ class Tracking(Experiment[Plan, Case]):
 
     def cases(self, rows: Sequence[Row]) -> list[Case]:
         """Return all trials."""
-        return [Case(name, seed) for name in self.specification.controllers for seed in range(self.specification.seeds)]
+        plan = self.specification
+        return [Case(name, 1 + k) for name in plan.controllers for k in range(plan.seeds)]
 
     def tasks(self, cases: Sequence[Case]) -> Iterable[Task]:
         """Return a task for each trial."""
