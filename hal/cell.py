@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from hal.arm import Arm
 from hal.joint_path import JointSpeed
+from hal.sensor import Sensor
 from hal.tracker import ObjectTracker
 
 LEFT, RIGHT = 1, 2  # of the mask that `ArmLink.wait` returns
@@ -48,7 +49,7 @@ class Cell:
     link: None where arms start with their first torque. own_clocks: the arms' states do not arrive together, and
     each has to be answered when its own arrives; otherwise `read` gives both arms' states of one time stamp.
     paced: arms that wait, but keep the pace of the host's clock: it depends on who serves them.
-    warning: what whoever runs on it has to know, in one line; empty for nothing.
+    warning: what whoever runs on it has to know, in one line; empty for nothing. sensors: of no topic twice.
     """
 
     name: str
@@ -59,6 +60,7 @@ class Cell:
     own_clocks: bool = False
     paced: bool = False
     warning: str = ""
+    sensors: tuple[Sensor, ...] = ()
 
     @property
     def waits(self) -> bool:

@@ -1,75 +1,14 @@
 """The topic table. Rings, log, schema, reader, review, CSV, live feed and the log's documentation are made from it.
 
-A topic that is added here is in all of them: docs/howto/topic.md.
+A topic that is added here, or that an installed package offers, is in all of them: docs/howto/topic.md.
 """
 
-from collections.abc import Iterable
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Iterable, Sequence
 
-import numpy as np
-
-from hal.record import Field, record_of
+from hal.extensions import ExtensionPoint
+from hal.topic import Message, Topic
 from hal.tracker import OBJECT_POSE_FIELDS
 from rtstack.samples import ARM_FIELDS, CONTROL_FIELDS, EVENT_FIELDS, SIDES, TIMING_FIELDS
-
-PACKAGE = "rtstack"  # of the messages whose schema is made from the table
-
-
-@dataclass(frozen=True)
-class Message:
-    """What the samples of a topic are. schema: rtstack.NAME, or one of Foxglove's (rtstack.log.standard has them)."""
-
-    schema: str
-    text: str
-    fields: tuple[Field, ...]
-
-    @cached_property
-    def record(self) -> np.dtype:
-        """The samples in memory: t_ns and the fields. In the file the message's log time is t_ns."""
-        return record_of(self.fields)
-
-    @property
-    def name(self) -> str:
-        """The schema without its package."""
-        return self.schema.rpartition(".")[2]
-
-    @property
-    def is_ours(self) -> bool:
-        """Whether its schema is made from the fields."""
-        return self.schema.startswith(f"{PACKAGE}.")
-
-
-@dataclass(frozen=True, slots=True)
-class Topic:
-    """One row of the table.
-
-    rate_hz: nominal; 0 for events. every_tick: published in every tick of every run: the log waits for it. plotted:
-    whether the review has its fields as curves, in the group that the topic's name begins with.
-    """
-
-    name: str
-    message: Message
-    rate_hz: int
-    text: str = ""
-    every_tick: bool = False
-    plotted: bool = True
-
-    @property
-    def record(self) -> np.dtype:
-        """The dtype of its samples."""
-        return self.message.record
-
-    @property
-    def group(self) -> str:
-        """The first part of its name: left, right, timing, object."""
-        return self.name.split("/")[1]
-
-    @property
-    def plotted_fields(self) -> tuple[Field, ...]:
-        """The fields that are curves."""
-        return tuple(field for field in self.message.fields if self.plotted and field.plotted)
-
 
 ARM = Message(
     "rtstack.ArmSample",
@@ -101,15 +40,29 @@ def topic_table(rows: Iterable[Topic]) -> dict[str, Topic]:
     return table
 
 
+def _with_offered(rows: Sequence[Topic]) -> tuple[dict[str, Topic], tuple[str, ...]]:
+    """Return the table with the topics that installed packages offer, and one line for each that cannot be in it."""
+    offered, refused = OFFERED.loadable()
+    taken, reasons = list(rows), list(refused)
+    for name, topic in offered.items():
+        try:
+            topic_table([*taken, topic])
+            taken.append(topic)
+        except ValueError as error:
+            reasons.append(f"topic {name!r} of another package: {error}")
+    return topic_table(taken), tuple(reasons)
+
+
+OFFERED = ExtensionPoint("rtstack.topics", "topic", Topic)  # the modules that offer one import hal only
 # in the order of the log: of samples of one time the first topic comes first
-TOPICS: dict[str, Topic] = topic_table(
-    (
+TOPICS, REFUSED = _with_offered(
+    [
         *(Topic(name, ARM, 1000, every_tick=True) for name in ARM_TOPICS),
         *(Topic(name, CONTROL, 1000, every_tick=True) for name in CONTROL_TOPICS),
         Topic(TIMING_TOPIC, TIMING, 1000, every_tick=True),
         Topic(OBJECT_TOPIC, POSE, 100, "what the tracker saw"),
         Topic(EVENT_TOPIC, EVENT, 0, "who (`name`), what (`message`), how severe", plotted=False),
-    )
+    ]
 )
 TICK_TOPICS = tuple(topic.name for topic in TOPICS.values() if topic.every_tick)
 PLOTTED_TOPICS = tuple(topic.name for topic in TOPICS.values() if topic.plotted)

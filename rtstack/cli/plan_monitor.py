@@ -7,7 +7,6 @@ object stands where it may stand in any trial, up to SHIFTED_MM from its place a
 """
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -21,12 +20,11 @@ from rtstack.planning import PlanError, PlannedMotion
 from rtstack.references.motion import Motion
 from rtstack.trials.assembly import cell_parameters
 from rtstack.trials.company import Company
-from rtstack.trials.record import frames
+from rtstack.trials.record import RunSamples
 from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.tightening import safety_limits
 from rtstack.trials.trial import PreparedTrial, run_trial
 from rtstack.trials.tuning import Check, GoodRun, check, tune
-from rtstack.trials.whole_run_log import WholeRunLog
 
 SHIFTED_MM = 30.0  # the reference-spreading paper's experiments, and the tunings in deploy/monitor
 FIRST_SEED = 10_000  # trials count from 0: they are to be judged by runs that are none of them
@@ -72,15 +70,6 @@ def plan_monitor(
     return tuning_toml(parameters, SENSITIVITY, found, used, held_out, command), found
 
 
-class _Samples(WholeRunLog):
-    """Keeps the samples of a run, and writes nothing."""
-
-    def close(self, result: dict[str, Any]) -> None:
-        """See TrialLog."""
-        if self._history is not None:
-            self.columns = self._history.columns()
-
-
 def _run(
     planned: PlannedMotion, specification: TrialSpecification, description: CellDescription, cell_file: Path | None
 ) -> GoodRun:
@@ -89,7 +78,7 @@ def _run(
     reference, parameters = planned.reference, cell_parameters(description)
     assert reference.impact is not None  # of a grab
     prepared = PreparedTrial(specification, description, parameters, reference, safety_limits(description))
-    log = _Samples(Path(specification.reference), {}, [], frames(description, thing))
+    log = RunSamples(Path(specification.reference))
     cell = open_cell("direct", thing, place_mm * 1e-3, seed, description, cell_file=cell_file)
     try:
         with interruptible() as stop:

@@ -12,23 +12,23 @@ from hal.limits import CONTROL_PERIOD_S
 from hal.robot_errors import ROBOT_ERRORS, error_bit
 from hal.state import ARM_STATE, RobotMode
 from rtstack.log.ring import Rings
-from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, EVENT, SIDES, TIMING_SAMPLE, Level, Mode
+from rtstack.loop.publisher import Publisher
+from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, Level, Mode
+from rtstack.topics import ARM_TOPICS, OBJECT_TOPIC
 from rtstack.trials.attendant import Remark
 
 _PERIOD_NS = round(CONTROL_PERIOD_S * 1e9)
-_TRACKER_EVERY = 10  # ticks: the tracker's contract is 100 Hz
 
 
 class _ArmView:
     """Shows one arm. In a reflex an arm answers with its errors only: they are shown on its last state."""
 
-    def __init__(self, rings: Rings, side: str) -> None:
-        self._pusher = rings.pusher(f"/{side}/arm")
-        self._control_pusher = rings.pusher(f"/{side}/control")
-        self._reader = rings.reader(f"/{side}/arm")
+    def __init__(self, rings: Rings, topic: str) -> None:
+        self._reader = rings.reader(topic)
         self._sample = np.zeros(1, ARM_SAMPLE)
         self._control = np.zeros(1, CONTROL_SAMPLE)
         self._control["mode"] = Mode.IDLE
+        self.samples = self._sample, self._control  # to be published
 
     def begin(self) -> None:
         """Go on from what was shown last, by whomever: nothing is desired or applied any more."""
@@ -39,7 +39,7 @@ class _ArmView:
         self._sample["tau_applied"] = 0.0
 
     def show(self, arm: Arm) -> str | None:
-        """Read the arm and show its state. Returns why it refuses to move, None when it does not."""
+        """Read the arm and take its state. Returns why it refuses to move, None when it does not."""
         refusal = None
         try:
             state = arm.read()
@@ -51,9 +51,7 @@ class _ArmView:
             self._sample["dq"] = 0.0
             self._sample["robot_mode"] = RobotMode.REFLEX
             self._sample["current_errors"] = sum(error_bit(name) for name in error.errors if name in ROBOT_ERRORS)
-        self._pusher.push(self._sample)
         self._control["t_ns"] = self._sample["t_ns"]
-        self._control_pusher.push(self._control)
         return refusal
 
     @property
@@ -71,12 +69,9 @@ class IdleView:
     """Publishes an idle cell to the live rings, in the same records as a trial does."""
 
     def __init__(self, rings: Rings) -> None:
-        self._arms = tuple(_ArmView(rings, side) for side in SIDES)
-        self._timing_pusher = rings.pusher("/timing")
-        self._object_pusher = rings.pusher("/object/pose")
-        self._event_pusher = rings.pusher("/events")
-        self._event = np.zeros(1, EVENT)
-        self._timing = np.zeros(1, TIMING_SAMPLE)
+        self._rings = rings
+        self._left, self._right = self._arms = tuple(_ArmView(rings, topic) for topic in ARM_TOPICS)
+        self._publisher = Publisher([rings], None)
 
     def watch(
         self,
@@ -91,10 +86,12 @@ class IdleView:
         """
         for view in self._arms:
             view.begin()
+        self._publisher = publisher = Publisher([self._rings], None, cell.sensors)
+        timing = publisher.timing
+        # also an object that was not seen yet: what was shown last may be another cell's
+        self._rings.pusher(OBJECT_TOPIC).push(cell.tracker.latest().record)
         last_ns = time.perf_counter_ns()
         last_t_ns = 0
-        self._timing["missed_deadlines"] = 0
-        ticks = 0
         told: list[str | None] = [None, None]
         refusals: list[str | None] = [None, None]
         while not interrupted():
@@ -111,15 +108,14 @@ class IdleView:
                 time.sleep(CONTROL_PERIOD_S)  # no arm is the clock any more
             now_ns = time.perf_counter_ns()
             # two clocks may count from anywhere
-            t_ns = self._arms[0].t_ns if cell.own_clocks else max(view.t_ns for view in self._arms)
+            t_ns = self._left.t_ns if cell.own_clocks else max(view.t_ns for view in self._arms)
             if last_t_ns and t_ns - last_t_ns > 1.5 * _PERIOD_NS:
-                self._timing["missed_deadlines"] += round((t_ns - last_t_ns) / _PERIOD_NS) - 1
-            self._timing["t_ns"] = t_ns
-            self._timing["period_us"] = (now_ns - last_ns) * 1e-3
-            self._timing_pusher.push(self._timing)
-            if ticks % _TRACKER_EVERY == 0:
-                self._object_pusher.push(cell.tracker.latest().record)
-            last_ns, last_t_ns, ticks = now_ns, t_ns, ticks + 1
+                timing["missed_deadlines"] += round((t_ns - last_t_ns) / _PERIOD_NS) - 1
+            timing["t_ns"] = t_ns
+            timing["period_us"] = (now_ns - last_ns) * 1e-3
+            publisher.look(cell.tracker)
+            publisher.tick(self._left.samples, self._right.samples)
+            last_ns, last_t_ns = now_ns, t_ns
 
     def _show(self, cell: Cell, refusals: list[str | None]) -> int:
         """Show the arms whose states have arrived, both where they share a clock; note why they refuse to move.
@@ -140,8 +136,5 @@ class IdleView:
 
     def tell(self, level: Level, text: str, name: str = "robot") -> None:
         """Publish an event of the robot process, at the time of the last state that was shown, by whomever."""
-        self._event["t_ns"] = max(view.last_shown_t_ns() for view in self._arms)
-        self._event["level"] = level
-        self._event["name"] = name.encode("ascii", "replace")
-        self._event["text"] = text.encode("ascii", "replace")
-        self._event_pusher.push(self._event)
+        t_ns = max(view.last_shown_t_ns() for view in self._arms)
+        self._publisher.event(t_ns, level, name, text)

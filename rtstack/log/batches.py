@@ -1,10 +1,12 @@
 """What a log's file is written through, whoever has the samples: batches of records, and what stands at its end."""
 
 import json
+from collections.abc import Mapping
+from typing import Any
 
 from numpy.typing import NDArray
 
-from rtstack.log.job import Evidence
+from rtstack.log.job import Evidence, texts
 from rtstack.log.scenery import Messages, Scenery
 from rtstack.log.sink import McapSink
 from rtstack.samples import SIDES
@@ -35,7 +37,7 @@ class BatchWriter:
         arms = {side: batches[topic] for side, topic in zip(SIDES, ARM_TOPICS, strict=True)}
         return self._scenery.update(arms, poses[poses["seen"] != 0])
 
-    def finish(self, result: dict[str, str], ended: str, evidence: Evidence | None, lost: dict[str, int]) -> None:
+    def finish(self, result: Mapping[str, Any], ended: str, evidence: Evidence | None, lost: Mapping[str, int]) -> None:
         """Write result, evidence and the account of what was lost, by topic, and finish the file."""
         counts = {topic: {"messages": n, "lost": lost.get(topic, 0)} for topic, n in self._sink.messages.items()}
         if evidence is not None:
@@ -43,7 +45,7 @@ class BatchWriter:
                 self._sink.attach(attachment.name, attachment.media_type, attachment.data)
             self._sink.write_metadata("fault", evidence.fault)
         if result:
-            self._sink.write_metadata("result", result)
+            self._sink.write_metadata("result", texts(result))
         account = {
             "ended": ended,
             "messages": str(self.messages),

@@ -17,7 +17,8 @@ from google.protobuf.descriptor import Descriptor, FieldDescriptor
 from numpy.typing import NDArray
 
 from hal.record import Field
-from rtstack.topics import MESSAGES, Message
+from hal.topic import Message
+from rtstack.topics import MESSAGES
 
 _VARINT, _I64, _LENGTH = 0, 1, 2  # wire types
 _INT32 = np.iinfo(np.int32)

@@ -1,9 +1,11 @@
 """What the parent hands to the log process, through a nameless temporary file that both have open."""
 
+import json
 import os
 import pickle
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from rtstack.log.frames import CellFrames
 
@@ -37,6 +39,11 @@ class Evidence:
     attachments: tuple[Attachment, ...]
 
 
+def texts(values: Mapping[str, Any]) -> dict[str, str]:
+    """Return the values of a metadata record as MCAP has them: text as it is, anything else as JSON."""
+    return {key: value if isinstance(value, str) else json.dumps(value) for key, value in values.items()}
+
+
 def put_job(file: BinaryIO, job: LogJob) -> None:
     """Write the job; called once, before the process starts."""
     data = pickle.dumps(job)
@@ -49,9 +56,9 @@ def get_job(descriptor: int) -> LogJob:
     return pickle.loads(_read(descriptor, _HEADER, _job_size(descriptor)))
 
 
-def put_result(file: BinaryIO, result: dict[str, str], evidence: Evidence | None = None) -> None:
+def put_result(file: BinaryIO, result: Mapping[str, Any], evidence: Evidence | None = None) -> None:
     """Write the result and the evidence behind the job; called once, before the process is told to finish."""
-    os.pwrite(file.fileno(), pickle.dumps((result, evidence)), _HEADER + _job_size(file.fileno()))
+    os.pwrite(file.fileno(), pickle.dumps((texts(result), evidence)), _HEADER + _job_size(file.fileno()))
 
 
 def get_result(descriptor: int) -> tuple[dict[str, str], Evidence | None]:

@@ -74,10 +74,7 @@ def run(job_descriptor: int, log_descriptor: int, parent: int) -> None:
     try:
         with os.fdopen(log_descriptor, "wb") as file:
             sink = McapSink(file)
-            for name, values in job.metadata:
-                sink.write_metadata(name, values)
-            for attachment in job.attachments:
-                sink.attach(attachment.name, attachment.media_type, attachment.data)
+            sink.begin(job.metadata, job.attachments)
             sink.flush()
             drain = RingDrain(rings, sink, Scenery(job.cell, fr3_urdf()) if job.cell else None)
             rings.state = LogState.READY

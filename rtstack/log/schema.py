@@ -9,7 +9,8 @@ from functools import cache
 from google.protobuf import descriptor_pb2
 
 from hal.record import Field
-from rtstack.topics import MESSAGES, PACKAGE
+from hal.topic import PACKAGE
+from rtstack.topics import MESSAGES
 
 _Type = descriptor_pb2.FieldDescriptorProto
 

@@ -1,7 +1,7 @@
 """The MCAP file while it is being written: foxglove-sdk behind the log's topics, metadata and attachments."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import BinaryIO
 
 import foxglove
@@ -10,6 +10,7 @@ from foxglove.mcap import MCAPCompression, MCAPWriteOptions
 from numpy.typing import NDArray
 
 from rtstack.log.encoding import wire_format
+from rtstack.log.job import Attachment
 from rtstack.log.scenery import Messages, scenery_schemas
 from rtstack.log.schema import sample_descriptors
 from rtstack.log.standard import STANDARD
@@ -67,6 +68,13 @@ class McapSink:
         self._flushed_wall_ns = time.monotonic_ns()
         self._flushed_log_ns: int | None = None
         self._dirty = False
+
+    def begin(self, metadata: Iterable[tuple[str, dict[str, str]]], attachments: Iterable[Attachment]) -> None:
+        """Write what a log begins with: metadata records, name and values, and attachments."""
+        for name, values in metadata:
+            self.write_metadata(name, values)
+        for attachment in attachments:
+            self.attach(attachment.name, attachment.media_type, attachment.data)
 
     def write_metadata(self, name: str, values: dict[str, str]) -> None:
         """Write a metadata record; one without values would be left out by the SDK, so it is not written."""

@@ -9,7 +9,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from rtstack.log.errors import LogError
 from rtstack.log.frames import CellFrames
@@ -148,7 +148,7 @@ class LogProcess:
             time.sleep(_POLL_S)
 
     def close(
-        self, result: dict[str, str] | None = None, evidence: Evidence | None = None, timeout_s: float = 60.0
+        self, result: Mapping[str, Any] | None = None, evidence: Evidence | None = None, timeout_s: float = 60.0
     ) -> LogSummary:
         """Write `result` as metadata and the evidence of a fault, finish the file and wait for it.
 

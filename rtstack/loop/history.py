@@ -1,14 +1,15 @@
 """Everything that a run published, kept in memory: what a result is computed from, as a log gives it back."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hal.compilation import compiled
-from hal.tracker import OBJECT_POSE
 from rtstack.log.push import copy_bytes
-from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, EVENT, TIMING_SAMPLE
+from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, TIMING_SAMPLE
+from rtstack.topics import ARM_TOPICS, CONTROL_TOPICS, EVENT_TOPIC, OBJECT_TOPIC, TIMING_TOPIC, TOPICS
 
 EVENTS = 1024  # that are kept: a trial has some ten
 
@@ -22,6 +23,15 @@ class Columns:
     timing: NDArray
     object: NDArray
 
+    @classmethod
+    def read(cls, topic: Callable[[str], NDArray]) -> "Columns":
+        """Return the samples that `topic` has of each of the topics, cut to the shortest of a tick."""
+        arms, controls = ([topic(name) for name in names] for names in (ARM_TOPICS, CONTROL_TOPICS))
+        timing = topic(TIMING_TOPIC)
+        n = min(map(len, (*arms, *controls, timing)))
+        arm, control = (np.stack([samples[:n] for samples in sides]) for sides in (arms, controls))
+        return cls(arm, control, timing[:n], topic(OBJECT_TOPIC))
+
 
 @compiled("void(int64[:, ::1], int64)")
 def _append(rows, k):
@@ -31,6 +41,28 @@ def _append(rows, k):
         copy_bytes(target, rows[i, 2], rows[i, 1])  # pyright: ignore[reportCallIssue] (numba passes its context)
 
 
+class _Samples:
+    """Preallocated memory for samples (..., capacity) of a record. endless: the newest are kept, else the first."""
+
+    def __init__(self, shape: tuple[int, ...], record: np.dtype, endless: bool) -> None:
+        self.memory = np.zeros(shape, record)
+        # zeros that nobody has touched are no memory yet: the kernel would clear 2 MB in the middle of a tick (8 ms)
+        self.memory.view(np.uint8).fill(0)
+        self._endless = endless
+        self._count = 0
+
+    def take(self, sample: NDArray) -> None:
+        """Copy a sample, (1,), of samples (capacity,)."""
+        if self._count < len(self.memory) or self._endless:
+            self.memory[self._count % len(self.memory)] = sample[0]
+            self._count += 1
+
+    def taken(self, count: int | None = None) -> NDArray:
+        """Return what was taken, oldest first; count: how many there were, where they came in another way."""
+        count, n = self._count if count is None else count, self.memory.shape[-1]
+        return self.memory[..., :count] if count <= n else np.roll(self.memory, -(count % n), axis=-1)
+
+
 class History:
     """Preallocated memory for a run of at most `capacity` ticks: `append` copies and never allocates.
 
@@ -38,22 +70,22 @@ class History:
     """
 
     def __init__(self, capacity: int, endless: bool = False) -> None:
-        self._endless = endless
-        self._arm = np.zeros((2, capacity), ARM_SAMPLE)
-        self._control = np.zeros((2, capacity), CONTROL_SAMPLE)
-        self._timing = np.zeros(capacity, TIMING_SAMPLE)
-        self._object = np.zeros(capacity, OBJECT_POSE)
-        self._events = np.zeros(EVENTS, EVENT)
+        self._capacity, self._endless = capacity, endless
+        self._arm = _Samples((2, capacity), ARM_SAMPLE, endless)
+        self._control = _Samples((2, capacity), CONTROL_SAMPLE, endless)
+        self._timing = _Samples((capacity,), TIMING_SAMPLE, endless)
+        self._others = {EVENT_TOPIC: _Samples((EVENTS,), TOPICS[EVENT_TOPIC].record, False)}
+        self.keep(OBJECT_TOPIC)
         self._sources: tuple[NDArray, ...] = ()
         self._left: tuple[NDArray, NDArray] | None = None
         self._rows = np.zeros((0, 3), np.int64)
-        self._capacity = capacity
         self._ticks = 0
-        self._poses = 0
-        self._said = 0
-        # zeros that nobody has touched are no memory yet: the kernel would clear 2 MB in the middle of a tick (8 ms)
-        for array in (self._arm, self._control, self._timing, self._object):
-            array.view(np.uint8).fill(0)
+
+    def keep(self, topic: str) -> Callable[[NDArray], None]:
+        """Make room for a topic that is not of the ticks, at most a sample a tick; return what takes a sample, (1,)."""
+        if topic not in self._others:
+            self._others[topic] = _Samples((self._capacity,), TOPICS[topic].record, self._endless)
+        return self._others[topic].take
 
     def append(self, left: tuple[NDArray, NDArray], right: tuple[NDArray, NDArray], timing: NDArray) -> None:
         """Take both arms' arm and control records and the timing, (1,) each. Beyond the capacity: see the class."""
@@ -71,30 +103,14 @@ class History:
 
     def _bind(self, sources: tuple[NDArray, ...]) -> None:
         """Look up where the records (1,) are, and where they go. Raises TypeError for a record of another dtype."""
-        targets = (self._arm[0], self._control[0], self._arm[1], self._control[1], self._timing)
+        arm, control = self._arm.memory, self._control.memory
+        targets = (arm[0], control[0], arm[1], control[1], self._timing.memory)
         for source, target in zip(sources, targets, strict=True):
             if source.dtype != target.dtype or source.shape != (1,):
                 raise TypeError(f"a record of shape (1,) and dtype {target.dtype} is needed, not {source.dtype}")
         self._sources = sources
         rows = [(t.ctypes.data, t.itemsize, s.ctypes.data) for s, t in zip(sources, targets, strict=True)]
         self._rows = np.array(rows, np.int64)
-
-    def append_pose(self, pose: NDArray) -> None:
-        """Take an object pose, (1,)."""
-        if self._poses < len(self._object) or self._endless:
-            self._object[self._poses % len(self._object)] = pose[0]
-            self._poses += 1
-
-    def append_event(self, event: NDArray) -> None:
-        """Take an event, (1,). Beyond the first EVENTS none is kept."""
-        if self._said < EVENTS:
-            self._events[self._said] = event[0]
-            self._said += 1
-
-    @property
-    def events(self) -> NDArray:
-        """The events that were taken, a view."""
-        return self._events[: self._said]
 
     @property
     def ticks(self) -> int:
@@ -103,15 +119,13 @@ class History:
 
     def columns(self) -> Columns:
         """Return what was taken, oldest first: views, copies where an endless run has gone round."""
-        return Columns(
-            arm=_in_order(self._arm, self._ticks),
-            control=_in_order(self._control, self._ticks),
-            timing=_in_order(self._timing, self._ticks),
-            object=_in_order(self._object, self._poses),
-        )
+        arm, control, timing = (samples.taken(self._ticks) for samples in (self._arm, self._control, self._timing))
+        return Columns(arm, control, timing, self._others[OBJECT_TOPIC].taken())
 
-
-def _in_order(records: NDArray, count: int) -> NDArray:
-    """Return the records (..., n) that were written, of which there were `count`."""
-    n = records.shape[-1]
-    return records[..., :count] if count <= n else np.roll(records, -(count % n), axis=-1)
+    def batches(self) -> dict[str, NDArray]:
+        """Return what was taken by topic, in the order of the table, as `columns` does."""
+        columns = self.columns()
+        of_ticks = (*columns.arm, *columns.control, columns.timing)
+        found = dict(zip((*ARM_TOPICS, *CONTROL_TOPICS, TIMING_TOPIC), of_ticks, strict=True))
+        found |= {topic: samples.taken() for topic, samples in self._others.items()}
+        return {topic: found[topic] for topic in TOPICS if topic in found}

@@ -1,23 +1,70 @@
 """Where the loop's samples go: any number of rings, and an in-memory history."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.tracker import OBJECT_POSE, ObjectPose, ObjectTracker
+from hal.sensor import Sensor
+from hal.tracker import ObjectTracker
+from rtstack.log.errors import LogError
 from rtstack.log.push import push_all
 from rtstack.log.ring import Rings
 from rtstack.loop.history import History
 from rtstack.samples import EVENT, TIMING_SAMPLE, Level
+from rtstack.topics import ARM_TOPICS, CONTROL_TOPICS, EVENT_TOPIC, OBJECT_TOPIC, REFUSED, TIMING_TOPIC, TOPICS
 
-_OF_A_TICK = ("/left/arm", "/left/control", "/right/arm", "/right/control", "/timing")
+_OF_A_TICK = (ARM_TOPICS[0], CONTROL_TOPICS[0], ARM_TOPICS[1], CONTROL_TOPICS[1], TIMING_TOPIC)
+_ALWAYS = np.ones(1, np.int64)
+
+
+class _Stream:
+    """The samples of a topic that come at a rate of their own: each is published once, when its stamp is a new one."""
+
+    def __init__(self, topic: str, rings: Sequence[Rings], history: History | None) -> None:
+        if topic not in TOPICS:
+            reason = "; ".join(REFUSED) or "declare it (docs/howto/topic.md)"
+            raise LogError(f"the topic {topic} of a sensor is not in the topic table: {reason}")
+        self.sample = np.zeros(1, TOPICS[topic].record)
+        self.sample["t_ns"] = -1
+        self._offered = self._known = self.sample
+        self._stamp, self._seen = self.sample["t_ns"], _ALWAYS
+        self._published_ns = -1
+        self._takers: list[Callable[[NDArray], None]] = [ring.pusher(topic).push for ring in rings]
+        if history is not None:
+            self._takers.append(history.keep(topic))
+
+    def offer(self, sample: NDArray, origin_ns: int, now_ns: int) -> None:
+        """Take a sample for the next `publish`; its stamp counts from origin_ns unless that is 0: see `look`."""
+        if origin_ns:
+            t_ns = sample["t_ns"].item()
+            if sample is not self.sample:
+                self.sample[:] = sample
+            if t_ns >= 0:
+                self.sample["t_ns"][0] = min(max(0, t_ns - origin_ns), now_ns)
+            sample = self.sample
+        self._offered = sample
+
+    def publish(self) -> None:
+        """Publish what was offered, where it is new and was seen."""
+        sample = self._offered
+        if sample is not self._known:
+            self._known, self._stamp = sample, sample["t_ns"]
+            self._seen = sample["seen"] if "seen" in (sample.dtype.names or ()) else _ALWAYS
+        t_ns = self._stamp.item()
+        if t_ns != self._published_ns and self._seen[0]:
+            self._published_ns = t_ns
+            for take in self._takers:
+                take(sample)
 
 
 class Publisher:
-    """Publishes a tick to every ring. Events are fixed-size records too: formatting happens on events only."""
+    """Publishes a tick to every ring. Events are fixed-size records too: formatting happens on events only.
 
-    def __init__(self, rings: Sequence[Rings], history: History | None) -> None:
+    sensors: read with the object's pose. Raises LogError for one whose topic is not in the table.
+    """
+
+    def __init__(self, rings: Sequence[Rings], history: History | None, sensors: Sequence[Sensor] = ()) -> None:
         self.timing = np.zeros(1, TIMING_SAMPLE)
         self._history = history
         self._event = np.zeros(1, EVENT)
@@ -25,45 +72,34 @@ class Publisher:
         self._left: tuple[NDArray, NDArray] | None = None
         self._right: tuple[NDArray, NDArray] | None = None
         self._rows = np.zeros((0, 5), np.int64)
-        self._pose = self._last_pose = ObjectPose.empty().record
-        self._moved_pose = np.zeros(1, OBJECT_POSE)
-        self._stamp = self._seen = np.zeros(1, np.int64)
-        self._pose_t_ns = -1
-        self._pose_pushers = [ring.pusher("/object/pose").push for ring in rings]
-        self._event_pushers = [ring.pusher("/events").push for ring in rings]
+        self._object = _Stream(OBJECT_TOPIC, rings, history)
+        self._sensors = [(sensor, _Stream(sensor.topic, rings, history)) for sensor in sensors]
+        self._streams = [self._object, *(stream for _, stream in self._sensors)]
+        self._event_takers: list[Callable[[NDArray], None]] = [ring.pusher(EVENT_TOPIC).push for ring in rings]
+        if history is not None:
+            self._event_takers.append(history.keep(EVENT_TOPIC))
 
     def look(self, tracker: ObjectTracker, origin_ns: int = 0, now_ns: int = 0) -> None:
-        """Take the object's pose for the next `tick`. origin_ns: robot's time that the log counts from, unless 0, and
-        now_ns, how long ago that is. All stands still until the first answer: what was seen before then is how the
-        object stands at the first state, and has its stamp.
+        """Take the object's pose and the sensors' samples for the next `tick`. origin_ns: robot's time that the log
+        counts from, unless 0, and now_ns, how long ago that is. All stands still until the first answer: what was seen
+        before then is how the object stands at the first state, and has its stamp.
 
         A robot that waits for its answer is asked before it has got one: afterwards its next pose may be there already.
         """
-        seen = tracker.latest().record
-        if not origin_ns:
-            self._pose = seen
-        else:
-            self._moved_pose[:] = seen
-            self._moved_pose["t_ns"][0] = min(max(0, seen["t_ns"].item() - origin_ns), now_ns)
-            self._pose = self._moved_pose
+        self._object.offer(tracker.latest().record, origin_ns, now_ns)
+        for sensor, stream in self._sensors:
+            sensor.read(stream.sample)
+            stream.offer(stream.sample, origin_ns, now_ns)
 
     def tick(self, left: tuple[NDArray, NDArray], right: tuple[NDArray, NDArray]) -> None:
-        """Publish the arm and control records (1,) of both arms, the timing, and the object's pose where it is new."""
+        """Publish the arm and control records (1,) of both arms, the timing, and what was looked at and is new."""
         if left is not self._left or right is not self._right:
             self._bind(left, right)
         push_all(self._rows)
         if self._history is not None:
             self._history.append(left, right, self.timing)
-        pose = self._pose
-        if pose is not self._last_pose:
-            self._last_pose, self._stamp, self._seen = pose, pose["t_ns"], pose["seen"]
-        t_ns = self._stamp.item()
-        if t_ns != self._pose_t_ns and self._seen[0]:
-            self._pose_t_ns = t_ns
-            for push in self._pose_pushers:
-                push(pose)
-            if self._history is not None:
-                self._history.append_pose(pose)
+        for stream in self._streams:
+            stream.publish()
 
     def _bind(self, left: tuple[NDArray, NDArray], right: tuple[NDArray, NDArray]) -> None:
         """Look up where the records are: the loop publishes the same ones every tick."""
@@ -78,7 +114,5 @@ class Publisher:
         self._event["level"][0] = level
         self._event["name"][0] = name.encode("ascii", "replace")
         self._event["text"][0] = text.encode("ascii", "replace")
-        for push in self._event_pushers:
-            push(self._event)
-        if self._history is not None:
-            self._history.append_event(self._event)
+        for take in self._event_takers:
+            take(self._event)

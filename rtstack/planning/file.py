@@ -11,13 +11,14 @@ from hal.files import replacing
 from hal.tracker import OBJECT_POSE
 from rtstack.log.errors import LogError
 from rtstack.log.frames import quaternions_of
-from rtstack.log.job import Attachment
+from rtstack.log.job import Attachment, texts
 from rtstack.log.scenery import Scenery
 from rtstack.log.sink import McapSink
 from rtstack.model.cell_description import CellDescription
 from rtstack.planning.planned import PlannedMotion
 from rtstack.references.planned import MONITOR, PLAN
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, EVENT, SIDES, TIMING_SAMPLE, Level, Mode
+from rtstack.topics import ARM_TOPICS, CONTROL_TOPICS, EVENT_TOPIC, OBJECT_TOPIC, TIMING_TOPIC
 from rtstack.trials.provenance import git_commit, package_versions
 from rtstack.trials.record import frames
 
@@ -29,16 +30,15 @@ def write_plan(
 
     tuning: of the plan's monitor, TOML, which goes with it.
     """
-    values = {key: value if isinstance(value, str) else json.dumps(value) for key, value in planned.as_dict().items()}
     load = planned.recording.load
-    values["load"] = json.dumps([] if load is None else load.tolist())
+    values = texts(planned.as_dict() | {"load": [] if load is None else load.tolist()})
     trial = {
         "kind": "plan", "object": planned.recording.object, "versions": json.dumps(package_versions()),
         "git_commit": git_commit(),
     }  # fmt: skip
     batches = _records(planned)
     scenery = Scenery(frames(description, planned.recording.object), fr3_urdf())
-    arms = {side: batches[f"/{side}/arm"] for side in SIDES}
+    arms = {side: batches[topic] for side, topic in zip(SIDES, ARM_TOPICS, strict=True)}
     attachments = [
         Attachment("cell.toml", "application/toml", cell_file.read_bytes()),
         Attachment("fr3.urdf", "application/xml", fr3_urdf().encode()),
@@ -48,11 +48,8 @@ def write_plan(
     try:
         with replacing(path) as partial, open(partial, "wb") as file:
             sink = McapSink(file)
-            sink.write_metadata("trial", trial)
-            sink.write_metadata(PLAN, values)
-            for attachment in attachments:
-                sink.attach(attachment.name, attachment.media_type, attachment.data)
-            sink.write(batches, scenery.update(arms, batches["/object/pose"]))
+            sink.begin([("trial", trial), (PLAN, values)], attachments)
+            sink.write(batches, scenery.update(arms, batches[OBJECT_TOPIC]))
             sink.close()
     except OSError as error:
         raise LogError(f"cannot write {path}: {error.strerror or error}") from None
@@ -63,7 +60,7 @@ def _records(planned: PlannedMotion) -> dict[str, NDArray]:
     n = recording.points.shape[1]
     t_ns = np.arange(n) * round(recording.period_s * 1e9)
     batches: dict[str, NDArray] = {}
-    for arm, side in enumerate(SIDES):
+    for arm in range(2):
         points, motion = recording.points[arm], planned.joints[arm]
         sample, control = np.zeros(n, ARM_SAMPLE), np.zeros(n, CONTROL_SAMPLE)
         sample["t_ns"] = control["t_ns"] = t_ns
@@ -75,7 +72,7 @@ def _records(planned: PlannedMotion) -> dict[str, NDArray]:
         control["pose_ref"][:, 3:] = quaternions_of(points["rotation"])
         control["twist_ref"], control["beta"] = points["twist"], points["beta"]
         control["wrench_ff"] = control["wrench_desired"] = points["wrench_ff"]
-        batches[f"/{side}/arm"], batches[f"/{side}/control"] = sample, control
+        batches[ARM_TOPICS[arm]], batches[CONTROL_TOPICS[arm]] = sample, control
     timing, pose, event = np.zeros(n, TIMING_SAMPLE), np.zeros(n, OBJECT_POSE), np.zeros(2, EVENT)
     timing["t_ns"] = pose["t_ns"] = t_ns
     pose["position"], pose["orientation_wxyz"], pose["seen"] = planned.object_position, (1.0, 0.0, 0.0, 0.0), 1
@@ -83,4 +80,4 @@ def _records(planned: PlannedMotion) -> dict[str, NDArray]:
         event, (recording.impact, recording.release), ("nominal impact, planned", "release, planned"), strict=True
     ):
         record["t_ns"], record["level"], record["name"], record["text"] = t_ns[tick], Level.INFO, PLAN, text
-    return batches | {"/timing": timing, "/object/pose": pose, "/events": event}
+    return batches | {TIMING_TOPIC: timing, OBJECT_TOPIC: pose, EVENT_TOPIC: event}

@@ -7,7 +7,7 @@ from rtstack.log.ring import Rings
 from rtstack.loop.session import StopSignal
 from rtstack.loop.watchdogs import Watchdog
 from rtstack.trials.attendant import Attendant
-from rtstack.trials.record import TrialLog
+from rtstack.trials.record import RunLog
 
 Progress = Callable[[float], None]
 
@@ -22,7 +22,7 @@ class Company:
     attendant: whose remarks go into the log, and who learns how the session ended.
     """
 
-    log: TrialLog | None = None
+    log: RunLog | None = None
     live: Rings | None = None
     stop: StopSignal | None = None
     progress: Progress | None = None

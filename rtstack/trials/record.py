@@ -3,7 +3,7 @@
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from rtstack.log.errors import LogError
 from rtstack.log.ring import LogState, Rings
 from rtstack.log.writer import Attachment, CellFrames, Evidence, LogProcess
 from rtstack.loop.end import End
-from rtstack.loop.history import History
+from rtstack.loop.history import Columns, History
 from rtstack.loop.watchdogs import Trip
 from rtstack.model.cell_description import CellDescription, base_frame
 from rtstack.references.spreading import ExtendedReference
@@ -39,36 +39,110 @@ _END_S = 60.0  # for the log process to read what is left
 _END_OF_HANGING_S = 2.0
 
 
-class TrialLog:
-    """An open log, and its watchdog. `lockstep`: the robot waits for its answer, so that the run may wait for the log.
+class RunLog(Protocol):
+    """What keeps a run's samples and its result. One of the run's watchdogs: `trip` says that the log has failed.
 
-    evidence: of a fault, to be written by `close`.
+    path: of the file. evidence: of a fault, set before `close`, which writes it.
     """
 
-    evidence: Evidence | None = None
-    _trouble = ""
-    _hangs = False
+    path: Path
+    evidence: Evidence | None
+
+    @property
+    def listening(self) -> tuple[Rings, ...]:
+        """The rings that the run publishes to."""
+        ...
+
+    def take_from(self, history: History) -> None:
+        """Learn where the run keeps its samples."""
+        ...
+
+    def wait_ready(self) -> None:
+        """Wait until samples are being kept: no arm moves before that. Raises LogError."""
+        ...
+
+    def trip(self) -> Trip | None:
+        """Return how the run has to end, None while the log is well. Never waits."""
+        ...
+
+    def wait_for_room(self) -> None:
+        """Between two ticks: wait, where the run may, until there is room for more samples. Never raises."""
+        ...
+
+    def close(self, result: dict[str, Any]) -> str | None:
+        """Write the result. Returns None, or in one line why the log is not complete."""
+        ...
+
+    def abandon(self) -> None:
+        """Finish without a result, when something worse has happened. Never raises."""
+        ...
+
+
+class RunSamples:
+    """A RunLog that keeps the samples of a run in memory, as `columns` once it is closed, and writes nothing."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.evidence: Evidence | None = None
+        self.columns: Columns | None = None
+        self.history: History | None = None
+
+    @property
+    def listening(self) -> tuple[Rings, ...]:
+        """See RunLog: none, nobody reads while the run goes on."""
+        return ()
+
+    def take_from(self, history: History) -> None:
+        """See RunLog."""
+        self.history = history
+
+    def wait_ready(self) -> None:
+        """See RunLog: there is nothing to wait for."""
+
+    def trip(self) -> None:
+        """See RunLog: nothing is written meanwhile, and nothing can fail."""
+
+    def wait_for_room(self) -> None:
+        """See RunLog: there is room for the whole run."""
+
+    def close(self, result: dict[str, Any]) -> str | None:
+        """See RunLog."""
+        if self.history is not None:
+            self.columns = self.history.columns()
+        return None
+
+    def abandon(self) -> None:
+        """See RunLog."""
+
+
+class TrialLog:
+    """A RunLog that another process writes meanwhile.
+
+    lockstep: the robot waits for its answer, so that the run may wait for the log.
+    """
 
     def __init__(self, path: Path, rings: Rings, process: LogProcess, lockstep: bool) -> None:
         self.path = path
         self.rings = rings
+        self.evidence: Evidence | None = None
+        self._trouble, self._hangs = "", False
         self._process = process
         self._lockstep = lockstep
 
     @property
     def listening(self) -> tuple[Rings, ...]:
-        """The rings that a run has to publish to."""
+        """See RunLog."""
         return (self.rings,)
 
     def take_from(self, history: History) -> None:
-        """Learn where the run keeps its samples: nothing to a log that has rings."""
+        """See RunLog: the rings have the samples."""
 
     def wait_ready(self) -> None:
-        """Wait until the log is being written: no arm moves before that. Raises LogError."""
+        """See RunLog."""
         self._process.wait_ready()
 
     def trip(self) -> Trip | None:
-        """See Watchdog: the log process has said that it failed, or `wait_for_room` has found that it is gone."""
+        """See RunLog: the log process has said that it failed, or `wait_for_room` has found that it is gone."""
         if not self._trouble and self.rings.state is LogState.FAILED:
             self._trouble = self.rings.error
         return Trip(End.LOG_FAILED, self._trouble) if self._trouble else None
@@ -96,8 +170,7 @@ class TrialLog:
     def close(self, result: dict[str, Any]) -> str | None:
         """Write the result and finish the file. Returns None, or in one line why the log is not complete."""
         try:
-            values = {key: value if isinstance(value, str) else json.dumps(value) for key, value in result.items()}
-            self._process.close(values, self.evidence, _END_OF_HANGING_S if self._hangs else _END_S)
+            self._process.close(result, self.evidence, _END_OF_HANGING_S if self._hangs else _END_S)
         except LogError as error:
             return str(error)
         finally:

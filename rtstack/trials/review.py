@@ -11,7 +11,6 @@ from rtstack.control.parameters import DetectorParameters
 from rtstack.log.reader import Event, Log, read_log
 from rtstack.loop.history import Columns
 from rtstack.references.motion import Motion
-from rtstack.samples import SIDES
 from rtstack.trials.scoring import Score, SuccessCriterion, score
 
 
@@ -77,16 +76,7 @@ def review_log(path: Path) -> Review:
 
 def log_columns(log: Log) -> Columns:
     """Return the samples of a log as the columns that a run keeps in memory, cut to the shortest topic."""
-    arms = [log.topic(f"/{side}/arm") for side in SIDES]
-    controls = [log.topic(f"/{side}/control") for side in SIDES]
-    timing = log.topic("/timing")
-    n = min(len(topic) for topic in (*arms, *controls, timing))
-    return Columns(
-        arm=np.stack([arm[:n] for arm in arms]),
-        control=np.stack([control[:n] for control in controls]),
-        timing=timing[:n],
-        object=log.topic("/object/pose"),
-    )
+    return Columns.read(log.topic)
 
 
 def _detected(recorded: dict[str, str]) -> float | None:

@@ -92,7 +92,7 @@ class Run:
         """Follow the plan on the cell to its end."""
         controller = dual_arm_controller(self._description, self._parameters, factory, nominal_impact_s, watched)
         self.monitor = controller.monitor
-        publisher = self._publisher = Publisher(self._company.listening, self.history)
+        publisher = self._publisher = Publisher(self._company.listening, self.history, cell.sensors)
         judges = safety_judges(self._description, self._limits)
         session = Session(
             cell, controller, judges, publisher, self._plan, self._company.stop, self._between_ticks,

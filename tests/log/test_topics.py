@@ -3,7 +3,8 @@
 import pytest
 
 from hal.record import Field
-from rtstack.topics import TOPICS, Message, Topic, topic_table
+from hal.topic import Message, Topic
+from rtstack.topics import TOPICS, topic_table
 
 
 def test_two_topics_of_one_name_are_refused() -> None:

@@ -1,0 +1,65 @@
+"""A topic of the log: what its samples are, and how often they come. rtstack.topics is the table of all of them."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from hal.record import Field, record_of
+
+PACKAGE = "rtstack"  # of the messages whose schema is made from the table
+
+
+@dataclass(frozen=True)
+class Message:
+    """What the samples of a topic are. schema: rtstack.NAME, or one of Foxglove's (rtstack.log.standard has them)."""
+
+    schema: str
+    text: str
+    fields: tuple[Field, ...]
+
+    @cached_property
+    def record(self) -> np.dtype:
+        """The samples in memory: t_ns and the fields. In the file the message's log time is t_ns."""
+        return record_of(self.fields)
+
+    @property
+    def name(self) -> str:
+        """The schema without its package."""
+        return self.schema.rpartition(".")[2]
+
+    @property
+    def is_ours(self) -> bool:
+        """Whether its schema is made from the fields."""
+        return self.schema.startswith(f"{PACKAGE}.")
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """One row of the table.
+
+    rate_hz: nominal; 0 for events. every_tick: published in every tick of every run: the log waits for it. plotted:
+    whether the review has its fields as curves, in the group that the topic's name begins with.
+    """
+
+    name: str
+    message: Message
+    rate_hz: int
+    text: str = ""
+    every_tick: bool = False
+    plotted: bool = True
+
+    @property
+    def record(self) -> np.dtype:
+        """The dtype of its samples."""
+        return self.message.record
+
+    @property
+    def group(self) -> str:
+        """The first part of its name: left, right, timing, object."""
+        return self.name.split("/")[1]
+
+    @property
+    def plotted_fields(self) -> tuple[Field, ...]:
+        """The fields that are curves."""
+        return tuple(field for field in self.message.fields if self.plotted and field.plotted)
