@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rtstack.bench.plain import PlainArm, PlainSetpoint, PlainState
 from rtstack.control.modes import ModeMachine, Strategy
-from rtstack.control.plain import PlainArm, PlainSetpoint, PlainState
 from rtstack.control.records import POINT
 from rtstack.control.tick import ArmController, DualArmController
 from rtstack.control.watch import TrialMonitor
@@ -65,11 +65,12 @@ class _Pair:
     """Both implementations of one dual-arm tick, fed with the same states."""
 
     def __init__(self, description: CellDescription, parameters: Parameters, rng: np.random.Generator) -> None:
+        description = replace(description, safety={})  # the walk leaves the cell's box
         self.arms = arm_controllers(description, parameters)
         machine = ModeMachine(Strategy.PROPOSED, parameters.control, 1e9)
         machine.begin(Mode.ANTE_IMPACT)
         self.controller = DualArmController(*self.arms, machine, _monitor(parameters.control.period_s))
-        self.judges = safety_judges(replace(description, safety={}))  # the walk leaves the cell's box
+        self.judges = safety_judges(description)
         mountings = (description.left, description.right)
         self.plain = tuple(
             PlainArm(
@@ -78,6 +79,7 @@ class _Pair:
             )
             for mounting, friction in zip(mountings, parameters.friction, strict=True)
         )  # fmt: skip
+        self._tau_J_max = float(self.arms[0].limits["tau_J_max"][0, 1])
         self.homes = [np.array(mounting.home) for mounting in mountings]
         self.stiffness = np.array(parameters.control.stiffness)
         for arm in self.arms:
@@ -106,11 +108,9 @@ class _Pair:
             point["rotation"][0] = arm.model.R7 @ arm.model.R_joint_ee
             point["twist"][0, :3] = 0.02 * np.cos(t + self._phase[a, :3])
             point["xi"][0] = q[0]
-            for implementation in (arm, self.plain[a]):
-                implementation.tau_max[:] = (87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0)
-                if constrain:
-                    # less than the joint needs to carry the arm: the torque row is active whatever is wanted
-                    implementation.tau_max[1] = 0.5 * abs(arm.model.g[1])
+            for tau_J_max in (arm.limits["tau_J_max"][0], self.plain[a].limits.tau_J_max):
+                # less than the joint needs to carry the arm: the torque row is active whatever is wanted
+                tau_J_max[1] = 0.5 * abs(arm.model.g[1]) if constrain else self._tau_J_max
             sample = arm.sample
             sample["t_ns"][0] = self._now_ns
             sample["q"][0], sample["dq"][0], sample["tau_J"][0] = q, dq, state.tau_J

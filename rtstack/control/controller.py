@@ -2,7 +2,7 @@
 
 from typing import Protocol
 
-from numpy import floating, void
+from numpy import void
 from numpy.typing import NDArray
 
 from rtstack.control.modes import ModeMachine
@@ -33,13 +33,8 @@ class ObservedArm(Protocol):
     @property
     def workspace(self) -> NDArray[void]: ...
     @property
-    def tau_max(self) -> NDArray[floating]:
-        """The largest torque of each joint (7,), Nm, gravity's included."""
-        ...
-
-    @property
-    def tau_step(self) -> float:
-        """The largest step of a torque in a tick, Nm: a little less than what the judge allows."""
+    def limits(self) -> NDArray[void]:
+        """What a law may ask for, (1,) of CONTROL_LIMITS (rtstack.safety.limits): inside the judge's limits."""
         ...
 
     @property

@@ -49,10 +49,14 @@ def observe(
 
 
 @compiled
-def torque(workspaces, samples, tau_step):
-    """tau = M ddq + C dq + friction (4), gravity excluded, at most tau_step Nm away from the last applied torque."""
+def torque(workspaces, samples, limits):
+    """tau = M ddq + C dq + friction (4), gravity excluded, at most tau_step Nm away from the last applied torque.
+
+    limits (1,) of CONTROL_LIMITS.
+    """
     work = workspaces[0]
     out = samples[0].tau_desired
+    tau_step = limits[0].tau_step
     for i in range(7):
         tau = work.coriolis[i] + work.friction[i]
         for j in range(7):
@@ -62,9 +66,20 @@ def torque(workspaces, samples, tau_step):
 
 
 @compiled
+def external_acceleration(work, control):
+    """Write what the environment's torque accelerates the joints with to work.seven, rad/s^2: -M^-1 momentum_residual.
+
+    work.factor: of M, as `task_inertia` has left it.
+    """
+    for i in range(7):
+        work.seven[i] = -control.momentum_residual[i]
+    solve_lower(work.factor, 7, work.seven)
+    solve_lower_transposed(work.factor, 7, work.seven)
+
+
+@compiled
 def pose_problem(
-    samples, workspaces, setpoints, controls, joint, weight_impedance, weight_posture, regularisation,
-    limits_table, tau_max, dt, tau_step,
+    samples, workspaces, setpoints, controls, joint, weight_impedance, weight_posture, regularisation, limits,
 ):  # fmt: skip
     """Write the QP of this tick. Where no limit is active its minimiser is the solution: True, tau_desired is out."""
     sample = samples[0]
@@ -74,8 +89,9 @@ def pose_problem(
     desired_wrench(work, setpoints[0], control)
     desired_posture(sample.q, sample.dq, setpoints[0], control, joint)
     quadratic_cost(work, control, joint, weight_impedance, weight_posture, regularisation)
-    acceleration_bounds(sample.q, sample.dq, limits_table, dt, work.lower, work.upper)
-    torque_bounds(work, tau_max)
+    external_acceleration(work, control)
+    acceleration_bounds(sample.q, sample.dq, work.seven, limits[0], work.lower, work.upper)
+    torque_bounds(work, limits[0])
     if not cholesky(work.H, 7, work.factor):
         return False
     for i in range(7):
@@ -90,7 +106,7 @@ def pose_problem(
             tau += work.M[i, j] * work.ddq[j]
         if not (work.tau_lower[i] <= tau <= work.tau_upper[i]):
             return False
-    torque(workspaces, samples, tau_step)
+    torque(workspaces, samples, limits)
     control.qp_status = UNCONSTRAINED
     control.qp_iterations = 0
     return True

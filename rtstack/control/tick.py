@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.compilation import bound
-from hal.limits import FR3
 from rtstack.control.completion import CompletionDetector
 from rtstack.control.controller import ArmLaw
 from rtstack.control.detector import ImpactDetector
@@ -29,6 +28,7 @@ from rtstack.control.records import POINT, SETPOINT, WORKSPACE
 from rtstack.control.setpoint import choose
 from rtstack.control.watch import TrialMonitor
 from rtstack.model.arm_model import ArmModel
+from rtstack.safety.limits import HARDWARE, SafetyLimits, control_limits
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, Mode, QpSolver, QpStatus, Reaction
 
 ANTE, INTERIM, POST = 0, 1, 2
@@ -48,12 +48,6 @@ _BLEND = tuple(
     for mode in Mode
 )
 
-# braking that a joint bound may ask for: the FR3's acceleration limit, or the deceleration of its velocity limits
-_BRAKING = np.maximum(FR3.ddq_max, FR3.deceleration)
-LIMITS_TABLE = np.array(
-    [FR3.q_lower, FR3.q_upper, FR3.dq_max, FR3.velocity_offset, FR3.deceleration, _BRAKING], dtype=np.float64
-)
-
 
 class ArmController:
     """One arm: its model, observer, detector and QP. `sample` and `control` are what the log sees of a tick."""
@@ -67,7 +61,9 @@ class ArmController:
         friction: FrictionParameters,
         solver: QpSolver = QpSolver.PROXQP,
         completion: CompletionParameters | None = None,
+        limits: SafetyLimits = HARDWARE,
     ) -> None:
+        """limits: the judge's; the controller's are inside them."""
         self.model = model
         self.sample = np.zeros(1, ARM_SAMPLE)
         self.control = np.zeros(1, CONTROL_SAMPLE)
@@ -75,8 +71,7 @@ class ArmController:
         self.workspace = np.zeros(1, WORKSPACE)
         self.impact = False
         self.program = program(solver)
-        self.tau_max = np.array(FR3.tau_max)
-        self.limits_table = LIMITS_TABLE.copy()
+        self.limits = control_limits(limits, parameters.period_s)
         self.parameters = parameters
         self._detector = detector
         self._inertia = inertia
@@ -92,7 +87,6 @@ class ArmController:
         self._blend_interim = parameters.blend_interim
         self._stiffness_after = parameters.stiffness_after_impact
         self._stiffness = self.setpoint["stiffness"][0]
-        self.tau_step = FR3.tau_rate_max * parameters.period_s * (1.0 - 2e-4)  # a little inside the judge's line
         # views of single fields: looking a field up costs more than writing it
         sample = self.sample[0]
         self._q, self._dq = sample["q"], sample["dq"]
@@ -122,9 +116,9 @@ class ArmController:
         self._pose_problem = bound(
             pose_problem,
             self.sample, self.workspace, self.setpoint, self.control, p.posture_joint, p.weight_impedance,
-            p.weight_posture, p.regularisation, self.limits_table, self.tau_max, p.period_s, self.tau_step,
+            p.weight_posture, p.regularisation, self.limits,
         )  # fmt: skip
-        self._torque = bound(torque, self.workspace, self.sample, self.tau_step)
+        self._torque = bound(torque, self.workspace, self.sample, self.limits)
 
     def observe(self) -> None:
         """Take the state in `sample`: kinematics, dynamics, external force, residual, impact."""
@@ -302,6 +296,7 @@ def make_arm_controller(
     inertia: InertiaParameters | None = None,
     friction: FrictionParameters | None = None,
     solver: QpSolver = QpSolver.PROXQP,
+    limits: SafetyLimits = HARDWARE,
 ) -> ArmController:
     """Return an arm's controller with the papers' numbers where none are given."""
     return ArmController(
@@ -311,4 +306,5 @@ def make_arm_controller(
         inertia or InertiaParameters(),
         friction or FrictionParameters(),
         solver,
+        limits=limits,
     )

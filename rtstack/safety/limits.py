@@ -1,18 +1,43 @@
-"""Where the judge draws its lines: the hardware's limits, which a table `[safety]` may tighten and never widen."""
+"""The one order of limits: the vendor's, the judge's inside, the cell's inside those, the controller's inside all.
+
+`hal.limits` has the vendor's. `hardware_limits` draws the judge's lines a margin inside; a table `[safety]` of a cell
+or a trial may tighten them and never widen them; `control_limits` draws the controller's a margin inside what is left,
+so that what it asks for at a limit of its own passes the judge. All margins stand here.
+"""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from math import inf, isfinite
 from typing import Any
 
-from hal.limits import COLLISION_TORQUES, FR3, ArmLimits
+import numpy as np
+from numpy.typing import NDArray
+
+from hal.limits import COLLISION_TORQUES, CONTROL_PERIOD_S, FR3, ArmLimits
 
 Seven = tuple[float, float, float, float, float, float, float]
 Three = tuple[float, float, float]
+Array = NDArray[np.float64]
 
-# the robot's own reflex trips at its limit: stay a little inside
+# the judge's inside the vendor's: the robot's own reflex trips at its limit; the rate's limit is a strict one, and the
+# wire rounds to single precision
 VELOCITY_FRACTION = 0.98
 POSITION_MARGIN_RAD = 0.005
+RATE_FRACTION = 1.0 - 1e-4
+# the controller's inside the judge's. Velocity: as much again as between vendor and judge, at every place, also where
+# the vendor's limit falls towards the end of a joint's range; at most half of what a cell leaves. While the torque's
+# rate is limited and the joints swing, a joint exceeds its own line by up to a third of it (test_binding_limits.py)
+CONTROL_VELOCITY_MARGIN = 1.0 - VELOCITY_FRACTION  # of the vendor's dq_max
+LARGEST_VELOCITY_SHARE = 0.5
+CONTROL_TORQUE_FRACTION = 0.999  # the solver's answers are exact to 1e-4 Nm
+CONTROL_MEASURED_FRACTION = 0.9  # the measured torque swings about the commanded one, as a plan counts on, too
+CONTROL_RATE_FRACTION = 1.0 - 2e-4
+# how fast a joint comes to a line: its distance from the line falls with this time constant at most. A torque that
+# falls by 1000 Nm/s keeps up where the acceleration that ends takes up to 40 Nm; at 0.01 s the plant's joints swing
+APPROACH_S = 0.02
+# of a joint's braking: how much of what pushes it from outside is countered at a line. Pads that squeeze an object with
+# 100 N push joint 2 with 14 rad/s^2
+PUSH_SHARE = 2.0
 LARGEST_SPEED_M_S = 3.0  # source: libfranka, rate_limiting.h, kMaxTranslationalVelocity
 LARGEST_GAP_S = 0.02  # source FCI: 20 packets lost in a row abort the motion
 SMALLEST_DISTANCE_M = 0.02  # ours: between the capsules of the two arms
@@ -46,20 +71,45 @@ class SafetyLimits:
     arm_distance_min: float = SMALLEST_DISTANCE_M
     state_gap_max_s: float = LARGEST_GAP_S
     pair_skew_max_s: float = LARGEST_GAP_S
+    arm: ArmLimits = field(default=FR3, repr=False, compare=False)
+
+    @property
+    def braking(self) -> Array:
+        """What a joint brakes with, (7,), rad/s^2: the arm's acceleration limit, or the deceleration of its
+        position-dependent velocity limit where that is larger: from inside it a joint comes to rest in its range."""
+        return np.maximum(self.arm.ddq_max, self.arm.deceleration)
+
+    def dq_upper(self, q: Array) -> Array:
+        """Return the largest velocity allowed at q (..., 7), rad/s."""
+        return self._fastest(np.asarray(self.q_upper) - q)
+
+    def dq_lower(self, q: Array) -> Array:
+        """Return the smallest (most negative) velocity allowed at q (..., 7), rad/s."""
+        return -self._fastest(q - np.asarray(self.q_lower))
+
+    def _fastest(self, room: Array) -> Array:
+        """Source FR3, see hal.limits."""
+        braked = np.sqrt(2.0 * self.arm.deceleration * np.maximum(room, 0.0)) - self.arm.velocity_offset
+        return np.minimum(self.dq_max, np.maximum(0.0, braked))
 
     def tightened(self, table: Mapping[str, Any]) -> "SafetyLimits":
         """Return these limits with those of `table` in their place. Raises LimitWidened with the first bad key."""
-        known = {field.name for field in fields(self)}
         for key, value in table.items():
-            if key not in known:
-                raise LimitWidened(f"safety.{key}: no such limit; there are {', '.join(sorted(known))}")
+            if key not in NAMES:
+                raise LimitWidened(f"safety.{key}: no such limit; there are {', '.join(sorted(NAMES))}")
             _check(key, value, getattr(self, key))
         taken = {key: tuple(map(float, v)) if isinstance(v, list | tuple) else float(v) for key, v in table.items()}
         limits = replace(self, **taken)
-        for low, high in (("q_lower", "q_upper"), ("ee_lower", "ee_upper")):
-            if not all(a < b for a, b in zip(getattr(limits, low), getattr(limits, high), strict=True)):
+        # each line of the controller's has to leave room for the other one
+        room = 2.0 * control_offset(limits) ** 2 / (2.0 * limits.arm.deceleration)
+        for low, high, least in (("q_lower", "q_upper", room), ("ee_lower", "ee_upper", np.zeros(3))):
+            if not np.all(np.subtract(getattr(limits, high), getattr(limits, low)) > least):
                 raise LimitWidened(f"safety.{low}: {list(getattr(limits, low))} leaves no room below {high}")
         return limits
+
+
+# of the limits, as a table `[safety]` spells them
+NAMES = tuple(field.name for field in fields(SafetyLimits) if field.name != "arm")
 
 
 def _check(key: str, value: Any, bound: Any) -> None:
@@ -95,7 +145,48 @@ def hardware_limits(arm: ArmLimits = FR3) -> SafetyLimits:
         tau_ext_max=COLLISION_TORQUES,
         tau_rate_max=float(arm.tau_rate_max),
         power_max=float(arm.tau_max @ arm.dq_max),
+        arm=arm,
     )
+
+
+# The controller's lines, as its compiled code takes them; joints (7,). Towards a position limit that is `room` away a
+# joint goes at most at min(dq_max, sqrt(2 deceleration room) - velocity_offset), and brakes with `braking` at most.
+# push_max: what is countered of an external acceleration. tau_max: of the commanded torque, tau_J_max: with gravity
+# (the measured one), tau_step: Nm a tick
+CONTROL_LIMITS = np.dtype(
+    [
+        *((name, "f8", 7) for name in ("q_lower", "q_upper", "dq_max", "velocity_offset", "deceleration", "braking")),
+        *((name, "f8", 7) for name in ("tau_max", "tau_J_max")),
+        ("push_max", "f8", 7),
+        ("tau_step", "f8"),
+        ("approach_s", "f8"),
+    ]
+)
+
+
+def control_margin(limits: SafetyLimits) -> Array:
+    """Return how far inside the judge's velocity limits the controller's are, (7,), rad/s."""
+    return np.minimum(CONTROL_VELOCITY_MARGIN * limits.arm.dq_max, LARGEST_VELOCITY_SHARE * np.asarray(limits.dq_max))
+
+
+def control_offset(limits: SafetyLimits) -> Array:
+    """Return the velocity_offset (7,), rad/s, with which the controller's limit is the judge's less the margin."""
+    return limits.arm.velocity_offset + control_margin(limits)
+
+
+def control_limits(limits: SafetyLimits, period_s: float = CONTROL_PERIOD_S) -> NDArray[np.void]:
+    """Return the controller's CONTROL_LIMITS (1,) inside the judge's `limits`."""
+    record = np.zeros(1, CONTROL_LIMITS)
+    table = record[0]
+    table["q_lower"], table["q_upper"] = limits.q_lower, limits.q_upper
+    table["dq_max"] = limits.dq_max - control_margin(limits)
+    table["velocity_offset"], table["deceleration"] = control_offset(limits), limits.arm.deceleration
+    table["braking"], table["push_max"] = limits.braking, PUSH_SHARE * limits.braking
+    table["tau_max"] = CONTROL_TORQUE_FRACTION * np.asarray(limits.tau_max)
+    table["tau_J_max"] = CONTROL_MEASURED_FRACTION * np.asarray(limits.tau_J_max)
+    table["tau_step"] = limits.tau_rate_max * period_s * CONTROL_RATE_FRACTION
+    table["approach_s"] = APPROACH_S
+    return record
 
 
 HARDWARE = hardware_limits()

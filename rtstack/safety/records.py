@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.limits import CONTROL_PERIOD_S, FR3, ArmLimits
+from hal.limits import CONTROL_PERIOD_S
 from rtstack.safety.body import BODY, CAPSULES
-from rtstack.safety.limits import SafetyLimits
+from rtstack.safety.limits import RATE_FRACTION, SafetyLimits
 
 RULES = np.dtype(
     [
@@ -77,9 +77,7 @@ MEMORY = np.dtype(
 class StopProfile:
     """How a stop brakes and then holds.
 
-    The braking of each joint is the arm's acceleration limit, or the deceleration of its position-dependent velocity
-    limit where that is larger: from inside the velocity limits a joint then comes to rest inside its position limits.
-    reaction_s: what passes before the first braking torque.
+    Each joint brakes with SafetyLimits.braking. reaction_s: what passes before the first braking torque.
     """
 
     reaction_s: float = 2e-3
@@ -92,7 +90,7 @@ class StopProfile:
     average_s: float = 0.02
 
 
-def rules(limits: SafetyLimits, profile: StopProfile, body: NDArray[np.void], arm: ArmLimits = FR3) -> NDArray[np.void]:
+def rules(limits: SafetyLimits, profile: StopProfile, body: NDArray[np.void]) -> NDArray[np.void]:
     """Return the RULES (1,), read-only."""
     record = np.zeros(1, RULES)
     rule = record[0]
@@ -100,12 +98,11 @@ def rules(limits: SafetyLimits, profile: StopProfile, body: NDArray[np.void], ar
         rule[name] = getattr(limits, name)
     for name in ("ee_lower", "ee_upper", "ee_speed_max", "arm_distance_min"):
         rule[name] = getattr(limits, name)
-    rule["velocity_offset"], rule["deceleration"] = arm.velocity_offset, arm.deceleration
-    rule["braking"] = np.maximum(arm.ddq_max, arm.deceleration)
+    rule["velocity_offset"], rule["deceleration"] = limits.arm.velocity_offset, limits.arm.deceleration
+    rule["braking"] = limits.braking
     rule["stiffness"], rule["damping"], rule["reaction"] = profile.stiffness, profile.damping, profile.reaction_s
     rule["hold_share"], rule["dt"] = CONTROL_PERIOD_S / profile.average_s, CONTROL_PERIOD_S
-    # the rate limit of the robot is a strict one, and the wire rounds to single precision
-    rule["tau_step"] = limits.tau_rate_max * CONTROL_PERIOD_S * (1.0 - 1e-4)
+    rule["tau_step"] = limits.tau_rate_max * CONTROL_PERIOD_S * RATE_FRACTION
     rule["gap_max_ns"], rule["skew_max_ns"] = round(limits.state_gap_max_s * 1e9), round(limits.pair_skew_max_s * 1e9)
     for name in BODY.names or ():
         rule[name] = body[name]

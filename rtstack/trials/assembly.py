@@ -78,8 +78,11 @@ def cell_parameters(description: CellDescription) -> Parameters:
     return replace(parameters, friction=load_friction(description.joint_friction))
 
 
-def arm_controllers(cell: CellDescription, parameters: Parameters) -> tuple[ArmController, ArmController]:
-    """Return the left and the right arm's controllers."""
+def arm_controllers(
+    cell: CellDescription, parameters: Parameters, limits: SafetyLimits | None = None
+) -> tuple[ArmController, ArmController]:
+    """Return the left and the right arm's controllers, inside the judge's `limits`, by default those of the cell."""
+    limits = limits or safety_limits(cell)
     left, right = (
         ArmController(
             ArmModel(mounting, cell.pad),
@@ -89,6 +92,7 @@ def arm_controllers(cell: CellDescription, parameters: Parameters) -> tuple[ArmC
             friction,
             parameters.solver,
             parameters.completion,
+            limits,
         )
         for mounting, friction in zip((cell.left, cell.right), parameters.friction, strict=True)
     )
@@ -144,12 +148,13 @@ def following(strategy: Strategy) -> ControllerFactory:
 
 def dual_arm_controller(
     cell: CellDescription, parameters: Parameters, factory: ControllerFactory, nominal_impact_s: float,
-    watched: Watched | None = None,
+    watched: Watched | None = None, limits: SafetyLimits | None = None,
 ) -> Controller:  # fmt: skip
     """Return a fresh controller, warm: its code has run once in this process, on another one that is then forgotten."""
 
     def controller(impact_s: float) -> Controller:
-        return factory(ControllerRequest(cell, parameters, arm_controllers(cell, parameters), impact_s, watched))
+        arms = arm_controllers(cell, parameters, limits)
+        return factory(ControllerRequest(cell, parameters, arms, impact_s, watched))
 
     made = controller(nominal_impact_s)
     ours = isinstance(made, DualArmController) and made.laws is None
@@ -174,7 +179,7 @@ def _warm_up(controller: Controller, cell: CellDescription) -> None:
         controller.command(side, 0, 0)
         if isinstance(arm, ArmController):
             # the solver's first call allocates: have it done, with limits that cannot hold
-            arm.tau_max[:] = 1e-3
+            arm.limits["tau_J_max"] = 1e-3
             arm.command(Mode.ANTE_IMPACT)
             arm.pursue_reaction(ReactionMotion(Reaction.HOLD, np.zeros((2, 3)), np.zeros((2, 3))), 0, 0.0)
         judge.judge(arm.sample, residual=arm.control["momentum_residual"][0])

@@ -90,7 +90,9 @@ class Run:
         self, cell: Cell, factory: ControllerFactory, nominal_impact_s: float, watched: Watched | None = None
     ) -> SessionOutcome:
         """Follow the plan on the cell to its end."""
-        controller = dual_arm_controller(self._description, self._parameters, factory, nominal_impact_s, watched)
+        controller = dual_arm_controller(
+            self._description, self._parameters, factory, nominal_impact_s, watched, self._limits
+        )
         self.monitor = controller.monitor
         publisher = self._publisher = Publisher(self._company.listening, self.history, cell.sensors)
         judges = safety_judges(self._description, self._limits)

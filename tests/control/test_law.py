@@ -6,14 +6,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hal.limits import FR3
+from rtstack.bench.plain import PlainArm, PlainLimits, PlainSetpoint, PlainState
 from rtstack.control.modes import ModeMachine, Strategy
 from rtstack.control.parameters import ControlParameters, FrictionParameters
-from rtstack.control.plain import PlainArm, PlainSetpoint, PlainState
 from rtstack.control.records import POINT
 from rtstack.control.tick import ArmController, DualArmController, make_arm_controller
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
+from rtstack.safety.limits import HARDWARE, control_limits
 from rtstack.samples import Mode, QpStatus
 
 
@@ -42,22 +42,49 @@ def _put(arm: ArmController, setpoint: PlainSetpoint) -> None:
         arm.setpoint[name][0] = getattr(setpoint, name)
 
 
+def _table(rng: np.random.Generator) -> dict[str, object]:
+    """A table [safety] that draws in what the QP's limits are made of."""
+    lower, upper = np.array(HARDWARE.q_lower), np.array(HARDWARE.q_upper)
+    return {
+        "q_lower": (lower + rng.uniform(0.0, 0.3, 7) * (upper - lower)).tolist(),
+        "q_upper": (upper - rng.uniform(0.0, 0.3, 7) * (upper - lower)).tolist(),
+        "dq_max": (HARDWARE.dq_max * rng.uniform(0.02, 1.0, 7)).tolist(),
+        "tau_max": (HARDWARE.tau_max * rng.uniform(0.5, 1.0, 7)).tolist(),
+        "tau_J_max": (HARDWARE.tau_J_max * rng.uniform(0.5, 1.0, 7)).tolist(),
+        "tau_rate_max": float(rng.uniform(100.0, 1000.0)),
+    }
+
+
+def test_both_ticks_have_the_same_limits_from_two_sources():
+    for seed in range(20):
+        table = _table(np.random.default_rng(seed)) if seed else {}
+        arm = control_limits(HARDWARE.tightened(table))[0]
+        plain = PlainLimits(table)
+        for name in ("q_lower", "q_upper", "dq_max", "deceleration", "braking", "tau_max", "tau_J_max"):
+            np.testing.assert_allclose(getattr(plain, name), arm[name], rtol=1e-12, err_msg=name)
+        np.testing.assert_allclose(plain.offset, arm["velocity_offset"], rtol=1e-12)
+        assert plain.tau_rate_max * 1e-3 * (1.0 - 2e-4) == pytest.approx(arm["tau_step"], rel=1e-12)
+
+
 @given(
-    seed=st.integers(0, 2**31), weight=st.sampled_from([0.0, 0.3, 1.0]), ticks=st.integers(1, 4), tasks=st.booleans()
+    seed=st.integers(0, 2**31), weight=st.sampled_from([0.0, 0.3, 1.0]), ticks=st.integers(1, 4), tasks=st.booleans(),
+    tight=st.booleans(),
 )  # fmt: skip
-@settings(max_examples=60, deadline=None)
-def test_compiled_and_plain_tick_agree(cell, seed, weight, ticks, tasks):
-    """With both task laws, and an error of the robot's gravity compensation that is made up for."""
+@settings(max_examples=100, deadline=None)
+def test_compiled_and_plain_tick_agree(cell, seed, weight, ticks, tasks, tight):
+    """With both task laws, an error of the robot's gravity compensation that is made up for, and a cell's limits."""
     rng = np.random.default_rng(seed)
+    table = _table(rng) if tight else {}
     control = ControlParameters(acceleration_tasks=tasks)
     friction = FrictionParameters(gravity_share=0.01 * rng.normal(size=7))
-    arm = make_arm_controller(ArmModel(cell.left, cell.pad), control, friction=friction)
-    plain = PlainArm(ArmModel(cell.left, cell.pad), control, friction=friction)
+    model, limits = ArmModel(cell.left, cell.pad), HARDWARE.tightened(table)
+    arm = make_arm_controller(model, control, friction=friction, limits=limits)
+    plain = PlainArm(ArmModel(cell.left, cell.pad), control, friction=friction, safety=table)
     arm.pursue(control.stiffness, control.posture_gain)
     tolerance = {QpStatus.UNCONSTRAINED: 1e-9, QpStatus.SOLVED: 1e-3}
     for _ in range(ticks):
         q = np.array(cell.left.home) + 0.3 * rng.normal(size=7)
-        q = np.clip(q, FR3.q_lower + 0.2, FR3.q_upper - 0.2)
+        q = np.clip(q, limits.q_lower, limits.q_upper)
         state = PlainState(q, 0.3 * rng.normal(size=7), 20.0 * rng.normal(size=7), 10.0 * rng.normal(size=6))
         arm.model.update(state.q, state.dq)
         arm.sample["q"][0] = q
@@ -152,22 +179,24 @@ def test_an_acceleration_task_moves_each_axis_by_itself(cell):
     np.testing.assert_allclose(acceleration, [0.0, 0.0, 1.0, 0.0, 0.0, 0.0], atol=1e-4)
 
 
-@pytest.mark.parametrize("limit", ["position", "velocity", "torque"])
+@pytest.mark.parametrize("limit", ["position", "velocity", "torque", "commanded torque"])
 def test_each_limit_becomes_active(cell, limit):
     """(12)-(14): pushed against a limit, the QP's answer is on it, and nothing is beyond it."""
     arm = _arm(cell)
     q, dq = np.array(cell.left.home), np.zeros(7)
-    table = arm.limits_table
-    if limit == "position":
-        # at rest 1 um before the upper limit of joint 4: (12) allows 2 um per ms^2, less than is wanted
-        table[1, 3] = q[3] + 1e-6
-        table[3, 3] = -1.0  # the position-dependent velocity limit out of the way: this is about (12)
-    elif limit == "velocity":
+    table = arm.limits[0]
+    if limit == "velocity":
         dq[3] = 1.0
-        table[2, 3] = 1.0005  # the velocity limit is 0.5 rad/s^2 away
+    arm.model.update(q, dq)
+    if limit == "position":  # at rest where a joint that is pushed against its limit comes to rest
+        table["q_upper"][3] = q[3] + table["velocity_offset"][3] ** 2 / (2.0 * table["deceleration"][3])
+    elif limit == "velocity":
+        table["dq_max"][3] = 1.01  # the velocity limit is 0.5 rad/s^2 away
+    elif limit == "torque":
+        table["tau_J_max"][3] = abs(arm.model.g[3]) + 0.5
     else:
-        arm.model.update(q, dq)
-        arm.tau_max[3] = abs(arm.model.g[3]) + 0.5
+        table["tau_max"][3] = 0.5
+    arm.sample["tau_J"][0] = arm.model.g  # nothing pushes from outside
     arm.sample["q"][0], arm.sample["dq"][0] = q, dq
     arm.observe()
     work = arm.workspace[0]
@@ -180,7 +209,7 @@ def test_each_limit_becomes_active(cell, limit):
     status = arm.command(Mode.ANTE_IMPACT)
     free = np.linalg.solve(work["H"], -work["gradient"])
     tau = work["M"] @ work["ddq"]
-    if limit == "torque":
+    if "torque" in limit:
         assert (work["M"] @ free)[3] > work["tau_upper"][3] + 0.1
         gap = work["tau_upper"][3] - tau[3]
     else:

@@ -66,7 +66,7 @@ def _solver(stage: Stage, program: solvers.Program) -> None:
     """Give the left arm another solver, and a problem that needs one: limits that its torque cannot keep."""
     arm = stage.controller.arms[0]
     arm.program = program
-    arm.tau_max[:] = 1e-3
+    arm.limits["tau_J_max"] = 1e-3
 
 
 class _Contradiction:

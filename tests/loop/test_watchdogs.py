@@ -165,7 +165,7 @@ def test_a_qp_without_an_answer_stops(stage, status):
     def spoil():
         arm = stage.controller.left
         arm.program = Program()
-        arm.tau_max[:] = 1e-3  # no free solution
+        arm.limits["tau_J_max"] = 1e-3  # no free solution
 
     assert stage.play(_at(spoil)).stops(f"^the QP was not solved: {status.name.lower()}$") == AT
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from monitor_oracle import PlainMonitor
 
 from rtstack.configuration import ConfigurationError, from_document
 from rtstack.monitor.monitor import Monitor
 from rtstack.monitor.parameters import MonitorParameters
-from rtstack.monitor.plain import PlainMonitor
 from rtstack.monitor.records import Reason, Verdict
 
 P = MonitorParameters(

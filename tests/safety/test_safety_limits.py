@@ -1,6 +1,6 @@
 """Limits are tightened and never widened; whoever tries is told the key, the value and the bound."""
 
-from dataclasses import FrozenInstanceError, fields
+from dataclasses import FrozenInstanceError
 from math import inf, nan, nextafter
 
 import numpy as np
@@ -13,9 +13,8 @@ from rtstack.cells import default_cell_file
 from rtstack.configuration import ConfigurationError
 from rtstack.model.cell_description import load_cell_description
 from rtstack.safety.judge import Base, SafetyJudge, Tool
-from rtstack.safety.limits import HARDWARE, LimitWidened, SafetyLimits
+from rtstack.safety.limits import HARDWARE, NAMES, LimitWidened, control_limits
 
-NAMES = [field.name for field in fields(SafetyLimits)]
 LOWER = ("q_lower", "ee_lower", "arm_distance_min")
 
 
@@ -77,6 +76,42 @@ def test_a_maximum_must_leave_something():
     with pytest.raises(LimitWidened, match="leaves no room below ee_upper"):
         box.tightened({"ee_lower": [0, 1, 0]})
     assert HARDWARE.tightened({"ee_lower": [0, 0, 0], "ee_upper": [1, 1, 1]}).ee_upper == (1.0, 1.0, 1.0)
+
+
+def test_the_arm_whose_limits_they_are_is_no_limit_to_tighten():
+    with pytest.raises(LimitWidened, match=r"safety.arm: no such limit"):
+        HARDWARE.tightened({"arm": FR3})
+
+
+@pytest.mark.parametrize(("share", "refused"), [(1.001, False), (0.999, True)])
+def test_a_range_too_small_for_the_controllers_two_lines_is_refused(share, refused):
+    """Each end keeps the room before which a joint may not move at all."""
+    line = control_limits(HARDWARE)[0]
+    for joint in range(7):
+        lower = list(HARDWARE.q_lower)
+        room = float(line["velocity_offset"][joint] ** 2 / line["deceleration"][joint])
+        lower[joint] = HARDWARE.q_upper[joint] - share * room
+        if refused:
+            with pytest.raises(LimitWidened, match=r"safety\.q_lower.* leaves no room below q_upper"):
+                HARDWARE.tightened({"q_lower": lower})
+        else:
+            assert HARDWARE.tightened({"q_lower": lower}).q_lower[joint] == lower[joint]
+
+
+@given(st.integers(0, 2**31))
+def test_the_controllers_lines_are_inside_the_judges_wherever_a_table_draws_them(seed):
+    rng = np.random.default_rng(seed)
+    limits = HARDWARE.tightened({"dq_max": (HARDWARE.dq_max * rng.uniform(0.001, 1.0, 7)).tolist()})
+    line = control_limits(limits)[0]
+    room = rng.uniform(0.0, 2.0, 7)
+    braked = np.sqrt(2.0 * line["deceleration"] * room) - line["velocity_offset"]
+    controllers = np.minimum(line["dq_max"], braked)
+    judges = limits.dq_upper(limits.q_upper - room)
+    margin = np.minimum(0.02 * FR3.dq_max, np.array(limits.dq_max) / 2)
+    assert np.all(line["dq_max"] > 0.0)
+    assert np.all((controllers <= judges - margin + 1e-12) | (controllers < 0.0))
+    assert np.all((line["tau_max"] < limits.tau_max) & (line["tau_J_max"] < limits.tau_J_max))
+    assert line["tau_step"] < limits.tau_rate_max * 1e-3 * (1.0 - 1e-4)
 
 
 def test_an_unknown_limit_is_refused_with_those_that_there_are():

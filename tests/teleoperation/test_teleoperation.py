@@ -1,6 +1,7 @@
 """A hand at the mailbox moves real arms (the plant in this process), in the robot's own time: every figure is exact."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +14,15 @@ from rtstack.loop.mailbox import Mailbox
 from rtstack.loop.target import TARGET, Letting
 from rtstack.model.rotation import quaternion_from_rotation
 from rtstack.references.demonstration import end_effector_pose
-from rtstack.samples import Mode
+from rtstack.safety.limits import control_limits
+from rtstack.samples import Mode, QpStatus
 from rtstack.teleoperation.reach import FASTEST_M_S, HARDEST_N_M
 from rtstack.trials.assembly import arm_controllers, default_parameters
 from rtstack.trials.company import Company
 from rtstack.trials.record import open_log
 from rtstack.trials.specification import TeleoperationSpecification, TrialSpecification
 from rtstack.trials.teleoperation import run_teleoperation
+from rtstack.trials.tightening import safety_limits
 from rtstack.trials.trial import prepare_trial, run_trial
 
 JOB = 5
@@ -72,7 +75,8 @@ def teleoperate(cell, tmp_path):
     """Run a teleoperation by a script; return its result, its log's control samples of both arms, and the log."""
     mailbox = Mailbox.create(f"rtstack-test-hand-{os.getpid()}")
 
-    def run(script, **options):
+    def run(script, safety=None, **options):
+        described = replace(cell, safety={**cell.safety, **(safety or {})})
         hand = Hand(mailbox, script)
         arms = arm_controllers(cell, default_parameters())
         for k, mounting in enumerate((cell.left, cell.right)):
@@ -84,7 +88,7 @@ def teleoperate(cell, tmp_path):
         log = open_log(path, specification, cell, "direct", default_cell_file(), overwrite=True)
         try:
             company = Company(log, watchdogs=(hand,))
-            result = run_teleoperation(specification, cell, opened, mailbox, company, clock=hand.clock)
+            result = run_teleoperation(specification, described, opened, mailbox, company, clock=hand.clock)
         finally:
             opened.close()
         log = read_log(path)
@@ -238,6 +242,30 @@ def test_stiffness_stays_within_its_bounds_and_never_jumps(teleoperate):
     error = controls[0]["pose_ref"][2900, 1] - log.topic("/left/arm")["O_T_EE"][2900, 1, 3] - base_y
     assert -controls[0]["wrench_desired"][2900, 1] == pytest.approx(HARDEST_N_M * abs(error), rel=0.15)
     assert np.abs(np.diff(log.topic("/left/arm")["tau_desired"][600:3000], axis=0)).max() < 1.0
+
+
+@pytest.mark.parametrize(("name", "value"), [("dq_max", 0.15), ("q_upper", -2.3)])
+def test_a_hand_that_asks_for_more_than_a_joint_may_rides_along_its_limit(teleoperate, cell, name, value):
+    """Joint 4 stretches at its fastest, or to its end, for a second, and the judge has no part in it."""
+    limits = safety_limits(cell)
+    values = list(getattr(limits, name))
+    values[3] = value
+
+    def script(ms, hand):
+        hand.hold(((0.17, 0, 0), (0.17, 0, 0)), speed=0.4)
+        if ms == 4000:
+            hand.finish()
+
+    result, controls, log = teleoperate(script, safety={name: values})
+    assert (result.success, result.failure_reason, result.safety_interventions) == (True, None, 0)
+    for side, control in zip(("left", "right"), controls, strict=True):
+        sample = log.topic(f"/{side}/arm")
+        here = {"dq_max": sample["dq"], "q_upper": sample["q"]}[name][:, 3]
+        assert here.max() < value
+        line = control_limits(limits.tightened({name: values}))[0]
+        rest = line["dq_max"][3] if name == "dq_max" else value - line["velocity_offset"][3] ** 2 / 8.0
+        near = (control["qp_status"] == QpStatus.SOLVED) & (np.abs(here - rest) < 0.01)
+        assert np.diff(np.flatnonzero(~near)).max() > 1000, (side, here.max(), rest)
 
 
 def test_a_grab_by_hand_is_a_reference_that_a_trial_follows(teleoperate, cell):

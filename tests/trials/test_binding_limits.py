@@ -1,124 +1,145 @@
-"""Limits of the QP that bind in whole runs: which ones, that each answer in the log is the optimum, and a clean end.
+"""Limits that bind in whole runs: which ones, that each answer in the log is the optimum, and an end that the judge has
+no part in.
 
-No grab of the table comes near the hardware's limits, so the controller's are drawn inside them, as a lab would for a
-delicate cell; robot and judge keep theirs.
+No grab of the table comes near the hardware's limits, so a cell draws its own inside them, as a lab would for delicate
+things: judge and controller both take them from its table `[safety]`.
 """
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-import rtstack.control.tick
-from hal.limits import FR3
 from rtstack.cells import default_cell_file, open_cell
 from rtstack.control.impedance import quadratic_cost, task_inertia
+from rtstack.control.law import external_acceleration
 from rtstack.control.limits import acceleration_bounds, torque_bounds
 from rtstack.control.program import DaqpProgram
+from rtstack.control.records import POINT
 from rtstack.log.reader import read_log
-from rtstack.samples import QpStatus
-from rtstack.trials.assembly import arm_controllers, cell_parameters
+from rtstack.loop.session import Plan
+from rtstack.model.cell_description import CellDescription
+from rtstack.model.rotation import exp_so3
+from rtstack.references.demonstration import end_effector_pose
+from rtstack.samples import Mode, QpStatus
+from rtstack.trials.assembly import arm_controllers, cell_parameters, safety_limits
 from rtstack.trials.company import Company
 from rtstack.trials.demonstration import run_demonstration
+from rtstack.trials.motion import run_motion
 from rtstack.trials.record import open_log
 from rtstack.trials.specification import DemonstrationSpecification
 
-Q_UPPER, DQ_MAX = 1, 2  # rows of the limits' table
 TOUCHES = 1e-5  # rad/s^2 and Nm: as near as the solvers come
+SECOND = 1000  # ticks
 
 
 @dataclass(frozen=True, slots=True)
 class Tightened:
-    """One limit of one joint (from 0), rad, rad/s or Nm; without it the joint goes beyond."""
+    """One limit of one joint (from 0) in the table `[safety]`: rad, rad/s or Nm; without it the joint goes beyond."""
 
     kind: str
+    name: str
     joint: int
     bound: float
 
-
-# a grab without them turns joint 4 to -2.08 rad, joint 2 at up to 0.78 rad/s, and takes 22 Nm of joint 1
-POSITION, VELOCITY, TORQUE = Tightened("position", 3, -2.1), Tightened("velocity", 1, 0.6), Tightened("torque", 0, 18.0)
-
-
-@pytest.fixture
-def tighten(monkeypatch):
-    """Give controllers that are made from now on a limit inside the hardware's."""
-
-    def do(limit: Tightened) -> None:
-        if limit.kind == "torque":
-            tau_max = np.array(FR3.tau_max)
-            tau_max[limit.joint] = limit.bound
-            monkeypatch.setattr(rtstack.control.tick, "FR3", replace(FR3, tau_max=tuple(tau_max)))
-        else:
-            table = rtstack.control.tick.LIMITS_TABLE.copy()
-            table[Q_UPPER if limit.kind == "position" else DQ_MAX, limit.joint] = limit.bound
-            monkeypatch.setattr(rtstack.control.tick, "LIMITS_TABLE", table)
-
-    return do
+    def cell(self, cell: CellDescription) -> CellDescription:
+        """Return the cell with it."""
+        values = list(getattr(safety_limits(cell), self.name))
+        values[self.joint] = self.bound
+        return replace(cell, safety={**cell.safety, self.name: values})
 
 
-def _active(arm, x, q, dq) -> set[tuple[str, int]]:
+# a grab without them turns joint 2 to -0.28 rad at up to 0.78 rad/s, and takes 22 Nm of joint 1
+POSITION = Tightened("position", "q_lower", 1, -0.16)
+VELOCITY = Tightened("velocity", "dq_max", 1, 0.32)
+TORQUE = Tightened("torque", "tau_J_max", 0, 20.0)
+
+
+def active(arm, x, q, dq) -> set[tuple[str, int]]:
     """Which limits the solution x (7,) touches, as (kind, joint)."""
-    work, table = arm.workspace[0], arm.limits_table
+    work, limits = arm.workspace[0], arm.limits[0]
     tau = work["M"] @ x
     torque = (tau > work["tau_upper"] - TOUCHES) | (tau < work["tau_lower"] + TOUCHES)
     above, below = x > work["upper"] - TOUCHES, x < work["lower"] + TOUCHES
-    room = np.where(above, table[1] - q, q - table[0])
-    fastest = np.sqrt(2.0 * table[4] * np.maximum(room, 0.0)) - table[3]
+    room = np.where(above, limits["q_upper"] - q, q - limits["q_lower"])
+    braked = np.sqrt(2.0 * limits["deceleration"] * np.maximum(room, 0.0)) - limits["velocity_offset"]
     found = {("torque", int(j)) for j in np.flatnonzero(torque)}
     for j in np.flatnonzero(above | below):
-        found.add(("position" if fastest[j] < table[2, j] else "velocity", int(j)))
+        found.add(("position" if braked[j] < limits["dq_max"][j] else "velocity", int(j)))
     return found
 
 
-def _active_sets(cell, log) -> list[set[tuple[str, int]]]:
-    """What binds in each tick with a solver's answer, both arms', once that answer is shown to be the optimum.
+def active_sets(cell, log) -> list[list[set[tuple[str, int]]]]:
+    """What binds in each tick of both arms, once each solver's answer is shown to be the optimum.
 
     Each QP is made anew from the log and solved exactly: DaqpProgram calls solved what meets the KKT conditions.
     """
-    parameters, found = cell_parameters(cell), []
+    parameters, both = cell_parameters(cell), []
     p = parameters.control
     for side, arm in zip(("left", "right"), arm_controllers(cell, parameters), strict=True):
         samples, controls = log.topic(f"/{side}/arm"), log.topic(f"/{side}/control")
         assert set(controls["qp_status"].tolist()) <= {QpStatus.NOT_USED, QpStatus.UNCONSTRAINED, QpStatus.SOLVED}
         assert not samples["current_errors"].any()
         work, x = arm.workspace[0], np.zeros(7)
+        found: list[set[tuple[str, int]]] = [set() for _ in samples]
         for k in np.flatnonzero(controls["qp_status"] == QpStatus.SOLVED):
             for name in ("q", "dq", "tau_J", "O_F_ext_hat_K"):
                 arm.sample[name][0] = samples[name][k]
             arm.observe()
-            arm.control["wrench_desired"][0], arm.control["beta"] = controls["wrench_desired"][k], controls["beta"][k]
+            for name in ("wrench_desired", "beta", "momentum_residual"):
+                arm.control[name][0] = controls[name][k]
             task_inertia(work)
             quadratic_cost(
                 work, arm.control[0], p.posture_joint, p.weight_impedance, p.weight_posture, p.regularisation
             )
-            state = samples["q"][k], samples["dq"][k]
-            acceleration_bounds(*state, arm.limits_table, p.period_s, work["lower"], work["upper"])
-            torque_bounds(work, arm.tau_max)
+            state, limits = (samples["q"][k], samples["dq"][k]), arm.limits[0]
+            external_acceleration(work, arm.control[0])
+            acceleration_bounds(*state, work["seven"], limits, work["lower"], work["upper"])
+            torque_bounds(work, limits)
             problem = [work[n] for n in ("H", "gradient", "lower", "upper", "M", "tau_lower", "tau_upper")]
             assert DaqpProgram().solve(*problem, x)[0] is QpStatus.SOLVED
             work["ddq"], work["tau_previous"] = x, samples["tau_applied"][k - 1]
             arm._torque()
             np.testing.assert_allclose(arm.sample["tau_desired"][0], samples["tau_desired"][k], rtol=0, atol=2e-3)
-            found.append(_active(arm, x, *state))
-    return found
+            found[k] = active(arm, x, *state)
+            assert found[k]  # a solver is asked only where something binds
+        both.append(found)
+    return both
+
+
+def longest(found: list[set[tuple[str, int]]], limit: Tightened) -> int:
+    """For how many ticks in a row the limit binds."""
+    run = most = 0
+    for here in found:
+        run = run + 1 if (limit.kind, limit.joint) in here else 0
+        most = max(most, run)
+    return most
+
+
+def rides(cell: CellDescription, path: Path, limit: Tightened, least: int) -> None:
+    """Assert that the limit binds for so many ticks in a row in one of the arms, and that nothing is beyond."""
+    log, limits = read_log(path), safety_limits(cell)
+    assert max(longest(found, limit) for found in active_sets(cell, log)) >= least
+    for side in ("left", "right"):
+        sample = log.topic(f"/{side}/arm")
+        assert np.all((sample["q"] > limits.q_lower) & (sample["q"] < limits.q_upper))
+        assert np.all(np.abs(sample["dq"]) < limits.dq_max)
 
 
 @pytest.mark.parametrize("limit", [POSITION, VELOCITY, TORQUE], ids=lambda limit: limit.kind)
-def test_a_trial_at_a_limit_of_the_controller_is_optimal_clean_and_a_success(cell, runner, tighten, tmp_path, limit):
-    tighten(limit)
-    result = runner.run(log=tmp_path / "trial.mcap")
+def test_a_trial_along_a_limit_is_optimal_and_ends_without_an_intervention(runner, tmp_path, limit):
+    tightened = replace(runner, cell=limit.cell(runner.cell))
+    result = tightened.run(log=tmp_path / "trial.mcap")
     assert (result.success, result.failure_reason, result.safety_interventions) == (True, None, 0)
-    log = read_log(tmp_path / "trial.mcap")
-    active = _active_sets(cell, log)
-    assert sum((limit.kind, limit.joint) in found for found in active) > 100
-    assert all(found for found in active)  # a solver is asked only where something binds
-    if limit.kind == "position":
-        assert max(log.topic(f"/{side}/arm")["q"][:, limit.joint].max() for side in ("left", "right")) < limit.bound
+    rides(tightened.cell, tmp_path / "trial.mcap", limit, 100 if limit is TORQUE else SECOND)
 
 
-def test_a_demonstration_at_a_limit_of_velocity_is_optimal_and_clean(cell, tighten, tmp_path):
-    tighten(VELOCITY)
+@pytest.mark.parametrize(
+    "limit", [replace(POSITION, bound=-0.12), replace(VELOCITY, bound=0.26)], ids=lambda limit: limit.kind
+)
+def test_a_demonstration_along_a_limit_is_optimal_and_ends_without_an_intervention(cell, tmp_path, limit):
+    cell = limit.cell(cell)
     specification = DemonstrationSpecification()
     opened = open_cell("direct", specification.object, 0.0, specification.seed)
     try:
@@ -126,6 +147,31 @@ def test_a_demonstration_at_a_limit_of_velocity_is_optimal_and_clean(cell, tight
         result = run_demonstration(specification, cell, opened, Company(log))
     finally:
         opened.close()
-    assert (result.success, result.safety_interventions) == (True, 0)
-    active = _active_sets(cell, read_log(tmp_path / "ref.mcap"))
-    assert sum((VELOCITY.kind, VELOCITY.joint) in found for found in active) > 100
+    assert (result.success, result.failure_reason, result.safety_interventions) == (True, None, 0)
+    rides(cell, tmp_path / "ref.mcap", limit, SECOND)
+
+
+def test_a_motion_into_the_vendor_s_own_limit_stays_before_it(cell, tmp_path):
+    """A pad that is asked to turn about its normal, on and on, comes to rest where joint 7 may go no further."""
+    parameters = cell_parameters(cell)
+    n, ticks = 4500, np.arange(4500) * 1e-3
+    points = np.zeros((2, n), POINT)
+    for side, (arm, mounting) in enumerate(
+        zip(arm_controllers(cell, parameters), (cell.left, cell.right), strict=True)
+    ):
+        position, rotation = end_effector_pose(arm.model, np.array(mounting.home))
+        points[side]["position"], points[side]["xi"] = position, mounting.home[0]
+        for k, angle in enumerate(np.minimum(0.8 * np.maximum(ticks - 0.3, 0.0), 2.4)):
+            turn = np.zeros((3, 3))
+            exp_so3(np.array([0.0, 0.0, angle if side == 0 else -angle]), 1.0, turn)
+            points[side]["rotation"][k] = rotation @ turn
+    plan = Plan(points, points, Mode.TELEOPERATION, parameters.control.stiffness_teleoperation, 1e-3)
+    specification = DemonstrationSpecification()
+    opened = open_cell("direct", "", 0.0, 0)
+    try:
+        log = open_log(tmp_path / "turn.mcap", specification, cell, "direct", default_cell_file())
+        reason, _ = run_motion(plan, cell, parameters, opened, Company(log))
+    finally:
+        opened.close()
+    assert reason is None
+    rides(cell, tmp_path / "turn.mcap", Tightened("position", "q_upper", 6, 0.0), SECOND)

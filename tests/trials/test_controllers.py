@@ -41,8 +41,8 @@ class Holding:
         self.ticks += 1
         sample, work = self.arm.sample[0], self.arm.workspace[0]
         tau = 300.0 * (self.held - sample["q"]) - 30.0 * sample["dq"] + work["coriolis"] + work["friction"]
-        sample["tau_desired"][:] = np.clip(tau, work["tau_previous"] - self.arm.tau_step,
-                                           work["tau_previous"] + self.arm.tau_step)
+        sample["tau_desired"][:] = np.clip(tau, work["tau_previous"] - self.arm.limits["tau_step"],
+                                           work["tau_previous"] + self.arm.limits["tau_step"])
         self.arm.control["wrench_desired"][0, 2] = 7.0
         if self.ticks == 100:
             {spoil}

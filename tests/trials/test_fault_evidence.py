@@ -112,7 +112,7 @@ def test_a_qp_without_an_answer_is_kept_as_it_was(runner, controllers, tmp_path)
 
     def spoil():
         controllers[-1].right.program = Program()
-        controllers[-1].right.tau_max[:] = 1e-3
+        controllers[-1].right.limits["tau_J_max"] = 1e-3
 
     path = tmp_path / "qp.mcap"
     runner.run(log=path, watchdogs=(At(AT, spoil),))

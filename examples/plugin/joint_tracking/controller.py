@@ -30,7 +30,7 @@ class JointTracking:
     """The torque of one arm: an rtstack.control.controller.ArmLaw."""
 
     def __init__(self, arm: ObservedArm) -> None:
-        self._period_s, self._tau_step = arm.parameters.period_s, arm.tau_step
+        self._period_s, self._tau_step = arm.parameters.period_s, float(arm.limits["tau_step"][0])
         # views of the records' fields: they are looked up once
         sample, work, setpoint = arm.sample[0], arm.workspace[0], arm.setpoint[0]
         self._q, self._dq, self._tau_desired = sample["q"], sample["dq"], sample["tau_desired"]

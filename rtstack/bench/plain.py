@@ -1,16 +1,18 @@
-"""The tick in plain numpy, written from the equations: the oracle of the tests and the other side of the benchmark.
+"""The tick in plain numpy, written from the equations: the other side of the benchmark and the oracle of the tests.
 
-It shares nothing with the compiled tick but Pinocchio's model and the QP solver.
+It shares nothing with the compiled tick but Pinocchio's model and the QP solver. Its limits, too, are its own: the
+vendor's published numbers and the margins of docs/limits.md, written here a second time.
 """
 
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from hal.limits import FR3
 from rtstack.control.parameters import (
     ControlParameters,
     DetectorParameters,
@@ -18,11 +20,45 @@ from rtstack.control.parameters import (
     InertiaParameters,
 )
 from rtstack.control.program import Program, program
-from rtstack.control.tick import LIMITS_TABLE
 from rtstack.model.arm_model import ArmModel
 from rtstack.samples import QpSolver, QpStatus
 
 Array = NDArray[np.floating]
+
+
+class PlainLimits:
+    """The controller's lines for a Franka Research 3, (7,) each, in a cell whose table `[safety]` is `safety`."""
+
+    def __init__(self, safety: Mapping[str, Any] | None = None) -> None:
+        # robot specification, "Limits for Franka Research 3", system version >= 5.9; torque rate: libfranka
+        vendor_dq_max = np.array([2.62, 2.62, 2.62, 2.62, 5.26, 4.18, 5.26])
+        judge = {
+            "q_lower": np.array([-2.7501, -1.7918, -2.9065, -3.0481, -2.8101, 0.54092, -3.0196]) + 0.005,
+            "q_upper": np.array([2.7501, 1.7918, 2.9065, -0.1458, 2.8101, 4.5205, 3.0196]) - 0.005,
+            "dq_max": 0.98 * vendor_dq_max,
+            "tau_max": np.array([87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0]),
+            "tau_J_max": np.array([87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0]),
+            "tau_rate_max": np.array(1000.0),
+        }
+        judge |= {name: np.array(value, float) for name, value in (safety or {}).items() if name in judge}
+        margin = np.minimum(0.02 * vendor_dq_max, judge["dq_max"] / 2)
+        self.q_lower, self.q_upper = judge["q_lower"], judge["q_upper"]
+        self.dq_max = judge["dq_max"] - margin
+        self.offset = np.array([0.30, 0.20, 0.20, 0.30, 0.35, 0.35, 0.35]) + margin
+        self.deceleration = np.array([6.0, 2.585, 3.5, 4.0, 17.0, 5.5, 17.0])
+        self.braking = np.array([10.0, 10.0, 10.0, 10.0, 17.0, 10.0, 17.0])
+        self.tau_max, self.tau_J_max = 0.999 * judge["tau_max"], 0.9 * judge["tau_J_max"]
+        self.tau_rate_max = float(judge["tau_rate_max"])
+
+    def acceleration(self, room: Array, speed: Array) -> Array:
+        """Return the largest acceleration towards a position limit, `room` rad before it, at `speed` (12)-(13)."""
+        root = np.sqrt(2.0 * self.deceleration * np.maximum(room, 0.0))
+        braked = root - self.offset
+        tangent = self.deceleration / self.offset * room - self.offset / 2
+        allowed = np.where(tangent > 0.0, np.minimum(braked, self.dq_max), tangent)
+        slope = np.where(tangent > 0.0, self.deceleration / np.maximum(root, 1e-9), self.deceleration / self.offset)
+        slope = np.where((tangent > 0.0) & (braked > self.dq_max), 0.0, slope)
+        return np.maximum((allowed - speed) / 0.02 - slope * speed, -self.braking)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +110,7 @@ class PlainArm:
         inertia: InertiaParameters | None = None,
         friction: FrictionParameters | None = None,
         solver: QpSolver = QpSolver.PROXQP,
+        safety: Mapping[str, Any] | None = None,
     ) -> None:
         self._pin = model.pin_model
         self._data = self._pin.createData()
@@ -88,7 +125,7 @@ class PlainArm:
         self._integral: Array | None = None
         self._r = np.zeros(7)
         self.tau_previous = np.zeros(7)
-        self.tau_max = np.array(FR3.tau_max)
+        self.limits = PlainLimits(safety)
 
     def tick(self, state: PlainState, setpoint: PlainSetpoint) -> PlainOutput:
         """Compute the torque for one state and one setpoint."""
@@ -135,10 +172,11 @@ class PlainArm:
         b = Lambda_inverse @ wrench - dJdq
         H = w_imp * J.T @ J + w_pos * np.outer(S, S) + self._p.regularisation * np.eye(7)
         gradient = -w_imp * J.T @ b - w_pos * beta * S
-        ddq, status = self._minimise(H, gradient, q, dq, M, C @ dq + g + friction, dt)
+        push = np.linalg.solve(M, -residual)
+        ddq, status = self._minimise(H, gradient, q, dq, push, M, C @ dq + friction, g)
         if status in (QpStatus.UNCONSTRAINED, QpStatus.SOLVED):
             tau = M @ ddq + C @ dq + friction  # (4), gravity excluded
-            step = FR3.tau_rate_max * dt * (1.0 - 2e-4)
+            step = self.limits.tau_rate_max * dt * (1.0 - 2e-4)
             tau = np.clip(tau, self.tau_previous - step, self.tau_previous + step)
         else:
             tau = self.tau_previous
@@ -178,14 +216,14 @@ class PlainArm:
         return hit
 
     def _minimise(
-        self, H: Array, gradient: Array, q: Array, dq: Array, M: Array, bias: Array, dt: float
+        self, H: Array, gradient: Array, q: Array, dq: Array, push: Array, M: Array, motion: Array, g: Array
     ) -> tuple[Array, QpStatus]:
-        braking = LIMITS_TABLE[5]
-        upper = np.minimum((FR3.dq_upper(q) - dq) / dt, 2.0 * (FR3.q_upper - q - dq * dt) / dt**2)  # (12), (13)
-        lower = np.maximum((FR3.dq_lower(q) - dq) / dt, 2.0 * (FR3.q_lower - q - dq * dt) / dt**2)
-        upper = np.maximum(upper, -braking)
-        lower = np.minimum(lower, braking)
-        tau_upper, tau_lower = self.tau_max - bias, -self.tau_max - bias  # (14)
+        limits = self.limits
+        high, low = limits.acceleration(limits.q_upper - q, dq), -limits.acceleration(q - limits.q_lower, -dq)
+        upper = np.maximum(high - np.clip(push, 0.0, 2.0 * limits.braking), low)
+        lower = np.minimum(low - np.clip(push, -2.0 * limits.braking, 0.0), high)
+        tau_upper = np.minimum(limits.tau_max, limits.tau_J_max - g) - motion  # (14)
+        tau_lower = np.maximum(-limits.tau_max, -limits.tau_J_max - g) - motion
         ddq = np.linalg.solve(H, -gradient)
         tau = M @ ddq
         inside = np.all(ddq <= upper) and np.all(ddq >= lower) and np.all(tau <= tau_upper) and np.all(tau >= tau_lower)
