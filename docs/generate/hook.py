@@ -14,6 +14,7 @@ from concept_figures import concept_figures  # noqa: E402
 from example_pages import examples_page  # noqa: E402
 from fidelity import fidelity_commands, fidelity_errors, fidelity_fields  # noqa: E402
 from http_api import http_api_page  # noqa: E402
+from limits import approach_ms, limit_table, measured_share, velocity_margin  # noqa: E402
 from log_topics import host_clock_fields, log_messages, topic_table  # noqa: E402
 from mkdocs.structure.files import File, Files  # noqa: E402
 from versions import pinned  # noqa: E402
@@ -39,6 +40,10 @@ FILLED = {
     "{{ topic_table }}": topic_table,
     "{{ log_messages }}": log_messages,
     "{{ host_clock_fields }}": host_clock_fields,
+    "{{ limit_table }}": limit_table,
+    "{{ velocity_margin }}": velocity_margin,
+    "{{ approach_ms }}": approach_ms,
+    "{{ measured_share }}": measured_share,
     "{{ decisions }}": decision_list,
     "{{ papers }}": papers,
     "{{ watchdogs }}": watchdogs,
