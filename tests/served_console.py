@@ -32,7 +32,7 @@ from console.watch import Watch
 from deploy import cells
 from rtstack.live.audit import FILE_NAME, AuditTrail
 from rtstack.live.client import RobotClient
-from rtstack.live.desk import Desk
+from rtstack.live.job_manager import JobManager
 from rtstack.live.service import Service
 from rtstack.live.source import live_source
 from rtstack.log.catalogue import Catalogue
@@ -53,7 +53,7 @@ class ServedConsole:
     parts: Parts
     rings: Rings
     mailbox: Mailbox
-    desk: Desk
+    job_manager: JobManager
     service: Service
     logs: Path
     application: FastAPI
@@ -97,9 +97,9 @@ def serve_console(logs: Path) -> Iterator[ServedConsole]:
         rings = stack.enter_context(Rings.create(capacity=1024))
         audit = AuditTrail(logs / FILE_NAME)
         stack.callback(audit.close)
-        desk = Desk(live_source(CELL), mailbox, audit)
-        desk.helm._permit._lease_s = LEASE_S
-        service = Service(desk, folder / "robot.sock")
+        job_manager = JobManager(live_source(CELL), mailbox, audit)
+        job_manager.authority._permit._lease_s = LEASE_S
+        service = Service(job_manager, folder / "robot.sock")
         stack.callback(service.close)
         cell = load_cell_description(CELL)
         client = RobotClient(folder / "robot.sock", timeout_s=20.0)  # a machine that is busy
@@ -148,4 +148,6 @@ def serve_console(logs: Path) -> Iterator[ServedConsole]:
         thread.start()
         stack.callback(thread.join)
         stack.callback(setattr, server, "should_exit", True)
-        yield ServedConsole(f"http://127.0.0.1:{port}", port, parts, rings, mailbox, desk, service, logs, application)
+        yield ServedConsole(
+            f"http://127.0.0.1:{port}", port, parts, rings, mailbox, job_manager, service, logs, application
+        )

@@ -1,6 +1,6 @@
 """The robot process's socket: a side thread that reads requests and writes answers, and never touches an arm.
 
-The same thread looks after the helm, so that a lease ends although nobody asks. All of these threads stand
+The same thread calls the control authority regularly, so that a lease ends without a request. All of these threads stand
 above what is ordinary: they share the interpreter's lock with the loop.
 """
 
@@ -13,7 +13,7 @@ from pathlib import Path
 
 from hal.errors import HardwareError
 from hal.realtime import beside_realtime
-from rtstack.live.desk import Desk
+from rtstack.live.job_manager import JobManager
 from rtstack.live.notify import Pulse
 from rtstack.live.protocol import (
     MAX_LINE_BYTES,
@@ -37,20 +37,20 @@ from rtstack.live.protocol import (
 from rtstack.safety.permit import Refused
 
 _RECOVERY_TIMEOUT_S = 10.0  # libfranka's automatic recovery takes a few seconds on a real arm
-_WATCH_S = 0.05  # how often the helm is looked after
+_WATCH_S = 0.05  # period of the calls to the control authority
 
 
 class Service:
-    """Serves a desk at a Unix-domain socket that only this user can open."""
+    """Serves a job manager at a Unix-domain socket that only this user can open."""
 
-    def __init__(self, desk: Desk, path: Path, pulse: Pulse | None = None) -> None:
+    def __init__(self, job_manager: JobManager, path: Path, pulse: Pulse | None = None) -> None:
         self._path = path
         mask = os.umask(0o177)  # the socket is ours alone from the first moment on
         try:
             self._server = _Server(str(path), _Handler)
         finally:
             os.umask(mask)
-        self._server.desk = desk
+        self._server.job_manager = job_manager
         self._server.pulse = pulse
         threading.Thread(target=self._serve, daemon=True, name="service").start()
 
@@ -67,12 +67,12 @@ class Service:
 
 class _Server(socketserver.ThreadingUnixStreamServer):
     daemon_threads = True
-    desk: Desk
+    job_manager: JobManager
     pulse: Pulse | None
 
     def service_actions(self) -> None:
         """Called by serve_forever about once in _WATCH_S, whatever is asked."""
-        self.desk.helm.watch()
+        self.job_manager.authority.watch()
         if self.pulse is not None:
             self.pulse.look()
 
@@ -83,37 +83,37 @@ class _Handler(socketserver.StreamRequestHandler):
         assert isinstance(self.server, _Server)
         with contextlib.suppress(ConnectionError):
             while line := self.rfile.readline(MAX_LINE_BYTES):
-                self.wfile.write(encode(answer(self.server.desk, line)))
+                self.wfile.write(encode(answer(self.server.job_manager, line)))
 
 
-def answer(desk: Desk, line: bytes) -> Answer:
+def answer(job_manager: JobManager, line: bytes) -> Answer:
     """Return the answer to the request on a line. Never raises: what is wrong becomes the answer's error."""
     try:
-        _act(desk, decode_request(line))
-        return Answer(status=desk.status())
+        _act(job_manager, decode_request(line))
+        return Answer(status=job_manager.status())
     except (ProtocolError, Refused, HardwareError) as error:
         return Answer(error=str(error))
     except RecoveryTimeout:
         return Answer(error=f"no answer from the robot within {_RECOVERY_TIMEOUT_S:g} s")
 
 
-def _act(desk: Desk, request: Request) -> None:
+def _act(job_manager: JobManager, request: Request) -> None:
     match request:
         case DemonstrationRequest() | TrialRequest() | TeleoperationRequest() | PlaybackRequest():
-            desk.order(request)
+            job_manager.order(request)
         case TakeRequest():
-            desk.helm.take(request.operator, request.over_from)
+            job_manager.authority.take(request.operator, request.over_from)
         case ReleaseRequest():
-            desk.helm.release(request.operator)
+            job_manager.authority.release(request.operator)
         case BeatRequest():
-            desk.helm.beat(request.operator)
+            job_manager.authority.beat(request.operator)
         case ArmRequest():
-            desk.helm.arm(request.operator)
+            job_manager.authority.arm(request.operator)
         case DisarmRequest():
-            desk.helm.disarm(request.operator)
+            job_manager.authority.disarm(request.operator)
         case StopRequest():
-            desk.helm.stop(request.operator)
+            job_manager.authority.stop(request.operator)
         case RecoverRequest():
-            desk.recover(request.operator).result(_RECOVERY_TIMEOUT_S)
+            job_manager.recover(request.operator).result(_RECOVERY_TIMEOUT_S)
         case _:
             pass  # a status is what every answer carries

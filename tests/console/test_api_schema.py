@@ -51,16 +51,16 @@ positive_data_acceptance.expected-statuses = ["2xx", 401, 403, 404, 409, 422, 50
 
 
 @contextmanager
-def obliging_arms(desk):
+def obliging_arms(job_manager):
     """Carry every order out at once."""
     ending = threading.Event()
 
     def work():
         while not ending.wait(0.02):
-            order, _ = desk.collect()
+            order, _ = job_manager.collect()
             if order is not None:
-                desk.started("x.mcap")
-                desk.finished(JobState.DONE, None, True, "x.mcap")
+                job_manager.started("x.mcap")
+                job_manager.finished(JobState.DONE, None, True, "x.mcap")
 
     thread = threading.Thread(target=work)
     thread.start()
@@ -82,7 +82,7 @@ def test_no_request_breaks_the_console_and_every_answer_is_as_described(served, 
     settings = tmp_path / "schemathesis.toml"
     with (
         httpx.Client(base_url=served.base, headers=headers, trust_env=False, timeout=60.0) as client,
-        obliging_arms(served.desk),
+        obliging_arms(served.job_manager),
     ):
         rows = client.get("/api/logs").raise_for_status().json()
         for row in rows:

@@ -210,7 +210,7 @@ def test_a_session_that_signed_out_is_over_and_so_is_what_it_had_open(served):
         assert client.get("/api/status").status_code == 401
         assert client.post("/api/arm", headers=headers).status_code == 401
         assert refused(served, "/live", additional_headers=cookie) == 403
-        assert served.desk.status().holder is None
+        assert served.job_manager.status().holder is None
         server = served.parts.scenes._live[Detail.LIGHT].server
         opened[2].send('{"clutch": true}')
         for page in opened:
@@ -414,7 +414,7 @@ def test_a_second_operator_takes_over_in_so_many_words_and_the_trail_says_so(ser
                 ("take", {"operator": "ben", "over_from": "carla"}), ("jobs/demonstration", {"object": "parcel"}),
             ):  # fmt: skip
                 assert second.post(f"/api/{path}", json=order).status_code == 409, (path, order)
-            assert served.desk.status().holder == "anna"
+            assert served.job_manager.status().holder == "anna"
             taken = second.post("/api/take", json={"operator": "ben", "over_from": "anna"}).json()
             assert (taken["holder"], taken["phase"]) == ("ben", "disarmed")
             trail = second.get("/api/audit").json()

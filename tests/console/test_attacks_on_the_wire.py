@@ -78,7 +78,7 @@ def test_a_form_changes_nothing_even_where_a_browser_would_send_it_unasked(serve
             answer = client.post("/api/take", content=b'{"operator": "eve"}', headers={"content-type": kind, **words})
             assert answer.status_code == 422, kind  # our own page says what it sends
         assert not served.mailbox.stop_requested
-        assert served.desk.status().holder is None
+        assert served.job_manager.status().holder is None
 
 
 def test_what_is_hard_to_read_is_refused_in_one_line_and_ends_nothing_but_its_own_socket(served, caplog):

@@ -1,4 +1,4 @@
-"""Control of the robot through the HTTP interface and the live socket, against the real desk and socket."""
+"""Control of the robot through the HTTP interface and the live socket, against the real job manager and socket."""
 
 import json
 import time
@@ -16,12 +16,12 @@ from tests.console.test_console_watch import wait_for
 
 
 class Clock:
-    """The helm's clock, which only the test moves; s."""
+    """the control authority's clock, which only the test moves; s."""
 
     def __init__(self, served):
-        self.now_s, self._permit = time.monotonic(), served.desk.helm._permit
+        self.now_s, self._permit = time.monotonic(), served.job_manager.authority._permit
         self._permit._lease_s = LEASE_S
-        served.desk.helm._clock = lambda: self.now_s
+        served.job_manager.authority._clock = lambda: self.now_s
 
     def pass_without_a_sign(self):
         """Go on for longer than a lease."""
@@ -183,7 +183,7 @@ def test_a_stop_holds_until_somebody_arms_again(served):
         assert not served.mailbox.stop_requested
         client.post("/api/jobs/demonstration", json={"object": "parcel"}, headers=headers)
         post(client, headers, "stop")
-        served.desk.started("x.mcap")
+        served.job_manager.started("x.mcap")
         assert client.get("/api/status").json()["job"]["state"] == JobState.STOPPING
 
 

@@ -1,4 +1,4 @@
-"""Orders through the HTTP interface, against the real desk and socket."""
+"""Orders through the HTTP interface, against the real job manager and socket."""
 
 import httpx
 import pytest
@@ -17,7 +17,7 @@ def test_an_order_is_taken_once_and_the_second_says_why_not(served):
         answer = client.post("/api/jobs/demonstration", json=order, headers=headers)
         assert answer.status_code == 202
         assert answer.json()["job"]["title"] == "parcel, variation 3, seed 7"
-        taken, _ = served.desk.collect()
+        taken, _ = served.job_manager.collect()
         assert (taken.object, taken.variation, taken.seed) == ("parcel", 3, 7)
         second = client.post("/api/jobs/demonstration", json=order, headers=headers)
         assert second.status_code == 409
@@ -41,7 +41,7 @@ def test_a_bad_order_is_one_line_that_names_the_key(served, order, key):
         answer = client.post("/api/jobs/demonstration", json=order, headers=headers)
         assert answer.status_code == 422
         assert answer.json()["error"].startswith(key)
-    assert served.desk.status().job is None
+    assert served.job_manager.status().job is None
 
 
 def test_an_order_needs_control_and_arming_in_this_order(served):

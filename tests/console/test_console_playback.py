@@ -87,9 +87,9 @@ def test_a_log_is_ordered_to_be_played_at_a_speed_and_ended_softly_by_its_operat
         answer = client.post("/api/jobs/playback", json=order, headers=headers)
         assert answer.status_code == 202
         assert answer.json()["job"]["title"] == "one.mcap at 0.5x"
-        taken, _ = served.desk.collect()
+        taken, _ = served.job_manager.collect()
         assert (taken.verb, taken.source, taken.speed) == ("playback", str(served.logs / "one.mcap"), 0.5)
-        served.desk.started("playback.mcap")
+        served.job_manager.started("playback.mcap")
         # the console learns a moment later that it runs; meanwhile the operator gives signs of life
         eventually(
             lambda: (
@@ -125,4 +125,4 @@ def test_a_bad_order_is_refused_in_one_line(served, logs, order, status, says):
         assert answer.status_code == status
         assert says in answer.json()["error"]
         assert "\n" not in answer.json()["error"]
-        assert served.desk.status().job is None
+        assert served.job_manager.status().job is None

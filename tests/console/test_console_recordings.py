@@ -59,18 +59,18 @@ def test_a_discarded_recording_is_gone_with_what_was_said_and_nothing_else_can_b
     assert client.post("/api/recordings/0000/discard", headers=headers).status_code == 404
     arm(client, headers)
     client.post("/api/jobs/teleoperation", json={"object": "rice_box", "recorded": True}, headers=headers)
-    served.desk.started("a.mcap")
+    served.job_manager.started("a.mcap")
     show(served)
     assert client.post(f"/api/recordings/{log_id}/discard", headers=headers).status_code == 409
-    served.desk._change(log="b.mcap")
+    served.job_manager._change(log="b.mcap")
     show(served)
     assert client.post(f"/api/recordings/{log_id}/discard", headers=headers).json() == {"discarded": True}
     assert not list(served.logs.glob("a.mcap*"))
 
 
 def show(served):
-    """Let the console see the desk's status."""
-    status = served.desk.status()
+    """Let the console see the job manager's status."""
+    status = served.job_manager.status()
     served.parts.watch.learn(status)
     wait_for(lambda: served.parts.watch.view.status == status)
 

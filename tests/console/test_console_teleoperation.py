@@ -37,7 +37,7 @@ def running(served):
     with served.signed_in() as (client, headers):
         arm(client, headers)
         assert client.post("/api/jobs/teleoperation", json=ORDER, headers=headers).status_code == 202
-        served.desk.started("x.mcap")
+        served.job_manager.started("x.mcap")
         sample, control = np.zeros(1, ARM_SAMPLE), np.zeros(1, CONTROL_SAMPLE)
         sample["O_T_EE"] = np.eye(4)
         control["mode"] = Mode.TELEOPERATION
@@ -220,6 +220,6 @@ def test_finishing_asks_the_loop_for_the_end(running):
     served, client, headers = running
     assert client.post("/api/teleoperation/finish", json={}, headers=headers).status_code == 200
     assert (target(served)["finish"], target(served)["job"]) == (1, 1)
-    served.desk._change(state=JobState.DONE)
+    served.job_manager._change(state=JobState.DONE)
     wait_for(lambda: not served.parts.hand.running)
     assert replace(served.parts.hand.view, held=True).held

@@ -19,7 +19,7 @@ from hal.state import RobotMode
 from rtstack.cli.recovery import recover_arms
 from rtstack.live.audit import AuditTrail
 from rtstack.live.client import RUN_PREFIX, SOCKET_NAME
-from rtstack.live.desk import Desk
+from rtstack.live.job_manager import JobManager
 from rtstack.live.protocol import DemonstrationRequest, JobState, TrialRequest
 from rtstack.live.robot import Robot
 from rtstack.live.service import Service
@@ -58,35 +58,35 @@ class RunningRobot:
         source = live_source(CELL)
         source = replace(source, open_cell=self._open, description=replace(source.description, **description))
         self.audit = AuditTrail(logs / "audit.jsonl")
-        self.desk = Desk(source, self.mailbox, self.audit)
-        self.helm = self.desk.helm
+        self.job_manager = JobManager(source, self.mailbox, self.audit)
+        self.authority = self.job_manager.authority
         self.logs = logs
         self.console_is_there = self.operator_is_there = True
         self._ended = threading.Event()
         self._company = threading.Thread(target=self._keep_company)
         self._company.start()
-        self._thread = threading.Thread(target=Robot(source, self.desk, self.rings, self.mailbox, logs).run)
+        self._thread = threading.Thread(target=Robot(source, self.job_manager, self.rings, self.mailbox, logs).run)
         self._thread.start()
 
     def _keep_company(self) -> None:
         """What the console, the holder's page and the socket's thread do."""
         while not self._ended.wait(0.05):
-            self.helm.watch()
+            self.authority.watch()
             if self.console_is_there:
                 self.mailbox.console_beat(time.monotonic_ns())
             if self.operator_is_there:
-                self.helm.beat("anna")
+                self.authority.beat("anna")
 
     def order(self, request) -> None:
         """Take control, arm and order."""
-        self.helm.take("anna")
-        self.helm.arm("anna")
-        self.desk.order(request)
+        self.authority.take("anna")
+        self.authority.arm("anna")
+        self.job_manager.order(request)
 
     def finished(self):
         """Wait for the end of the job and return it."""
-        wait_for(lambda: not self.desk.status().job.active)
-        return self.desk.status().job
+        wait_for(lambda: not self.job_manager.status().job.active)
+        return self.job_manager.status().job
 
     def events(self, job):
         """Return the events of the job's log, as who and what."""
@@ -104,7 +104,7 @@ class RunningRobot:
 
     def close(self):
         """End the thread and let go of the memory."""
-        self.desk.end(End.STOP_REQUESTED, "the test is over")
+        self.job_manager.end(End.STOP_REQUESTED, "the test is over")
         self._thread.join(PATIENCE_S)
         self._ended.set()
         self._company.join()
@@ -139,37 +139,37 @@ def test_a_reflex_is_shown_with_its_reason_and_recovered(robot):
     wait_for(lambda: robot.latest("left")["robot_mode"] == RobotMode.REFLEX)
     assert robot.latest("left")["current_errors"] == error_bit("joint_reflex")
     np.testing.assert_allclose(robot.latest("left")["q"], before, atol=1e-2)
-    wait_for(lambda: robot.helm.view().phase is Phase.FAULT)
-    assert "joint_reflex" in robot.helm.view().reason
+    wait_for(lambda: robot.authority.view().phase is Phase.FAULT)
+    assert "joint_reflex" in robot.authority.view().reason
     assert robot.latest("right")["robot_mode"] == RobotMode.IDLE
     with pytest.raises(Refused, match=r"there is a fault: .*joint_reflex.*; recover first"):
         robot.order(DEMONSTRATION)
-    robot.desk.recover("anna").result(PATIENCE_S)
-    assert (robot.helm.view().phase, robot.helm.view().reason) == (Phase.DISARMED, None)
+    robot.job_manager.recover("anna").result(PATIENCE_S)
+    assert (robot.authority.view().phase, robot.authority.view().reason) == (Phase.DISARMED, None)
     wait_for(lambda: robot.latest("left")["robot_mode"] == RobotMode.IDLE)
     assert len(robot.opened) == 1
     with pytest.raises(Refused, match="arm them first"):
-        robot.desk.order(DEMONSTRATION)
+        robot.job_manager.order(DEMONSTRATION)
     with pytest.raises(Refused, match="nothing to recover from"):
-        robot.desk.recover("anna")
+        robot.job_manager.recover("anna")
 
 
 def test_a_recovery_that_the_robot_refuses_says_why_and_the_fault_stays(robot, monkeypatch):
     wait_for(lambda: robot.latest("left") is not None)
     robot.opened[0].boxes[0].trip(error_bit("joint_reflex"))
-    wait_for(lambda: robot.helm.view().phase is Phase.FAULT)
+    wait_for(lambda: robot.authority.view().phase is Phase.FAULT)
 
     def refuse(side):
         raise RecoveryRefused("the cause persists: joint 4 at its limit")
 
     monkeypatch.setattr(robot.opened[0], "recover", refuse)
     with pytest.raises(RecoveryRefused, match="joint 4"):
-        robot.desk.recover("anna").result(PATIENCE_S)
-    assert robot.helm.view().phase is Phase.FAULT
-    assert "joint 4" in robot.helm.view().reason
+        robot.job_manager.recover("anna").result(PATIENCE_S)
+    assert robot.authority.view().phase is Phase.FAULT
+    assert "joint 4" in robot.authority.view().reason
     # nobody can move simulated arms out of it by hand: others are set up, and the recovery is asked for once more
-    robot.desk.recover("anna").result(PATIENCE_S)
-    assert robot.helm.view().phase is Phase.DISARMED
+    robot.job_manager.recover("anna").result(PATIENCE_S)
+    assert robot.authority.view().phase is Phase.DISARMED
     assert len(robot.opened) == 2
 
 
@@ -177,13 +177,13 @@ def test_a_refusal_that_is_seen_after_the_recovery_was_asked_for_does_not_undo_i
     mailbox = Mailbox.create("rtstack-test-refusal")
     audit = AuditTrail(tmp_path / "audit.jsonl")
     try:
-        desk = Desk(live_source(CELL), mailbox, audit)
-        desk.refused("in reflex")
-        assert desk.helm.view().phase is Phase.FAULT
-        desk.recover("anna")
-        desk.refused("in reflex")  # as it was when it was looked at
-        desk.helm.recovered()
-        assert desk.helm.view().phase is Phase.DISARMED
+        job_manager = JobManager(live_source(CELL), mailbox, audit)
+        job_manager.refused("in reflex")
+        assert job_manager.authority.view().phase is Phase.FAULT
+        job_manager.recover("anna")
+        job_manager.refused("in reflex")  # as it was when it was looked at
+        job_manager.authority.recovered()
+        assert job_manager.authority.view().phase is Phase.DISARMED
     finally:
         audit.close()
         mailbox.close()
@@ -192,36 +192,38 @@ def test_a_refusal_that_is_seen_after_the_recovery_was_asked_for_does_not_undo_i
 def test_a_lost_arm_is_said_and_a_recovery_opens_the_cell_again(robot):
     wait_for(lambda: robot.latest("left") is not None)
     robot.opened[0].left.close()
-    wait_for(lambda: robot.helm.view().phase is Phase.FAULT)
-    robot.desk.recover("anna").result(PATIENCE_S)
-    assert robot.helm.view().phase is Phase.DISARMED
+    wait_for(lambda: robot.authority.view().phase is Phase.FAULT)
+    robot.job_manager.recover("anna").result(PATIENCE_S)
+    assert robot.authority.view().phase is Phase.DISARMED
     assert len(robot.opened) == 2
 
 
 def test_a_demonstration_then_a_trial_in_a_fresh_cell_each(robot):
     robot.order(replace(DEMONSTRATION, object="parcel", variation=1, seed=5))
     with pytest.raises(Refused, match="running"):
-        robot.desk.order(DEMONSTRATION)
+        robot.job_manager.order(DEMONSTRATION)
     job = robot.finished()
     assert (job.state, job.success, job.reason) == (JobState.DONE, True, None)
-    assert robot.helm.view().phase is Phase.ARMED
+    assert robot.authority.view().phase is Phase.ARMED
     recording = robot.logs / job.log
-    robot.desk.order(TrialRequest(str(recording), object="parcel", displacement_mm=-15.0, seed=5, operator="anna"))
+    robot.job_manager.order(
+        TrialRequest(str(recording), object="parcel", displacement_mm=-15.0, seed=5, operator="anna")
+    )
     job = robot.finished()
     assert job.state is JobState.DONE
     assert job.progress == 1.0
-    assert robot.helm.view().phase is Phase.ARMED  # a grab that does not succeed is no fault
+    assert robot.authority.view().phase is Phase.ARMED  # a grab that does not succeed is no fault
     log = read_log(robot.logs / job.log)
     assert log.metadata["result"]["displacement_mm"] == "-15.0"
     assert followed_file(log, "") == (log.metadata["reference"]["sha256"], recording.read_bytes())
     assert len(robot.opened) == 3
-    assert robot.desk.status().object == "parcel"
+    assert robot.job_manager.status().object == "parcel"
 
 
 def test_a_stop_ends_a_job_in_a_controlled_way_and_disarms(robot):
     robot.order(DEMONSTRATION)
-    wait_for(lambda: robot.desk.status().job.progress > 0.2)
-    robot.helm.stop("ben")
+    wait_for(lambda: robot.job_manager.status().job.progress > 0.2)
+    robot.authority.stop("ben")
     job = robot.finished()
     assert job.state is JobState.STOPPED
     assert "operator" in job.reason
@@ -230,9 +232,9 @@ def test_a_stop_ends_a_job_in_a_controlled_way_and_disarms(robot):
     assert log.complete
     assert np.abs(log.topic("/left/arm")["dq"][-1]).max() < 0.05
     assert ("operator", "ben pressed STOP") in robot.events(job)
-    assert (robot.helm.view().phase, robot.helm.view().reason) == (Phase.DISARMED, None)
+    assert (robot.authority.view().phase, robot.authority.view().reason) == (Phase.DISARMED, None)
     with pytest.raises(Refused, match="arm them first"):
-        robot.desk.order(DEMONSTRATION)
+        robot.job_manager.order(DEMONSTRATION)
 
 
 def _goes(robot, who):
@@ -245,15 +247,15 @@ def _goes(robot, who):
         (lambda robot: _goes(robot, "operator_is_there"), End.OPERATOR_GONE, True),
         (lambda robot: _goes(robot, "console_is_there"), End.CONSOLE_GONE, True),
         (lambda robot: robot.opened[-1].boxes[1].trip(error_bit("joint_reflex")), End.HARDWARE, True),
-        (lambda robot: robot.desk.end(End.PARENT_GONE, "the supervisor has died"), End.PARENT_GONE, True),
-        (lambda robot: robot.helm.release("anna"), End.STOP_REQUESTED, False),
-        (lambda robot: robot.helm.disarm("ben"), End.STOP_REQUESTED, False),
+        (lambda robot: robot.job_manager.end(End.PARENT_GONE, "the supervisor has died"), End.PARENT_GONE, True),
+        (lambda robot: robot.authority.release("anna"), End.STOP_REQUESTED, False),
+        (lambda robot: robot.authority.disarm("ben"), End.STOP_REQUESTED, False),
     ],
     ids=["operator gone", "console gone", "reflex", "supervisor gone", "released", "disarmed"],
 )
 def test_what_ends_a_motion_is_said_in_its_log_and_only_a_recovery_leads_out_of_a_fault(robot, event, end, fault):
     robot.order(DEMONSTRATION)
-    wait_for(lambda: robot.desk.status().job.progress > 0.05)
+    wait_for(lambda: robot.job_manager.status().job.progress > 0.05)
     event(robot)
     job = robot.finished()
     assert job.reason.startswith(end)
@@ -262,17 +264,17 @@ def test_what_ends_a_motion_is_said_in_its_log_and_only_a_recovery_leads_out_of_
     assert log.complete
     assert log.metadata["result"]["failure_reason"] == job.reason
     assert np.abs(log.topic("/left/arm")["dq"][-1]).max() < 0.05
-    view = robot.helm.view()
+    view = robot.authority.view()
     assert view.phase is (Phase.FAULT if fault else Phase.DISARMED)
     assert view.reason == (job.reason if fault else None)
     robot.console_is_there = robot.operator_is_there = True
-    if robot.desk.ending:
+    if robot.job_manager.ending:
         return
     with pytest.raises(Refused):
-        robot.desk.order(DEMONSTRATION)
+        robot.job_manager.order(DEMONSTRATION)
     if fault:
-        robot.desk.recover("ben").result(PATIENCE_S)
-        assert robot.helm.view().phase is Phase.DISARMED
+        robot.job_manager.recover("ben").result(PATIENCE_S)
+        assert robot.authority.view().phase is Phase.DISARMED
 
 
 def test_a_recovery_is_refused_while_the_judge_would_stop_the_arms_where_they_are(tmp_path):
@@ -282,8 +284,8 @@ def test_a_recovery_is_refused_while_the_judge_would_stop_the_arms_where_they_ar
         assert robot.finished().reason.startswith(End.SAFETY)
         for _ in range(2):
             with pytest.raises(RecoveryRefused, match="the end effector has left its box: the cause persists"):
-                robot.desk.recover("anna").result(PATIENCE_S)
-            assert robot.helm.view().phase is Phase.FAULT
+                robot.job_manager.recover("anna").result(PATIENCE_S)
+            assert robot.authority.view().phase is Phase.FAULT
     finally:
         robot.close()
 
@@ -293,7 +295,7 @@ def test_what_is_impossible_fails_with_one_line_and_leaves_a_working_cell(robot,
     for reference in (tmp_path / "junk.mcap", tmp_path / "none.mcap"):
         robot.order(TrialRequest(str(reference), operator="anna"))
         job = robot.finished()
-        assert robot.helm.view().phase is Phase.ARMED
+        assert robot.authority.view().phase is Phase.ARMED
         assert job.state is JobState.FAILED
         assert reference.name in job.reason
         assert "\n" not in job.reason
@@ -311,7 +313,7 @@ def test_a_running_stack_recovers_at_a_terminal(robot, monkeypatch, capsys):
         (Path(name) / f"{RUN_PREFIX}dead").mkdir()
         (Path(name) / f"{RUN_PREFIX}dead" / SOCKET_NAME).touch()
         folder.mkdir()
-        service = Service(robot.desk, folder / SOCKET_NAME)
+        service = Service(robot.job_manager, folder / SOCKET_NAME)
         try:
             wait_for(lambda: robot.latest("left") is not None)
             with pytest.raises(typer.Exit) as refused:
@@ -323,12 +325,12 @@ def test_a_running_stack_recovers_at_a_terminal(robot, monkeypatch, capsys):
                 "rtstack: nothing to recover from: the arms are disarmed\n",
             )
             robot.opened[0].boxes[1].trip(error_bit("joint_reflex"))
-            wait_for(lambda: robot.helm.view().phase is Phase.FAULT)
+            wait_for(lambda: robot.authority.view().phase is Phase.FAULT)
             recover_arms(None, None)
             first, last = capsys.readouterr().out.splitlines()
             assert first.startswith("grab: fault: right arm in reflex: joint_reflex")
             assert last == "grab: disarmed: take control and arm to go on"
-            assert robot.helm.view().phase is Phase.DISARMED
+            assert robot.authority.view().phase is Phase.DISARMED
             with pytest.raises(TrialError, match="not both"):
                 recover_arms("fci:a,b", folder / SOCKET_NAME)
         finally:

@@ -1,4 +1,4 @@
-"""The queue of trials over HTTP, against the real desk and socket; the test is the robot that carries orders out."""
+"""The queue of trials over HTTP, against the real job manager and socket; the test acts as the robot."""
 
 import dataclasses
 import json
@@ -43,12 +43,12 @@ class Operator:
     def order(self):
         """Return what the queue has ordered, once it has."""
         taken = []
-        wait_for(lambda: (self.queue() and taken.append(self.served.desk.collect()[0])) or taken[-1] is not None)
-        self.served.desk.started("trial.mcap")
+        wait_for(lambda: (self.queue() and taken.append(self.served.job_manager.collect()[0])) or taken[-1] is not None)
+        self.served.job_manager.started("trial.mcap")
         return taken[-1]
 
     def end(self, state=JobState.DONE, success=True, reason=None):
-        self.served.desk.finished(state, reason, success, "trial.mcap")
+        self.served.job_manager.finished(state, reason, success, "trial.mcap")
 
 
 @pytest.fixture
@@ -83,7 +83,7 @@ def test_repetitions_run_in_order_each_with_the_next_seed_and_leave_the_time_the
     assert [entry["trial"]["seed"] for entry in answer.json()["entries"]] == [7, 8, 9]
     assert (answer.json()["running"], answer.json()["time_left_s"]) == (False, None)
     time.sleep(0.3)  # three looks of the runner: what nobody has started does not begin
-    assert operator.served.desk.collect()[0] is None
+    assert operator.served.job_manager.collect()[0] is None
     assert operator.post("queue/start").json()["operator"] == "operator 1"
     for seed in (7, 8, 9):
         order = operator.order()
@@ -125,13 +125,13 @@ def test_a_fault_pauses_whatever_was_asked_and_real_arms_wait_for_a_person(opera
     operator.add(reference, 3)
     operator.post("queue/start", past_failures=True)
     operator.order()
-    desk = operator.served.desk
-    desk._description = dataclasses.replace(desk._description, simulated=False)
+    job_manager = operator.served.job_manager
+    job_manager._description = dataclasses.replace(job_manager._description, simulated=False)
     operator.end()
     wait_for(lambda: "put the object in its place" in str(operator.queue()["reason"]))
     operator.post("queue/start", past_failures=True)
     operator.order()
-    desk.helm.fault("the arm hit its stop")
+    job_manager.authority.fault("the arm hit its stop")
     operator.end(JobState.DONE, False, "safety stop")
     wait_for(lambda: operator.queue()["reason"] == "there is a fault: the arm hit its stop")
     answer = operator.post("queue/start")
@@ -146,15 +146,15 @@ def test_it_pauses_where_its_operator_no_longer_has_the_armed_robot(operator, re
     operator.order()
     if how == "takeover":
         operator.end()  # nobody takes over what moves
-        operator.served.desk.helm.take("ben", over_from="operator 1")
-        operator.served.desk.helm.arm("ben")
+        operator.served.job_manager.authority.take("ben", over_from="operator 1")
+        operator.served.job_manager.authority.arm("ben")
     else:
         operator.post(how)
         operator.end(JobState.STOPPED, False, "stop requested by the operator")
     wait_for(lambda: not operator.client.get("/api/queue").json()["running"])
     assert operator.served.parts.queue.next() is not None
     time.sleep(0.3)
-    assert operator.served.desk.collect()[0] is None
+    assert operator.served.job_manager.collect()[0] is None
     if how == "takeover":
         assert operator.served.parts.queue.view().reason == "operator 1 no longer has the robot"
 

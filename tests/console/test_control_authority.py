@@ -1,5 +1,5 @@
-"""The helm: the permit with a mailbox, a clock and witnesses. In any order of what operators and the loop do, nothing
-moves after a STOP before somebody has armed again, and whatever was allowed is in the audit trail.
+"""The control authority: in any order of what operators and the loop do, nothing moves after a STOP before an operator
+has armed again, and each permission is in the audit trail.
 """
 
 import itertools
@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from rtstack.live.audit import AuditTrail
-from rtstack.live.helm import Helm
+from rtstack.live.control_authority import ControlAuthority
 from rtstack.loop.mailbox import Mailbox, remove_mailbox
 from rtstack.safety.permit import LEASE_S, Phase, Refused
 from rtstack.samples import Level
@@ -24,16 +24,16 @@ numbers = itertools.count()
 
 
 class Bench:
-    """A helm with a clock that is turned by hand."""
+    """A control authority with a clock that is turned by hand."""
 
     def __init__(self, trail: Path) -> None:
-        name = f"rtstack-test-helm-{os.getpid()}-{next(numbers)}"
+        name = f"rtstack-test-authority-{os.getpid()}-{next(numbers)}"
         remove_mailbox(name)
         self.now_s = 1000.0
         self.trail = trail
         self.mailbox = Mailbox.create(name)
         self.audit = AuditTrail(trail)
-        self.helm = Helm(self.mailbox, self.audit, lambda: self.now_s)
+        self.authority = ControlAuthority(self.mailbox, self.audit, lambda: self.now_s)
 
     def lines(self):
         return [json.loads(line) for line in self.trail.read_text().splitlines()]
@@ -57,7 +57,7 @@ class HelmMachine(RuleBasedStateMachine):
     def start(self):
         self.folder = tempfile.TemporaryDirectory()
         self.bench = Bench(Path(self.folder.name) / "audit.jsonl")
-        self.helm, self.mailbox = self.bench.helm, self.bench.mailbox
+        self.authority, self.mailbox = self.bench.authority, self.bench.mailbox
         self.armed_by = None  # who has armed since the last reason not to move
         self.moving = False
         self.allowed = []
@@ -68,7 +68,7 @@ class HelmMachine(RuleBasedStateMachine):
             self.folder.cleanup()
 
     def tries(self, action, who):
-        refusal = self.refusal(lambda: getattr(self.helm, action)(who))
+        refusal = self.refusal(lambda: getattr(self.authority, action)(who))
         if refusal is None:
             self.allowed.append((action, who))
         return refusal is None
@@ -85,8 +85,8 @@ class HelmMachine(RuleBasedStateMachine):
 
     @rule(who=operators, over=st.none() | operators)
     def takes(self, who, over):
-        before = self.helm.view().holder
-        refusal = self.refusal(lambda: self.helm.take(who, over))
+        before = self.authority.view().holder
+        refusal = self.refusal(lambda: self.authority.take(who, over))
         if refusal is not None:
             assert before not in (None, who)
             assert before in refusal
@@ -107,7 +107,7 @@ class HelmMachine(RuleBasedStateMachine):
     @rule(who=operators)
     def arms(self, who):
         if self.tries("arm", who):
-            assert self.helm.view().holder == who
+            assert self.authority.view().holder == who
             assert not self.mailbox.stop_requested
             if self.armed_by == who:
                 self.allowed.pop()  # it was armed
@@ -132,7 +132,7 @@ class HelmMachine(RuleBasedStateMachine):
 
     @rule(who=operators)
     def begins(self, who):
-        if self.refusal(lambda: self.helm.begin(who, "a trial")) is not None:
+        if self.refusal(lambda: self.authority.begin(who, "a trial")) is not None:
             return
         assert self.armed_by == who
         assert not self.moving
@@ -148,12 +148,12 @@ class HelmMachine(RuleBasedStateMachine):
 
     @rule()
     def the_motion_ends(self):
-        self.helm.end()
+        self.authority.end()
         self.moving = False
 
     @rule()
     def a_fault_comes(self):
-        self.helm.fault("reflex")
+        self.authority.fault("reflex")
         self.armed_by = None
 
     @rule(who=operators, ends_well=st.booleans())
@@ -161,26 +161,26 @@ class HelmMachine(RuleBasedStateMachine):
         if self.tries("recover", who):
             assert not self.moving
             if ends_well:
-                self.helm.recovered()
+                self.authority.recovered()
             else:
-                self.helm.not_recovered("persists")
-        assert self.armed_by is None or self.helm.view().phase is not Phase.RECOVERING
+                self.authority.not_recovered("persists")
+        assert self.armed_by is None or self.authority.view().phase is not Phase.RECOVERING
 
     @rule(seconds=st.sampled_from([0.1, LEASE_S / 2, LEASE_S * 1.01]), alive=st.booleans())
     def time_passes(self, seconds, alive):
         self.bench.now_s += seconds
-        holder = self.helm.view().holder
+        holder = self.authority.view().holder
         if alive and holder:
-            self.helm.beat(holder)
-        self.helm.watch()
+            self.authority.beat(holder)
+        self.authority.watch()
         if holder is None:
             self.armed_by = None
 
     @invariant()
     def nothing_is_armed_that_nobody_has_armed(self):
         if hasattr(self, "bench"):
-            self.helm.watch()
-            view = self.helm.view()
+            self.authority.watch()
+            view = self.authority.view()
             if view.holder is None:
                 self.armed_by = None
             if view.phase is Phase.ARMED:
@@ -200,44 +200,44 @@ TestHelm = HelmMachine.TestCase
 
 
 def test_a_motion_without_its_operator_stops_although_the_loop_says_nothing(bench):
-    bench.helm.take("anna")
-    bench.helm.arm("anna")
-    bench.helm.begin("anna", "a trial")
+    bench.authority.take("anna")
+    bench.authority.arm("anna")
+    bench.authority.begin("anna", "a trial")
     bench.now_s += LEASE_S * 1.01
-    bench.helm.watch()
+    bench.authority.watch()
     assert not bench.mailbox.stop_requested  # the loop's own watchdog knows the reason, and comes first
     bench.now_s += 1.0
-    bench.helm.watch()
-    bench.helm.watch()
+    bench.authority.watch()
+    bench.authority.watch()
     assert bench.mailbox.stop_requested
-    assert bench.helm.view().holder is None
+    assert bench.authority.view().holder is None
     assert [line["action"] for line in bench.lines()] == ["take", "arm", "begin", "lost"]
 
 
 def test_only_the_holders_beat_reaches_the_loop(bench):
-    bench.helm.beat("ben")
+    bench.authority.beat("ben")
     assert bench.mailbox.operator_beat_ns == 0
-    bench.helm.take("anna")
+    bench.authority.take("anna")
     taken_ns = bench.mailbox.operator_beat_ns
     assert taken_ns == 1_000_000_000_000
     bench.now_s += 1.0
-    bench.helm.beat("ben")
+    bench.authority.beat("ben")
     assert bench.mailbox.operator_beat_ns == taken_ns
-    bench.helm.beat("anna")
+    bench.authority.beat("anna")
     assert bench.mailbox.operator_beat_ns == taken_ns + 1_000_000_000
 
 
 def test_what_operators_do_is_told_once_with_their_names(bench):
-    bench.helm.take("anna")
-    bench.helm.take("ben", over_from="anna")
-    bench.helm.stop("carl")
-    told = [(remark.level, remark.name, remark.text) for remark in bench.helm.remarks()]
+    bench.authority.take("anna")
+    bench.authority.take("ben", over_from="anna")
+    bench.authority.stop("carl")
+    told = [(remark.level, remark.name, remark.text) for remark in bench.authority.remarks()]
     assert told == [
         (Level.INFO, "operator", "anna took control"),
         (Level.WARNING, "operator", "ben took over from anna"),
         (Level.WARNING, "operator", "carl pressed STOP"),
     ]
-    assert list(bench.helm.remarks()) == []
+    assert list(bench.authority.remarks()) == []
 
 
 def test_the_trail_goes_on_after_a_line_that_was_cut(tmp_path):
@@ -252,27 +252,27 @@ def test_the_trail_goes_on_after_a_line_that_was_cut(tmp_path):
 
 
 def test_a_stop_counts_at_once_for_the_next_order(bench):
-    bench.helm.take("anna")
-    bench.helm.arm("anna")
-    bench.helm.stop("ben")
-    assert bench.helm.view().phase is Phase.DISARMED
-    bench.helm.arm("anna")
-    bench.mailbox.request_stop()  # and nobody has looked after the helm since
+    bench.authority.take("anna")
+    bench.authority.arm("anna")
+    bench.authority.stop("ben")
+    assert bench.authority.view().phase is Phase.DISARMED
+    bench.authority.arm("anna")
+    bench.mailbox.request_stop()  # and the control authority was not called since
     with pytest.raises(Refused, match="STOP was pressed"):
-        bench.helm.arm("anna")
-    bench.helm.arm("anna")
+        bench.authority.arm("anna")
+    bench.authority.arm("anna")
     bench.mailbox.request_stop()
     with pytest.raises(Refused, match="arm them first"):
-        bench.helm.begin("anna", "a trial")
+        bench.authority.begin("anna", "a trial")
 
 
 def test_nobody_takes_over_from_a_motion_or_from_somebody_else_than_named(bench):
-    bench.helm.take("anna")
+    bench.authority.take("anna")
     with pytest.raises(Refused, match="anna has the robot"):
-        bench.helm.take("ben", over_from="carl")
-    bench.helm.arm("anna")
-    bench.helm.begin("anna", "a trial")
+        bench.authority.take("ben", over_from="carl")
+    bench.authority.arm("anna")
+    bench.authority.begin("anna", "a trial")
     with pytest.raises(Refused, match="the arms are moving: take over from anna once they are at rest"):
-        bench.helm.take("ben", over_from="anna")
-    assert bench.helm.view().holder == "anna"
+        bench.authority.take("ben", over_from="anna")
+    assert bench.authority.view().holder == "anna"
     assert not bench.mailbox.stop_requested

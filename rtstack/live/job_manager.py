@@ -1,4 +1,4 @@
-"""The desk: what was ordered, and what is being done. Shared by the loop's thread and the socket's.
+"""The job manager: the requested and the running job. Shared by the loop's thread and the socket's thread.
 
 Every method holds the lock for a few assignments only, so that the loop's thread never waits for a socket.
 """
@@ -12,7 +12,7 @@ from pathlib import Path
 
 from hal.realtime import scheduling
 from rtstack.live.audit import AuditTrail
-from rtstack.live.helm import Helm
+from rtstack.live.control_authority import ControlAuthority
 from rtstack.live.protocol import (
     Job,
     JobKind,
@@ -31,14 +31,14 @@ from rtstack.safety.permit import Refused
 from rtstack.samples import Level
 
 
-class Desk:
-    """Takes one order at a time from whom the helm allows it, and tells how it goes.
+class JobManager:
+    """Accepts one job at a time from an operator whom the control authority allows, and reports its status.
 
     A rtstack.loop.watchdogs.Watchdog too: it ends a session when the process has to end.
     """
 
     def __init__(self, source: CellSource, mailbox: Mailbox, audit: AuditTrail) -> None:
-        self.helm = Helm(mailbox, audit)
+        self.authority = ControlAuthority(mailbox, audit)
         self._lock = threading.Lock()
         self._news = threading.Event()
         self._mailbox = mailbox
@@ -63,7 +63,7 @@ class Desk:
             if refusal is not None:
                 raise Refused(refusal)
             number = 1 if self._job is None else self._job.number + 1
-            self.helm.begin(request.operator, f"{request.verb} {number}: {_title(request)}")
+            self.authority.begin(request.operator, f"{request.verb} {number}: {_title(request)}")
             self._order = request
             recorded = isinstance(request, TeleoperationRequest) and request.recorded
             self._job = Job(
@@ -77,14 +77,16 @@ class Desk:
             refusal = self._refusal()
             if refusal is not None:
                 raise Refused(refusal)
-            self.helm.recover(operator)
+            self.authority.recover(operator)
             self._recovery = Future()
             self._news.set()
             return self._recovery
 
     def status(self) -> Status:
         """Return how things are now."""
-        helm = self.helm.view()  # before the lock: the helm may wait for the disk, and the loop for the lock
+        authority = (
+            self.authority.view()
+        )  # outside of the lock: the authority may wait for the disk, the loop for the lock
         with self._lock:
             stopping = self._mailbox.stop_requested
             job = self._job
@@ -96,11 +98,11 @@ class Desk:
                 objects=tuple(self._description.objects),
                 object=self._object,
                 job=job,
-                refusal=self._refusal() or helm.refusal,
-                phase=helm.phase,
-                reason=helm.reason,
-                holder=helm.holder,
-                since_s=helm.since_s,
+                refusal=self._refusal() or authority.refusal,
+                phase=authority.phase,
+                reason=authority.reason,
+                holder=authority.holder,
+                since_s=authority.since_s,
                 stop_requested=stopping,
                 scheduler=scheduling(os.getpid())[0],  # the loop's thread is the main one
             )
@@ -129,7 +131,7 @@ class Desk:
         """Note that an idle arm refuses to move: a fault, unless the recovery from it has been asked for already."""
         with self._lock:
             if self._recovery is None:
-                self.helm.fault(reason)
+                self.authority.fault(reason)
 
     def opened(self, object_name: str) -> None:
         """Note that a cell with this object answers."""
@@ -151,7 +153,7 @@ class Desk:
 
     def finished(self, state: JobState, reason: str | None, success: bool | None, log: str | None) -> None:
         """Note how the job ended; both arms are at rest."""
-        self.helm.end()
+        self.authority.end()
         progress = 1.0 if state is JobState.DONE else (self._job.progress if self._job else 0.0)
         self._change(state=state, reason=reason, success=success, log=log, progress=progress)
 

@@ -1,8 +1,8 @@
-"""The helm: who has the robot, and whether its arms may move. The permit with a clock, a lock, and witnesses.
+"""The control authority: which operator has the lease, and whether the arms may move.
 
-Every decision about motion in the robot process is the permit's (rtstack.safety.permit). What operators do becomes a
-line of the audit trail and a remark, which the loop's thread publishes as an event. A STOP disarms, and whoever arms
-afterwards has seen it: arming takes the request back, and nothing else does.
+It owns the arming state machine (rtstack.safety.permit), which takes every decision about motion in the robot process,
+and adds a clock, a lock and an audit trail. Each action of an operator becomes a line of the audit trail and a remark,
+which the loop's thread publishes as an event. A STOP disarms; only arming resets the request.
 """
 
 import threading
@@ -20,11 +20,11 @@ from rtstack.trials.attendant import Remark
 
 # the loop's own watchdog is the first to stop a motion without an operator, so that the log has the true reason
 _LOOP_FIRST_S = 0.3
-_REMARKS = 256  # that nobody has published yet
+_REMARKS = 256  # not yet published
 
 
 @dataclass(frozen=True, slots=True)
-class HelmView:
+class AuthorityView:
     """What the permit says. `since_s`: Unix time of the last change of phase; `refusal`: why nothing may begin."""
 
     phase: Phase
@@ -34,7 +34,7 @@ class HelmView:
     refusal: str | None
 
 
-class Helm:
+class ControlAuthority:
     """Owns the permit. All methods may be called from any thread; they raise Refused with one line.
 
     clock: the host's monotonic time, s, as the mailbox has it.
@@ -85,7 +85,7 @@ class Helm:
                 self._alive()
 
     def watch(self) -> None:
-        """Notice what nobody says: a holder who has gone, and a STOP in the mailbox. To be called regularly."""
+        """Check for a holder without signs of life and for a STOP in the mailbox. To be called regularly."""
         with self._acting() as now_s:
             if self._mailbox.stop_requested:
                 self._permit.disarm()
@@ -111,14 +111,14 @@ class Helm:
                 self._note("arm", operator, f"{operator} armed both arms")
 
     def disarm(self, operator: str) -> None:
-        """Allow no motion any more; one that runs stops. Anybody may."""
+        """Allow no motion any more; a running motion stops. Needs no lease."""
         with self._acting():
             self._permit.disarm()
             self._stop_at_once()
             self._note("disarm", operator, f"{operator} disarmed both arms")
 
     def stop(self, operator: str) -> None:
-        """Stop whatever moves, and disarm. Anybody may, without a lease."""
+        """Stop all motion, and disarm. Needs no lease."""
         self._mailbox.request_stop()  # before any lock
         with self._acting():
             self._permit.disarm()
@@ -154,7 +154,7 @@ class Helm:
             self._note("recover", operator, f"{operator} asked for a recovery")
 
     def recovered(self) -> None:
-        """Both arms have recovered; nobody has armed them."""
+        """Both arms have recovered; they are disarmed."""
         with self._acting():
             self._permit.recovered()
             self._note("recovered", None, "both arms have recovered: disarmed")
@@ -167,11 +167,11 @@ class Helm:
 
     # what others see
 
-    def view(self) -> HelmView:
+    def view(self) -> AuthorityView:
         """Return how things are now."""
         with self._acting():
             permit = self._permit
-            return HelmView(permit.phase, permit.reason, permit.holder, self._since_s, self._refusal())
+            return AuthorityView(permit.phase, permit.reason, permit.holder, self._since_s, self._refusal())
 
     def remarks(self) -> Iterable[Remark]:
         """Return what was done since the last call, oldest first. Never waits: for the loop's thread."""
