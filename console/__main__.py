@@ -32,7 +32,7 @@ from console.review.scene import ReviewScenes
 from console.scenes import Scenes
 from console.server import server_settings
 from console.sign_in import SignIn
-from console.teleoperation.hand import Hand
+from console.teleoperation.teleop_input import TeleopInput
 from console.tokens import Tokens
 from console.watch import STATUS_TIMEOUT_S, Watch
 from rtstack.configuration import ConfigurationError
@@ -88,7 +88,7 @@ def main(arguments: list[str] | None = None) -> int:
             return 2
         config = server_settings(create_app(parts, port))
         gc.collect()
-        gc.freeze()  # what is there by now stays: to go through all of it again would hold up a hand's signs of life
+        gc.freeze()  # all objects made so far stay: no later collection scans them and delays the signs of life
         server = _Server(config, f"http://127.0.0.1:{port}/?token={parts.sign_in.token}", ready)
         if not asked.alone:
             hold_lifeline(lambda: setattr(server, "should_exit", True))
@@ -106,8 +106,8 @@ def _parts(asked: argparse.Namespace, port: int, stack: ExitStack) -> Parts:
     presence = Presence()
     watch = stack.enter_context(closing(Watch(rings, RobotClient(socket_path, STATUS_TIMEOUT_S), presence, cell)))
     watch.start()
-    hand = Hand(mailbox, watch)
-    scenes = stack.enter_context(closing(Scenes(cell, watch, hand)))
+    teleop = TeleopInput(mailbox, watch)
+    scenes = stack.enter_context(closing(Scenes(cell, watch, teleop)))
     review_cache = stack.enter_context(closing(ReviewCache(asked.logs)))
     review_scenes = stack.enter_context(closing(ReviewScenes(cell)))
     catalogue = Catalogue(asked.logs)
@@ -126,7 +126,7 @@ def _parts(asked: argparse.Namespace, port: int, stack: ExitStack) -> Parts:
         watch=watch,
         catalogue=catalogue,
         scenes=scenes,
-        hand=hand,
+        teleop=teleop,
         review_cache=review_cache,
         review_scenes=review_scenes,
         queue=queue,

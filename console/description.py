@@ -25,7 +25,7 @@ message `beat` on `/live`). Everything that is refused is answered with one line
 Streams, which OpenAPI has no words for (WebSockets, with the same token or cookie):
 
 - `/live`: the state of arms, loop, job and hand, 20 times a second, as JSON.
-- `/api/teleoperation/hand`: the messages of `POST /api/teleoperation/hand`, each answered; closing it lets go.
+- `/api/teleoperation/hand`: the messages of `POST /api/teleoperation/hand`, each answered; closing releases the clutch.
 - `/api/logs/ID/scrub?view=NAME`: a cursor `{{"t": s, "signals": "a,b"}}`, answered with the values there.
 - `/foxglove/WORD`: the live topics for Foxglove; `GET /api/foxglove` has the address.
 """
@@ -37,7 +37,7 @@ _TAGS = {
     "jobs": "What the robot is asked to carry out.",
     "queue": "Trials that wait for their turn, on the word of who has the robot.",
     "campaigns": "The papers' campaigns on simulated arms: progress, results, figures, reports.",
-    "teleoperation": "A hand that moves both arms.",
+    "teleoperation": "Teleoperation of both arms.",
     "recordings": "Demonstrations: extracted, accepted, thrown away.",
     "logs": "The list of logs, and what the review reads of one.",
 }

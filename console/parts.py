@@ -13,7 +13,7 @@ from console.review.cache import ReviewCache
 from console.review.scene import ReviewScenes
 from console.scenes import Scenes
 from console.sign_in import Session, SignIn
-from console.teleoperation.hand import Hand
+from console.teleoperation.teleop_input import TeleopInput
 from console.watch import Watch
 from rtstack.live.audit import AuditTrail
 from rtstack.live.client import RobotClient, RobotRefused
@@ -35,7 +35,7 @@ class Parts:
     watch: Watch
     catalogue: Catalogue
     scenes: Scenes
-    hand: Hand
+    teleop: TeleopInput
     review_cache: ReviewCache
     review_scenes: ReviewScenes
     queue: Queue

@@ -4,9 +4,9 @@ import threading
 from enum import StrEnum
 
 from console.scene import CellFigures, add_stage
-from console.scene_hands import HandFigures
+from console.scene_gizmos import Gizmos
 from console.scene_server import SceneServer
-from console.teleoperation.hand import Hand
+from console.teleoperation.teleop_input import TeleopInput
 from console.watch import Watch
 from rtstack.model.cell_description import CellDescription
 
@@ -26,11 +26,11 @@ class Detail(StrEnum):
 class _LiveScene:
     """One scene, its server, and the thread that keeps it up to date while somebody looks."""
 
-    def __init__(self, cell: CellDescription, watch: Watch, hand: Hand, detail: Detail) -> None:
+    def __init__(self, cell: CellDescription, watch: Watch, teleop: TeleopInput, detail: Detail) -> None:
         self.server = SceneServer()
         add_stage(self.server.viser, cell, full=detail is Detail.FULL)
         self._scene = CellFigures(self.server.viser.scene, cell, full=detail is Detail.FULL)
-        self._hands = HandFigures(self.server.viser, cell, hand)
+        self._gizmos = Gizmos(self.server.viser, cell, teleop)
         self._watch = watch
         self._frame_s = detail.frame_s
         self._ending = threading.Event()
@@ -53,15 +53,15 @@ class _LiveScene:
                     self._scene.show_arms(q)
                 if status is not None:
                     self._scene.show_object(status.object, self._watch.object_pose())
-                self._hands.show(self._watch.measured(), self._watch.command(), self._watch.forces())
+                self._gizmos.show(self._watch.measured(), self._watch.command(), self._watch.forces())
 
 
 class Scenes:
     """The live scenes by their detail."""
 
-    def __init__(self, cell: CellDescription, watch: Watch, hand: Hand) -> None:
+    def __init__(self, cell: CellDescription, watch: Watch, teleop: TeleopInput) -> None:
         self._cell = cell
-        self._hand = hand
+        self._teleop = teleop
         self._watch = watch
         self._lock = threading.Lock()
         self._live: dict[Detail, _LiveScene] = {}
@@ -70,7 +70,7 @@ class Scenes:
         """Return the server of a scene; the first call makes it, which takes a second or two for the full one."""
         with self._lock:
             if detail not in self._live:
-                self._live[detail] = _LiveScene(self._cell, self._watch, self._hand, detail)
+                self._live[detail] = _LiveScene(self._cell, self._watch, self._teleop, detail)
             return self._live[detail].server
 
     def close(self) -> None:

@@ -26,7 +26,7 @@ from console.review.scene import ReviewScenes
 from console.scenes import Scenes
 from console.server import server_settings
 from console.sign_in import SignIn
-from console.teleoperation.hand import Hand
+from console.teleoperation.teleop_input import TeleopInput
 from console.tokens import Scope, Tokens
 from console.watch import Watch
 from deploy import cells
@@ -110,8 +110,8 @@ def serve_console(logs: Path) -> Iterator[ServedConsole]:
         watch = Watch(rings, status_client, presence, cell)
         stack.callback(watch.close)
         watch.start()
-        hand = Hand(mailbox, watch)
-        scenes = Scenes(cell, watch, hand)
+        teleop = TeleopInput(mailbox, watch)
+        scenes = Scenes(cell, watch, teleop)
         stack.callback(scenes.close)
         review_cache = ReviewCache(logs)
         stack.callback(review_cache.close)
@@ -136,7 +136,7 @@ def serve_console(logs: Path) -> Iterator[ServedConsole]:
             watch,
             catalogue,
             scenes,
-            hand,
+            teleop,
             review_cache,
             review_scenes,
             queue,

@@ -47,5 +47,5 @@ def playback(order: PlaybackOrder, session: NeedsSession, parts: NeedsParts) -> 
 @router.post("/playback/finish")
 def finish(session: NeedsSession, parts: NeedsParts) -> Finishing:
     """Brake along the path, to rest. STOP is quicker."""
-    parts.hand.finish(session.operator)
+    parts.teleop.finish(session.operator)
     return Finishing(True)

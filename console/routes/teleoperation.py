@@ -1,7 +1,7 @@
-"""Teleoperation: the hand's WebSocket and its plain requests. A program moves the arms in the same way as the page.
+"""Teleoperation: a WebSocket and plain requests. A program moves the arms in the same way as the page.
 
 A message may hold any of: clutch (true holds it, and is its sign of life; false lets go; lost: because the operator is
-out of sight), coupling, speed_m_s, stiffness_n_m, and for each hand a pose (position m, wxyz) or a deflection (-1..1
+out of sight), coupling, speed_m_s, stiffness_n_m, and for each arm a pose (position m, wxyz) or a deflection (-1..1
 along and about the world's axes). A clutch that is held has to be said again, as the page does every 50 ms: the robot
 process stops the arms when CLUTCH_S (rtstack.loop.watchdogs) have passed without.
 """
@@ -18,10 +18,10 @@ from pydantic.dataclasses import dataclass as checked
 from console.parts import NeedsParts, NeedsSession, Parts, parts_of, session_now
 from console.routes.problems import problems
 from console.teleoperation.devices import Placed
-from console.teleoperation.hand import HandView
 from console.teleoperation.pair import Coupling
+from console.teleoperation.teleop_input import TeleopView
 from rtstack.live.client import RobotRefused
-from rtstack.loop.target import Letting
+from rtstack.loop.target import Release
 from rtstack.messages import MESSAGE, StrictBool, StrictFloat
 from rtstack.teleoperation.reach import FASTEST_M_S, HARDEST_N_M, SLOWEST_M_S, SOFTEST_N_M
 
@@ -32,54 +32,54 @@ _Deflection = Annotated[list[Annotated[StrictFloat, Field(ge=-1.0, le=1.0)]], Fi
 
 
 @checked(frozen=True, slots=True, config=MESSAGE)
-class Hands:
-    """A pose for each hand, or for one of them: position, m, and quaternion wxyz, both in the world (7 numbers)."""
+class PadPoses:
+    """A pose for each arm, or for one of them: position, m, and quaternion wxyz, both in the world (7 numbers)."""
 
     left: _Pose | None = None
     right: _Pose | None = None
 
 
 @checked(frozen=True, slots=True, config=MESSAGE)
-class Sticks:
-    """A deflection for each hand, or for one: along and about the world's axes, -1 to 1 of the speed (6 numbers)."""
+class Deflections:
+    """A deflection for each arm, or for one: along and about the world's axes, -1 to 1 of the speed (6 numbers)."""
 
     left: _Deflection | None = None
     right: _Deflection | None = None
 
 
 @checked(frozen=True, slots=True, config=MESSAGE)
-class HandMessage:
-    """What an operator's hand does."""
+class TeleopMessage:
+    """One message of an input device."""
 
     clutch: StrictBool | None = None
     lost: StrictBool = False
     coupling: Coupling | None = None
     speed_m_s: Annotated[StrictFloat, Field(ge=SLOWEST_M_S, le=FASTEST_M_S)] | None = None
     stiffness_n_m: Annotated[StrictFloat, Field(ge=SOFTEST_N_M, le=HARDEST_N_M)] | None = None
-    pose: Hands | None = None
-    deflection: Sticks | None = None
+    pose: PadPoses | None = None
+    deflection: Deflections | None = None
     sent: StrictFloat | None = None  # comes back, so that a page can tell how long a beat takes
 
 
-_MESSAGES = TypeAdapter(HandMessage)
+_MESSAGES = TypeAdapter(TeleopMessage)
 
 
 @router.post("/hand")
-def hand(message: HandMessage, session: NeedsSession, parts: NeedsParts) -> HandView:
+def request(message: TeleopMessage, session: NeedsSession, parts: NeedsParts) -> TeleopView:
     """Do what a message says, once. The clutch goes quiet unless it is said again."""
     _act(parts, session.operator, message)
-    return parts.hand.view
+    return parts.teleop.view
 
 
 @router.post("/finish")
-def finish(session: NeedsSession, parts: NeedsParts) -> HandView:
+def finish(session: NeedsSession, parts: NeedsParts) -> TeleopView:
     """End the teleoperation: the arms stop, and the log is finished."""
-    parts.hand.finish(session.operator)
-    return parts.hand.view
+    parts.teleop.finish(session.operator)
+    return parts.teleop.view
 
 
 @router.websocket("/hand")
-async def hands(websocket: WebSocket) -> None:
+async def stream(websocket: WebSocket) -> None:
     """Take messages until the page closes; it has let go then, whatever it said before."""
     parts = parts_of(websocket)
     await websocket.accept()
@@ -101,28 +101,28 @@ async def hands(websocket: WebSocket) -> None:
                 answer["error"] = f"{'.'.join(str(part) for part in first['loc']) or 'message'}: {first['msg']}"
             except RobotRefused as refused:
                 answer["error"] = str(refused)
-            await websocket.send_json(answer | asdict(parts.hand.view))
+            await websocket.send_json(answer | asdict(parts.teleop.view))
     except (WebSocketDisconnect, RuntimeError):
         pass  # the page has gone
     finally:
-        parts.hand.let_go(operator, Letting.LOST)
+        parts.teleop.release(operator, Release.LOST)
     with contextlib.suppress(RuntimeError):
         await websocket.close(1008, "not signed in any more")
 
 
-def _act(parts: Parts, operator: str, message: HandMessage) -> None:
+def _act(parts: Parts, operator: str, message: TeleopMessage) -> None:
     """Carry a message out. Raises RobotRefused."""
-    hand = parts.hand
+    teleop = parts.teleop
     if message.coupling is not None or message.speed_m_s is not None or message.stiffness_n_m is not None:
-        hand.set(operator, message.coupling, message.speed_m_s, message.stiffness_n_m)
+        teleop.set(operator, message.coupling, message.speed_m_s, message.stiffness_n_m)
     if message.clutch is False:
-        hand.let_go(operator, Letting.LOST if message.lost else Letting.RELEASED)
+        teleop.release(operator, Release.LOST if message.lost else Release.RELEASED)
     elif message.clutch:
-        hand.press(operator)
+        teleop.press(operator)
     if message.pose is not None:
-        hand.move(operator, Placed(_array(message.pose.left), _array(message.pose.right)))
+        teleop.move(operator, Placed(_array(message.pose.left), _array(message.pose.right)))
     if message.deflection is not None:
-        hand.jog(operator, _array(message.deflection.left), _array(message.deflection.right))
+        teleop.jog(operator, _array(message.deflection.left), _array(message.deflection.right))
 
 
 def _array(values: list[float] | None) -> Any:

@@ -1,1 +1,1 @@
-"""An operator's hand in the console: devices, both arms as one, the clutch, and what goes into the mailbox."""
+"""Teleoperation in the console: input devices, coupling of both arms, the clutch, and the target in the mailbox."""

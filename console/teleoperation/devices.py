@@ -1,7 +1,7 @@
-"""What an operator's hand can be on: one interface, whatever it is. A device only says where the hands want to be.
+"""Input devices: one interface for all. A device only says which poses are requested.
 
 A gizmo and a tracked hand (a VR controller) give poses, a keyboard and a gamepad give deflections. Another device is
-one more class here, or any program that sends poses or deflections over the hand's WebSocket.
+one more class here, or any program that sends poses or deflections over the WebSocket of teleoperation.
 """
 
 from dataclasses import dataclass

@@ -63,7 +63,7 @@ WATCHDOGS = (
           "hal"),
     Entry("operator heartbeat", "a word of the mailbox", OPERATOR_S, "s", End.OPERATOR_GONE, _STOP, "loop"),
     Entry("console heartbeat", "a word of the mailbox", CONSOLE_S, "s", End.CONSOLE_GONE, _STOP, "loop"),
-    Entry("clutch let go", "a word of the mailbox, while somebody teleoperates", 1, "tick", End.LET_GO,
+    Entry("clutch let go", "a word of the mailbox, while somebody teleoperates", 1, "tick", End.RELEASED,
           "judge's stop; where the operator chose so, a clutch that is released makes the arms brake and hold", "loop"),
     Entry("clutch heartbeat", "a word of the mailbox, while the clutch is held", CLUTCH_S, "s", End.CLUTCH_QUIET, _STOP,
           "loop"),

@@ -1,7 +1,7 @@
 """The robot process's socket: a side thread that reads requests and writes answers, and never touches an arm.
 
-The same thread calls the control authority regularly, so that a lease ends without a request. All of these threads stand
-above what is ordinary: they share the interpreter's lock with the loop.
+The same thread calls the control authority regularly, so that a lease ends without a request. These threads have raised
+priority, because they share the interpreter lock with the loop.
 """
 
 import contextlib

@@ -16,7 +16,7 @@ class End(StrEnum):
     HARDWARE = "the robot left torque control"
     CONSOLE_GONE = "the console has gone"
     OPERATOR_GONE = "the operator has gone"
-    LET_GO = "the operator let go"
+    RELEASED = "the operator let go"
     CLUTCH_QUIET = "the clutch has gone quiet"
     PARENT_GONE = "the process that started this one has gone"
     LOG_FAILED = "the log is not being written"
@@ -27,4 +27,4 @@ class End(StrEnum):
     @property
     def is_fault(self) -> bool:
         """Whether somebody has to recover: a trial that finds no impact, or a lighter object, needs nobody."""
-        return self not in (End.COMPLETED, End.STOP_REQUESTED, End.NO_IMPACT, End.UNEXPECTED_IMPACT, End.LET_GO)
+        return self not in (End.COMPLETED, End.STOP_REQUESTED, End.NO_IMPACT, End.UNEXPECTED_IMPACT, End.RELEASED)

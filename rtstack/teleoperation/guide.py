@@ -13,7 +13,7 @@ from rtstack.control.controller import ObservedArm
 from rtstack.control.records import POINT
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox
-from rtstack.loop.target import TARGET, Letting
+from rtstack.loop.target import TARGET, Release
 from rtstack.loop.watchdogs import CLUTCH_S, Trip
 from rtstack.samples import Level
 from rtstack.teleoperation.aim import AIM, aim
@@ -22,9 +22,9 @@ from rtstack.teleoperation.reach import FASTEST_M_S, HARDEST_N_M, SLOWEST_M_S, S
 
 _CLUTCH_NS = round(CLUTCH_S * 1e9)
 _STIFFER_N_M = 500.0 * CONTROL_PERIOD_S  # a tick: a stiffness that jumped would be a force that jumps
-_LETTING: dict[int, str] = {
-    Letting.RELEASED: "the clutch was let go",
-    Letting.LOST: "the page lost the operator's hand",
+_RELEASE_TEXTS: dict[int, str] = {
+    Release.RELEASED: "the clutch was let go",
+    Release.LOST: "the page lost the operator's hand",
 }
 
 
@@ -110,7 +110,7 @@ class Guide:
         if target["finish"]:
             return Trip(End.COMPLETED, "", Level.INFO)
         if not target["clutch_ns"]:
-            return self._let_go(int(target["letting"]))
+            return self._released(int(target["release"]))
         self._held = self.moved = True
         self._beat_ns = int(target["clutch_ns"])
         if np.isfinite(target["speed"]):
@@ -121,12 +121,12 @@ class Guide:
             aim(self._pose, self._followers, self._aims, self._reach.lower, self._reach.upper)
         return None
 
-    def _let_go(self, letting: int) -> Trip | None:
+    def _released(self, release: int) -> Trip | None:
         if not self._held:
             return None
         self._held = False
-        if self._stop_on_release or letting != Letting.RELEASED:
-            return Trip(End.LET_GO, _LETTING.get(letting, "for no reason given"), Level.INFO)
+        if self._stop_on_release or release != Release.RELEASED:
+            return Trip(End.RELEASED, _RELEASE_TEXTS.get(release, "for no reason given"), Level.INFO)
         for follower in self._followers:
             hold(follower)
         return None

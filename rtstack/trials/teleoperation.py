@@ -22,7 +22,7 @@ from rtstack.trials.specification import TeleoperationSpecification
 from rtstack.trials.start_motion import StartMotion
 from rtstack.trials.tightening import safety_limits
 
-_AS_WANTED = (End.COMPLETED, End.LET_GO)
+_AS_WANTED = (End.COMPLETED, End.RELEASED)
 
 
 def run_teleoperation(

@@ -58,9 +58,11 @@ class Cause:
 
 
 CAUSES = (
-    Cause("key released", lambda scene: partial(scene.page.keyboard.up, CLUTCH), f"{End.LET_GO}: .*clutch was let go"),
-    Cause("tab hidden", lambda scene: scene.browser.blank.bring_to_front, f"{End.LET_GO}: the page lost"),
-    Cause("tab closed", lambda scene: scene.page.close, f"{End.LET_GO}: the page lost"),
+    Cause(
+        "key released", lambda scene: partial(scene.page.keyboard.up, CLUTCH), f"{End.RELEASED}: .*clutch was let go"
+    ),
+    Cause("tab hidden", lambda scene: scene.browser.blank.bring_to_front, f"{End.RELEASED}: the page lost"),
+    Cause("tab closed", lambda scene: scene.page.close, f"{End.RELEASED}: the page lost"),
     Cause("browser frozen", lambda scene: scene.browser.freeze, str(End.CLUTCH_QUIET)),
     Cause("page frozen", lambda scene: partial(freeze, scene.browser.renderers()), str(End.CLUTCH_QUIET)),
     Cause("console killed", lambda scene: scene.console.kill, f"{End.CONSOLE_GONE}: its process has died", spends=True),

@@ -162,7 +162,7 @@ class Operator:
             self.page.click("#recover")
             expect(self.page.locator("#recover")).to_be_hidden(timeout=READY_MS)
 
-    def let_go(self):
+    def release(self):
         """Let go of the clutch, and wait until the arms have stopped and the log is finished."""
         self.page.keyboard.up("c")
         expect(self.page.locator("#job-line")).to_contain_text(ENDED, timeout=READY_MS)

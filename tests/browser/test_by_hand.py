@@ -40,7 +40,7 @@ def grab(operator):
     page.keyboard.press("3")
     operator.drag("left", 2, LIFTED_M, "linked")
     operator.wait_at_rest()
-    operator.let_go()
+    operator.release()
     expect(page.locator("#job-line")).to_contain_text("succeeded")
 
 
@@ -99,7 +99,7 @@ def test_nothing_moves_without_the_clutch(operator, tmp_path):
             operator.hold()
             operator.drag("left", 2, RAISED_M)
             operator.wait_at_rest()
-            operator.let_go()
+            operator.release()
             break
         except ClutchLost:
             operator.recover()

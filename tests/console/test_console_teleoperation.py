@@ -14,7 +14,7 @@ from console.scenes import Detail
 from console.teleoperation.pair import Coupling, led
 from console.teleoperation.quaternion import quaternion
 from rtstack.live.protocol import JobState
-from rtstack.loop.target import TARGET, Letting
+from rtstack.loop.target import TARGET, Release
 from rtstack.loop.watchdogs import CLUTCH_S
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, SIDES, Mode
 from tests.console.test_console_jobs import arm
@@ -45,7 +45,7 @@ def running(served):
             control["pose_ref"] = pose
             served.rings.pusher(f"/{side}/arm").push(sample)
             served.rings.pusher(f"/{side}/control").push(control)
-        wait_for(lambda: served.parts.watch.command() is not None and served.parts.hand.running)
+        wait_for(lambda: served.parts.watch.command() is not None and served.parts.teleop.running)
         yield served, client, headers
 
 
@@ -70,7 +70,7 @@ def test_the_holder_moves_both_arms_and_the_loop_reads_it_whole(running):
     assert (read["job"], read["finish"], read["speed"], read["stiffness"]) == (1, 0, 0.1, 150.0)
     assert 0 <= time.monotonic_ns() - read["clutch_ns"] < 60e9
     say(client, headers, clutch=False)
-    assert (target(served)["clutch_ns"], target(served)["letting"]) == (0, Letting.RELEASED)
+    assert (target(served)["clutch_ns"], target(served)["release"]) == (0, Release.RELEASED)
 
 
 def test_nothing_moves_without_the_clutch_the_lease_or_a_teleoperation(served):
@@ -127,7 +127,7 @@ def test_a_gizmo_moves_the_arm_for_the_holder_and_for_nobody_else(running):
     for cookie, moves in ((cookie_of(cookies), False), (served.cookie(client), True)):
         with hand_socket(served, cookie, "/viser/light", subprotocols=["viser-v1.1.1"]) as page:
             page.recv(timeout=60)
-            figures = served.parts.scenes._live[Detail.LIGHT]._hands
+            figures = served.parts.scenes._live[Detail.LIGHT]._gizmos
             # a page without a camera is not drawn for
             figures.show(served.parts.watch.measured(), served.parts.watch.command(), served.parts.watch.forces())
 
@@ -152,7 +152,7 @@ def test_a_socket_that_closes_lets_go_at_once(running):
         answer = json.loads(page.recv(timeout=60))
         assert (answer["held"], answer["sent"], answer["error"]) == (True, 12.5, None)
     wait_for(lambda: target(served)["clutch_ns"] == 0)
-    assert target(served)["letting"] == Letting.LOST
+    assert target(served)["release"] == Release.LOST
 
 
 @pytest.mark.parametrize(
@@ -202,7 +202,7 @@ def test_linked_hands_turn_about_their_middle_and_mirrored_ones_close(running):
 def clock_ns(running, monkeypatch):
     """The hand's clock, which only the test moves: [ns]."""
     now_ns = [time.monotonic_ns()]
-    monkeypatch.setattr(running[0].parts.hand, "_clock", lambda: now_ns[0])
+    monkeypatch.setattr(running[0].parts.teleop, "_clock", lambda: now_ns[0])
     return now_ns
 
 
@@ -210,9 +210,9 @@ def test_a_clutch_that_goes_quiet_is_shown_as_let_go(running, clock_ns):
     served, client, headers = running
     say(client, headers, clutch=True)
     clock_ns[0] += round(CLUTCH_S * 1e9)
-    assert served.parts.hand.view.held
+    assert served.parts.teleop.view.held
     clock_ns[0] += 1
-    assert not served.parts.hand.view.held
+    assert not served.parts.teleop.view.held
     assert "hold the clutch" in say(client, headers, pose={"left": POSES[0].tolist()}).json()["error"]
 
 
@@ -221,5 +221,5 @@ def test_finishing_asks_the_loop_for_the_end(running):
     assert client.post("/api/teleoperation/finish", json={}, headers=headers).status_code == 200
     assert (target(served)["finish"], target(served)["job"]) == (1, 1)
     served.job_manager._change(state=JobState.DONE)
-    wait_for(lambda: not served.parts.hand.running)
-    assert replace(served.parts.hand.view, held=True).held
+    wait_for(lambda: not served.parts.teleop.running)
+    assert replace(served.parts.teleop.view, held=True).held

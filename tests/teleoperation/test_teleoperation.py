@@ -11,7 +11,7 @@ from rtstack.cells import default_cell_file, open_cell
 from rtstack.log.reader import read_log
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox
-from rtstack.loop.target import TARGET, Letting
+from rtstack.loop.target import TARGET, Release
 from rtstack.model.rotation import quaternion_from_rotation
 from rtstack.references.demonstration import end_effector_pose
 from rtstack.safety.limits import control_limits
@@ -61,8 +61,8 @@ class Hand:
                 self._target[name] = value
             self._mailbox.write_target(self._target)
 
-    def let_go(self, why=Letting.RELEASED):
-        self._target["clutch_ns"], self._target["letting"] = 0, why
+    def release(self, why=Release.RELEASED):
+        self._target["clutch_ns"], self._target["release"] = 0, why
         self._mailbox.write_target(self._target)
 
     def finish(self):
@@ -147,7 +147,7 @@ def test_nothing_moves_before_the_clutch_is_held_nor_by_targets_of_another_job(t
 
 @pytest.mark.parametrize(
     ("cause", "end"),
-    [("released", End.LET_GO), ("hidden", End.LET_GO), ("silence", End.CLUTCH_QUIET)],
+    [("released", End.RELEASED), ("hidden", End.RELEASED), ("silence", End.CLUTCH_QUIET)],
 )
 def test_a_clutch_that_is_let_go_or_goes_quiet_stops_the_arms_in_time(teleoperate, cause, end):
     cause_ms = 601  # just after a beat: the worst moment to go quiet
@@ -156,12 +156,12 @@ def test_a_clutch_that_is_let_go_or_goes_quiet_stops_the_arms_in_time(teleoperat
         if ms < cause_ms:
             hand.hold(((0, 0, 0.2), (0, 0, 0.2)))
         elif ms == cause_ms and cause != "silence":
-            hand.let_go(Letting.RELEASED if cause == "released" else Letting.LOST)
+            hand.release(Release.RELEASED if cause == "released" else Release.LOST)
 
     result, controls, log = teleoperate(script)
     assert 0 <= first_stop_ms(log) - cause_ms <= (DEAD_MAN_MS if cause == "silence" else 3)
     assert np.linalg.norm(controls[0]["twist_ref"][cause_ms][:3]) > 0.2  # it was in full motion
-    assert result.success == (end is End.LET_GO)
+    assert result.success == (end is End.RELEASED)
     said = [event.text for event in log.events]
     assert any(text.startswith(str(end)) for text in said), said
     assert np.abs(log.topic("/left/arm")["dq"][-1]).max() < 0.02
@@ -172,7 +172,7 @@ def test_who_chose_to_hold_brakes_on_release_and_goes_on_with_the_clutch(teleope
         if ms < 800 or ms >= 2500:
             hand.hold(((0, 0, 0.1), (0, 0, 0.1)), speed=0.05)
         elif ms == 801:
-            hand.let_go()
+            hand.release()
         if ms == 4500:
             hand.finish()
 
@@ -189,7 +189,7 @@ def test_who_chose_to_hold_is_stopped_all_the_same_when_the_page_is_hidden(teleo
         if ms < 500:
             hand.hold()
         elif ms == 500:
-            hand.let_go(Letting.LOST)
+            hand.release(Release.LOST)
 
     result, _, log = teleoperate(script, stop_on_release=False)
     assert result.duration_s < 1.0
@@ -276,7 +276,7 @@ def test_a_grab_by_hand_is_a_reference_that_a_trial_follows(teleoperate, cell):
         rise = 0.1 * np.clip((ms - 1300) / 900, 0.0, 1.0) + 0.1 * (lift - np.clip((ms - 3900) / 800, 0.0, 1.0))
         hand.hold(((0, -inward, rise), (0, inward, rise)), speed=0.4)
         if ms == 6000:
-            hand.let_go()
+            hand.release()
 
     result, _, log = teleoperate(script, recorded=True)
     assert result.success, result.failure_reason

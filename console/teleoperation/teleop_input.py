@@ -1,7 +1,8 @@
-"""The operator's hand: the clutch, what is asked for, and the one writer of the mailbox's target.
+"""The operator's input for teleoperation: the clutch (deadman switch), the requested poses, and the only writer of the
+mailbox's target.
 
-Whoever does not have the robot, or is not in a teleoperation that runs, moves nothing here; the robot process checks
-each target again. May be called from any thread.
+Only the holder of the lease moves the arms, and only while a teleoperation runs; the robot process checks each target
+again. May be called from any thread.
 """
 
 import threading
@@ -19,7 +20,7 @@ from console.watch import Watch
 from rtstack.live.client import RobotRefused
 from rtstack.live.protocol import Job, JobKind, JobState
 from rtstack.loop.mailbox import Mailbox
-from rtstack.loop.target import TARGET, Letting
+from rtstack.loop.target import TARGET, Release
 from rtstack.loop.watchdogs import CLUTCH_S
 from rtstack.teleoperation.reach import (
     AHEAD_M,
@@ -38,8 +39,8 @@ TOO_FAR = "the request is too far ahead of the arm: it is not followed until it 
 
 
 @dataclass(frozen=True, slots=True)
-class HandView:
-    """What a page shows of the hand. refusal: why the last request is not followed, None where it is."""
+class TeleopView:
+    """What a page shows of the input. refusal: why the last request is not followed, None where it is."""
 
     held: bool
     coupling: Coupling
@@ -48,8 +49,8 @@ class HandView:
     refusal: str | None
 
 
-class Hand:
-    """One hand for both arms."""
+class TeleopInput:
+    """The input for both arms."""
 
     def __init__(self, mailbox: Mailbox, watch: Watch, clock: Callable[[], int] = time.monotonic_ns) -> None:
         self._lock = threading.RLock()
@@ -67,11 +68,11 @@ class Hand:
         self._refusal: str | None = None
 
     @property
-    def view(self) -> HandView:
+    def view(self) -> TeleopView:
         """How things are now."""
         with self._lock:
             self._notice()
-            return HandView(self._by is not None, self._coupling, self._speed, self._stiffness, self._refusal)
+            return TeleopView(self._by is not None, self._coupling, self._speed, self._stiffness, self._refusal)
 
     @property
     def running(self) -> bool:
@@ -79,7 +80,7 @@ class Hand:
         return self._job() is not None
 
     def asked(self) -> Array | None:
-        """Return what is asked for, (2, 7); where nobody holds the clutch what the arms were last told; None before."""
+        """Return what is asked for, (2, 7); while the clutch is not held the last command of the arms; None before."""
         with self._lock:
             self._notice()
             return self._asked if self._by is not None else self._watch.command()
@@ -92,7 +93,7 @@ class Hand:
         self, operator: str, coupling: Coupling | None = None, speed_m_s: float | None = None,
         stiffness_n_m: float | None = None,
     ) -> None:  # fmt: skip
-        """Choose how the hand acts. Raises RobotRefused for anybody but the holder."""
+        """Set coupling, speed and stiffness. Raises RobotRefused unless the operator is the holder."""
         with self._lock:
             self._check_holder(operator)
             self._coupling = coupling or self._coupling
@@ -118,23 +119,23 @@ class Hand:
                     raise RobotRefused("the arms have not said yet where they are")
                 self._asked, self._by, self._refusal = command, operator, None
                 self._grips.clear()
-                self._target["letting"], self._target["finish"] = Letting.NOT_YET, 0
+                self._target["release"], self._target["finish"] = Release.NOT_YET, 0
             self._target["job"] = job.number
             self._target["clutch_ns"] = self._clock()
             self._write()
 
-    def let_go(self, operator: str, letting: Letting = Letting.RELEASED) -> None:
-        """Let go of the clutch. Does nothing where this operator does not hold it."""
+    def release(self, operator: str, reason: Release = Release.RELEASED) -> None:
+        """Release the clutch. Does nothing where this operator does not hold it."""
         with self._lock:
             if self._by is None or self._by != operator:
                 return
             self._by = None
             self._grips.clear()
-            self._target["clutch_ns"], self._target["letting"] = 0, letting
+            self._target["clutch_ns"], self._target["release"] = 0, reason
             self._write()
 
     def finish(self, operator: str) -> None:
-        """End the teleoperation or the playback softly. Raises RobotRefused for anybody but the holder."""
+        """End the teleoperation or the playback softly. Raises RobotRefused unless the operator is the holder."""
         with self._lock:
             self._check_holder(operator)
             job = self._job(JobKind.TELEOPERATION, JobKind.PLAYBACK)

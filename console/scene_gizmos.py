@@ -8,8 +8,8 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
-from console.teleoperation.hand import Hand
 from console.teleoperation.quaternion import conjugate, product
+from console.teleoperation.teleop_input import TeleopInput
 from rtstack.model.cell_description import CellDescription
 
 Array = NDArray[np.float64]
@@ -23,12 +23,12 @@ _LEAST_N = 1.0
 _SMALLEST_MOVE = 1e-4
 
 
-class HandFigures:
+class Gizmos:
     """Gizmo, wire pad, commanded pad and force arrow of both arms."""
 
-    def __init__(self, server: viser.ViserServer, cell: CellDescription, hand: Hand) -> None:
+    def __init__(self, server: viser.ViserServer, cell: CellDescription, teleop: TeleopInput) -> None:
         scene = server.scene
-        self._hand = hand
+        self._teleop = teleop
         self._upright: list[Array | None] = [None, None]  # the pad's orientation where its gizmo is along the world
         self._shown = np.full((2, 7), np.inf)
         self._told = np.full((2, 7), np.inf)
@@ -80,15 +80,15 @@ class HandFigures:
             upright = self._upright[side]
             if upright is not None:
                 grip = np.concatenate([event.target.position, product(event.target.wxyz, upright)])
-                self._hand.drag(side, grip, event.phase)
+                self._teleop.drag(side, grip, event.phase)
 
         return moved
 
     def show(self, measured: Array | None, command: Array | None, forces: Array | None) -> None:
         """Show poses (2, 7) in the world, None where nobody has said them, and forces (2, 3), N, that the pads feel."""
-        running = self._hand.running and measured is not None
-        asked = self._hand.asked() if running else None
-        refused = self._hand.view.refusal is not None
+        running = self._teleop.running and measured is not None
+        asked = self._teleop.asked() if running else None
+        refused = self._teleop.view.refusal is not None
         for side in (0, 1):
             shown = asked is not None and command is not None
             for node in (self._grips[side], self._requests[side], self._commands[side]):
@@ -109,7 +109,7 @@ class HandFigures:
         colour = _REFUSED_COLOUR if refused else _REQUEST_COLOUR
         if tuple(self._wires[side].color) != colour:
             self._wires[side].color = colour
-        if not self._hand.dragging(side) and upright is not None:  # a pose that is set during a drag does not stick
+        if not self._teleop.dragging(side) and upright is not None:  # a pose that is set during a drag does not stick
             grip = self._grips[side]
             wxyz = product(pose[3:], conjugate(upright))
             if np.abs(grip.position - pose[:3]).max() > _SMALLEST_MOVE or np.abs(grip.wxyz - wxyz).max() > 1e-3:
