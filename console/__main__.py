@@ -21,8 +21,8 @@ from pydantic.warnings import UnsupportedFieldAttributeWarning
 
 from console.app import create_app
 from console.campaigns.campaigns import Campaigns
+from console.heartbeats import OperatorHeartbeats
 from console.parts import Parts
-from console.presence import Presence
 from console.queue.file import FILE_NAME as QUEUE_FILE
 from console.queue.file import QueueFileError
 from console.queue.queue import Queue
@@ -38,7 +38,7 @@ from console.watch import STATUS_TIMEOUT_S, Watch
 from rtstack.configuration import ConfigurationError
 from rtstack.live.audit import FILE_NAME, AuditTrail
 from rtstack.live.client import SOCKET_NAME, RobotClient
-from rtstack.live.lifeline import hold_lifeline
+from rtstack.live.parent_watch import watch_parent
 from rtstack.live.source import described_as
 from rtstack.log.catalogue import Catalogue
 from rtstack.log.errors import LogError
@@ -91,7 +91,7 @@ def main(arguments: list[str] | None = None) -> int:
         gc.freeze()  # all objects made so far stay: no later collection scans them and delays the signs of life
         server = _Server(config, f"http://127.0.0.1:{port}/?token={parts.sign_in.token}", ready)
         if not asked.alone:
-            hold_lifeline(lambda: setattr(server, "should_exit", True))
+            watch_parent(lambda: setattr(server, "should_exit", True))
         asyncio.run(server.serve([listener]))
     return 0
 
@@ -103,8 +103,8 @@ def _parts(asked: argparse.Namespace, port: int, stack: ExitStack) -> Parts:
     rings = Rings.attach(asked.rings)
     socket_path = asked.run / SOCKET_NAME
     client = stack.enter_context(closing(RobotClient(socket_path)))
-    presence = Presence()
-    watch = stack.enter_context(closing(Watch(rings, RobotClient(socket_path, STATUS_TIMEOUT_S), presence, cell)))
+    heartbeats = OperatorHeartbeats()
+    watch = stack.enter_context(closing(Watch(rings, RobotClient(socket_path, STATUS_TIMEOUT_S), heartbeats, cell)))
     watch.start()
     teleop = TeleopInput(mailbox, watch)
     scenes = stack.enter_context(closing(Scenes(cell, watch, teleop)))
@@ -122,7 +122,7 @@ def _parts(asked: argparse.Namespace, port: int, stack: ExitStack) -> Parts:
         cell=cell,
         client=client,
         mailbox=mailbox,
-        presence=presence,
+        heartbeats=heartbeats,
         watch=watch,
         catalogue=catalogue,
         scenes=scenes,

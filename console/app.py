@@ -15,8 +15,8 @@ from starlette.exceptions import HTTPException
 from console.campaigns.campaigns import CampaignRefused, NoCampaign
 from console.description import describe, operation_id
 from console.guard import Guard
+from console.heartbeats import heartbeat
 from console.parts import Parts
-from console.presence import heartbeat
 from console.queue.file import QueueFileError
 from console.queue.queue import NoSuchEntry, QueueRefused
 from console.review.columns import ColumnsGone

@@ -14,7 +14,7 @@ from starlette.exceptions import HTTPException
 from starlette.responses import JSONResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from console.sign_in import Session, SignIn, csrf_matches
+from console.sign_in import SignIn, UserSession, csrf_matches
 from console.tokens import Scope as Right
 
 CSRF_HEADER = "x-csrf-token"
@@ -78,7 +78,7 @@ class Guard:
         answer = refusal if refusal is not None else await self._signing_in(scope, session)
         await (answer or self._app)(scope, _capped(receive), _with_security_headers(scope, send))
 
-    def _refusal(self, scope: Scope, headers: Headers, session: Session | None) -> Response | None:
+    def _refusal(self, scope: Scope, headers: Headers, session: UserSession | None) -> Response | None:
         if headers.get("host") not in self._hosts:
             return _refuse(400, "this console does not answer to that host name")
         if "transfer-encoding" in headers and "content-length" in headers:
@@ -108,7 +108,7 @@ class Guard:
             return _refuse(413, _TOO_LONG)
         return None
 
-    async def _signing_in(self, scope: Scope, session: Session | None) -> Response | None:
+    async def _signing_in(self, scope: Scope, session: UserSession | None) -> Response | None:
         tokens = parse_qs(scope["query_string"].decode("ascii", "replace")).get("token")
         if scope["path"] != "/" or scope["method"] != "GET" or tokens is None:
             return None

@@ -7,12 +7,12 @@ from fastapi import Depends, Request
 from fastapi.requests import HTTPConnection
 
 from console.campaigns.campaigns import Campaigns
-from console.presence import Presence
+from console.heartbeats import OperatorHeartbeats
 from console.queue.queue import Queue
 from console.review.cache import ReviewCache
 from console.review.scene import ReviewScenes
 from console.scenes import Scenes
-from console.sign_in import Session, SignIn
+from console.sign_in import SignIn, UserSession
 from console.teleoperation.teleop_input import TeleopInput
 from console.watch import Watch
 from rtstack.live.audit import AuditTrail
@@ -31,7 +31,7 @@ class Parts:
     cell: CellDescription
     client: RobotClient
     mailbox: Mailbox
-    presence: Presence
+    heartbeats: OperatorHeartbeats
     watch: Watch
     catalogue: Catalogue
     scenes: Scenes
@@ -47,7 +47,7 @@ def parts_of(connection: HTTPConnection) -> Parts:
     return connection.app.state.parts
 
 
-def session_now(connection: HTTPConnection) -> Session | None:
+def session_now(connection: HTTPConnection) -> UserSession | None:
     """Return the session of a WebSocket as it is now: it may have ended, or got another name, since it was opened."""
     return parts_of(connection).sign_in.session(connection.scope["state"]["session"].key)
 
@@ -56,11 +56,11 @@ def _get_parts(request: Request) -> Parts:
     return parts_of(request)
 
 
-def _get_session(request: Request) -> Session:
+def _get_session(request: Request) -> UserSession:
     return request.state.session  # the guard lets nobody through to these routes without one
 
 
-def _get_holder(request: Request) -> Session:
+def _get_holder(request: Request) -> UserSession:
     """Return the session that has the robot now, as the robot process says. Raises RobotRefused, RobotUnreachable."""
     session, holder = _get_session(request), parts_of(request).client.status().holder
     if holder != session.operator:
@@ -68,6 +68,6 @@ def _get_holder(request: Request) -> Session:
     return session
 
 
-NeedsHolder = Annotated[Session, Depends(_get_holder)]
-NeedsSession = Annotated[Session, Depends(_get_session)]
+NeedsHolder = Annotated[UserSession, Depends(_get_holder)]
+NeedsSession = Annotated[UserSession, Depends(_get_session)]
 NeedsParts = Annotated[Parts, Depends(_get_parts)]

@@ -22,7 +22,7 @@ class NameTaken(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Session:
+class UserSession:
     """A signed-in browser or program. No two sessions have the same name at the same time.
 
     `key`: a browser's cookie, of a program a word that never leaves this process; `csrf`: what every change that a
@@ -49,7 +49,7 @@ class SignIn:
         self._lock = threading.Lock()
         self._token = secrets.token_urlsafe(24)
         self._open: dict[str, tuple[Scope, float]] = {self._token: (Scope.OPERATE, float("inf"))}
-        self._sessions: dict[str, Session] = {}
+        self._sessions: dict[str, UserSession] = {}
         self._programs: dict[str, str] = {}  # token's id -> session's key
         self._used_s: dict[str, float] = {}  # token's id -> Unix time, s
         self._redeemed = 0
@@ -59,7 +59,7 @@ class SignIn:
         """The first one-time token, None once it was used."""
         return self._token if self._token in self._open else None
 
-    def watching(self, feed: str) -> Session | None:
+    def watching(self, feed: str) -> UserSession | None:
         """Return the session that was told this word of the live feed's address, None where it has ended."""
         with self._lock:
             key = next((session.key for session in self._sessions.values() if _same(feed, session.feed)), None)
@@ -76,7 +76,7 @@ class SignIn:
             self._open[token] = scope, _now_s() + INVITATION_S
         return token
 
-    def redeem(self, token: str, instead_of: Session | None = None) -> Session | None:
+    def redeem(self, token: str, instead_of: UserSession | None = None) -> UserSession | None:
         """Exchange a one-time token for a browser's session. Returns None for a wrong, old or used one.
 
         instead_of: what the browser was signed in as; it ends.
@@ -89,7 +89,9 @@ class SignIn:
             scope, _ = self._open.pop(known)
             self._redeemed += 1
             name = self._free_name(f"{'operator' if scope is Scope.OPERATE else 'viewer'} {self._redeemed}")
-            session = Session(secrets.token_urlsafe(32), secrets.token_urlsafe(32), _now_s() + _SESSION_S, name, scope)
+            session = UserSession(
+                secrets.token_urlsafe(32), secrets.token_urlsafe(32), _now_s() + _SESSION_S, name, scope
+            )
             if instead_of is not None:
                 self._forget(instead_of)
             browsers = [key for key, other in self._sessions.items() if other.token is None]
@@ -99,7 +101,7 @@ class SignIn:
         self._audit.note("sign in", session.operator, f"{session.operator} signed in in a browser: {scope}")
         return session
 
-    def program(self, word: str) -> Session | None:
+    def program(self, word: str) -> UserSession | None:
         """Return the session of a bearer token, None where it is none of ours. Waits for no disk to write."""
         token = self.tokens.match(word)
         if token is None:
@@ -115,7 +117,7 @@ class SignIn:
         """Return when a program last brought this token, Unix time in s; None where not since this process began."""
         return self._used_s.get(token_id)
 
-    def session(self, key: str | None) -> Session | None:
+    def session(self, key: str | None) -> UserSession | None:
         """Return a session as it is now, by its key; None where it has ended, or its token was revoked."""
         if not key:
             return None
@@ -128,18 +130,18 @@ class SignIn:
                 return None
             return session
 
-    def browser(self, cookie: str | None) -> Session | None:
+    def browser(self, cookie: str | None) -> UserSession | None:
         """Return the session of a cookie; no program's can be reached this way."""
         session = self.session(cookie)
         return session if session is not None and session.token is None else None
 
-    def end(self, session: Session) -> None:
+    def end(self, session: UserSession) -> None:
         """Sign a browser out: its cookie is worth nothing any more."""
         with self._lock:
             self._forget(session)
         self._audit.note("sign out", session.operator, f"{session.operator} signed out")
 
-    def rename(self, session: Session, operator: str) -> Session:
+    def rename(self, session: UserSession, operator: str) -> UserSession:
         """Return the session under the name that it gives itself. Raises NameTaken while another session has it."""
         with self._lock:
             if self._has(operator, but=session.key):
@@ -149,17 +151,17 @@ class SignIn:
                 self._sessions[session.key] = renamed
             return renamed
 
-    def _admit(self, token: Token) -> Session:
+    def _admit(self, token: Token) -> UserSession:
         key, name = secrets.token_urlsafe(32), self._free_name(token.name)
-        session = Session(key, "", float("inf"), name, token.scope, token.id)
+        session = UserSession(key, "", float("inf"), name, token.scope, token.id)
         self._sessions[session.key] = session
         self._programs[token.id] = session.key
         return session
 
-    def _may_go_on(self, session: Session) -> bool:
+    def _may_go_on(self, session: UserSession) -> bool:
         return session.token is None or self.tokens.get(session.token) is not None
 
-    def _forget(self, session: Session) -> None:
+    def _forget(self, session: UserSession) -> None:
         self._sessions.pop(session.key, None)
         if session.token is not None:
             self._programs.pop(session.token, None)
@@ -181,7 +183,7 @@ class SignIn:
         return name
 
 
-def csrf_matches(session: Session, word: str | None) -> bool:
+def csrf_matches(session: UserSession, word: str | None) -> bool:
     """Whether a request carries the session's word."""
     return word is not None and _same(word, session.csrf)
 

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from console.arm_watch import NEVER_S, ArmView, ArmWatch
+from console.heartbeats import OperatorHeartbeats
 from console.loop_watch import LoopView, LoopWatch
-from console.presence import Presence
 from rtstack.live.client import RobotClient, RobotRefused, RobotUnreachable
 from rtstack.live.protocol import BeatRequest, Status, StatusRequest
 from rtstack.log.ring import Rings
@@ -62,7 +62,9 @@ class Watch:
     Who asks the robot process for its status also passes on the holder's signs of life.
     """
 
-    def __init__(self, rings: Rings, client: RobotClient, presence: Presence, cell: CellDescription) -> None:
+    def __init__(
+        self, rings: Rings, client: RobotClient, heartbeats: OperatorHeartbeats, cell: CellDescription
+    ) -> None:  # fmt: skip
         self.rings = rings
         mountings = {"left": cell.left, "right": cell.right}
         self._arms = {side: ArmWatch(rings, side, mountings[side]) for side in SIDES}
@@ -70,7 +72,7 @@ class Watch:
         self._object = rings.reader("/object/pose")
         self._event_reader = rings.reader("/events")
         self._client = client
-        self._presence = presence
+        self._heartbeats = heartbeats
         self._ending = threading.Event()
         self._events: deque[EventView] = deque(maxlen=_EVENTS)
         self._event_count = 0
@@ -154,7 +156,7 @@ class Watch:
         while not self._ending.wait(_STATUS_PERIOD_S):
             status = self._status[0]
             holder = status.holder if status is not None else None
-            heard = self._presence.heard(holder)
+            heard = self._heartbeats.heard(holder)
             try:
                 answer = self._client.request(BeatRequest(holder) if holder and heard else StatusRequest())
                 self._status = (answer, time.monotonic(), None)

@@ -21,7 +21,7 @@ from sim_robot.clock import Clock
 from sim_robot.control_box import ControlBox
 from sim_robot.faults.file import refuse_link_faults, tilt_of
 from sim_robot.faults.injection import BASE_READING, BASE_START, Injection
-from sim_robot.faults.kinds import Fault
+from sim_robot.faults.kinds import ScriptedFault
 from sim_robot.gripper import SimulatedGripper
 from sim_robot.hand import Hand
 from sim_robot.lab_objects import with_lab_objects
@@ -111,7 +111,7 @@ class SimulatedCell:
         seed: int,
         clock: Clock | None = None,
         box_kind: type[ControlBox] = ControlBox,
-        faults: tuple[Fault, ...] = (),
+        faults: tuple[ScriptedFault, ...] = (),
         empty: bool = False,
     ) -> None:
         """empty: the plant's object is out of reach and out of sight, from the start."""
@@ -233,7 +233,7 @@ def simulated_cell(
     parameters: PlantParameters | None = None,
     clock: Clock | None = None,
     box_kind: type[ControlBox] = ControlBox,
-    faults: tuple[Fault, ...] = (),
+    faults: tuple[ScriptedFault, ...] = (),
     on_the_wire: bool = False,
     arms_seed: int | None = None,
 ) -> SimulatedCell:

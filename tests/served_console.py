@@ -16,8 +16,8 @@ from fastapi import FastAPI
 
 from console.app import create_app
 from console.campaigns.campaigns import Campaigns
+from console.heartbeats import OperatorHeartbeats
 from console.parts import Parts
-from console.presence import Presence
 from console.queue.file import FILE_NAME as QUEUE_FILE
 from console.queue.queue import Queue
 from console.queue.runner import QueueRunner
@@ -106,8 +106,8 @@ def serve_console(logs: Path) -> Iterator[ServedConsole]:
         stack.callback(client.close)
         status_client = RobotClient(folder / "robot.sock", timeout_s=20.0)  # a machine that is busy
         stack.callback(status_client.close)
-        presence = Presence()
-        watch = Watch(rings, status_client, presence, cell)
+        heartbeats = OperatorHeartbeats()
+        watch = Watch(rings, status_client, heartbeats, cell)
         stack.callback(watch.close)
         watch.start()
         teleop = TeleopInput(mailbox, watch)
@@ -132,7 +132,7 @@ def serve_console(logs: Path) -> Iterator[ServedConsole]:
             cell,
             client,
             mailbox,
-            presence,
+            heartbeats,
             watch,
             catalogue,
             scenes,

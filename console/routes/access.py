@@ -11,7 +11,7 @@ from pydantic.dataclasses import dataclass as checked
 
 from console.parts import NeedsParts, NeedsSession, Parts
 from console.routes.problems import problems
-from console.sign_in import INVITATION_S, Session
+from console.sign_in import INVITATION_S, UserSession
 from console.tokens import NoSuchToken, Scope, Token, TokenName, TokensError
 from rtstack.live.audit import AuditLine
 from rtstack.live.client import RobotRefused, RobotUnreachable
@@ -140,7 +140,7 @@ def audit(parts: NeedsParts, limit: Annotated[int, Query(ge=1, le=1000)] = 100) 
     return parts.audit.newest(limit)
 
 
-def _check(session: Session) -> None:
+def _check(session: UserSession) -> None:
     if session.scope is not Scope.OPERATE:
         raise HTTPException(403, "this session may only look: its scope is `view`")
 

@@ -20,7 +20,7 @@ from console.campaigns.campaigns import NICENESS, NICEST, CampaignView
 from console.campaigns.folder import hidden
 from console.parts import NeedsParts, NeedsSession, Parts
 from console.routes.problems import file_of, problems
-from console.sign_in import Session
+from console.sign_in import UserSession
 from rtstack.configuration import ConfigurationError
 from rtstack.experiments.registry import kind_named, kind_of, plan_paths
 from rtstack.live.client import RobotRefused
@@ -190,7 +190,7 @@ def adopt(campaign_id: Id, row_id: Id, parts: NeedsParts) -> Adopted:
     return Adopted(entry.id)
 
 
-def _check(nice: bool, session: Session, parts: Parts) -> None:
+def _check(nice: bool, session: UserSession, parts: Parts) -> None:
     """Raise RobotRefused where a campaign would be in the way of whoever has the robot."""
     status = parts.client.status()
     if status.holder not in (None, session.operator):

@@ -9,7 +9,7 @@ from pydantic.dataclasses import dataclass as checked
 
 from console.parts import NeedsParts, NeedsSession, Parts
 from console.routes.problems import problems
-from console.sign_in import Session
+from console.sign_in import UserSession
 from rtstack.live.client import RobotRefused, RobotUnreachable
 from rtstack.live.protocol import Operator, Status
 from rtstack.messages import MESSAGE
@@ -60,7 +60,7 @@ async def beat(session: NeedsSession, parts: NeedsParts) -> Status:
         raise RobotUnreachable(view.unreachable or "the robot process has not answered yet")
     if view.status.holder != session.operator:
         raise RobotRefused(f"{view.status.holder or 'nobody'} has the robot; take control first")
-    parts.presence.note(session.operator)
+    parts.heartbeats.note(session.operator)
     return view.status
 
 
@@ -90,7 +90,7 @@ def recover(session: NeedsSession, parts: NeedsParts) -> Status:
     return _learn(parts, parts.client.recover(session.operator))
 
 
-async def _report_stop(parts: Parts, session: Session) -> None:
+async def _report_stop(parts: Parts, session: UserSession) -> None:
     """Tell the robot process whose STOP it was, for the record: the arms stop without it."""
     with contextlib.suppress(RobotRefused, RobotUnreachable):
         await asyncio.to_thread(parts.client.stop, session.operator)

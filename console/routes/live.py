@@ -40,12 +40,12 @@ async def live(websocket: WebSocket) -> None:
 
 
 async def _listen(websocket: WebSocket) -> None:
-    presence = parts_of(websocket).presence
+    heartbeats = parts_of(websocket).heartbeats
     with contextlib.suppress(WebSocketDisconnect, RuntimeError):
         async for message in websocket.iter_text():
             session = session_now(websocket)
             if message == BEAT and session is not None:
-                presence.note(session.operator)
+                heartbeats.note(session.operator)
 
 
 @router.get("/api/events")

@@ -13,7 +13,7 @@ from console.parts import NeedsParts, Parts
 from console.queue.entry import MAX_REPETITIONS
 from console.review.logs import NotReviewable, entry_of, opened_entry
 from console.routes.recordings import recording_entry
-from console.sign_in import Session
+from console.sign_in import UserSession
 from rtstack.palette import MODE_STYLES
 from rtstack.samples import Reaction
 from rtstack.teleoperation.reach import (
@@ -54,7 +54,7 @@ def modes() -> Response:
 
 def show(template: str, page: str, request: Request, parts: Parts, **more: object) -> HTMLResponse:
     """Render a page for who is signed in. page: its name in the rail; more: what this template alone needs."""
-    session: Session = request.state.session
+    session: UserSession = request.state.session
     return HTMLResponse(
         TEMPLATES.get_template(template).render(
             csrf=session.csrf, scope=session.scope, page=page, cell=parts.cell, **more

@@ -6,7 +6,7 @@ machine -> plan -> journal. Standard library only, and none of our packages.
 from deploy.host.changes import Change, Command, File, Knob
 from deploy.host.journal import Journal
 from deploy.host.machine import HostSetupError, Machine
-from deploy.host.plan import Interface, Plan, Wishes, make_plan
+from deploy.host.plan import Interface, SetupPlan, Wishes, make_plan
 
 __all__ = [
     "Change",
@@ -17,7 +17,7 @@ __all__ = [
     "Journal",
     "Knob",
     "Machine",
-    "Plan",
+    "SetupPlan",
     "Wishes",
     "make_plan",
 ]

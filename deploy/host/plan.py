@@ -58,14 +58,14 @@ class Wishes:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class SetupPlan:
     """changes: in the order in which they are applied. notes: what a person has to know or to do."""
 
     changes: tuple[Change, ...]
     notes: tuple[str, ...]
 
 
-def make_plan(machine: Machine, wishes: Wishes) -> Plan:
+def make_plan(machine: Machine, wishes: Wishes) -> SetupPlan:
     """Return what has to change. Raises HostSetupError where a wish cannot be met."""
     cpus = machine.cpus
     count = (1 if len(cpus) >= 4 else 0) if wishes.isolate is None else wishes.isolate
@@ -83,7 +83,7 @@ def make_plan(machine: Machine, wishes: Wishes) -> Plan:
     ]
     if machine.run is None and any(isinstance(change, Command) for change in changes):
         notes.append(f"{machine.root} is not the running machine: files are written, commands are left to you")
-    return Plan(tuple(changes), tuple(notes))
+    return SetupPlan(tuple(changes), tuple(notes))
 
 
 def _account(machine: Machine, wishes: Wishes) -> list[Change]:

@@ -7,7 +7,7 @@ from hal.limits import COLLISION_TORQUES
 from rtstack.log.ring import CAPACITY
 from rtstack.log.sink import FLUSH_NS
 from rtstack.loop.end import End
-from rtstack.loop.rest import STOP_TICKS
+from rtstack.loop.standstill import STOP_TICKS
 from rtstack.loop.watchdogs import CLUTCH_S, CONSOLE_S, OPERATOR_S, OVERRUN_TICKS
 from rtstack.safety.judge import LIMITED_TICKS
 from rtstack.safety.limits import LARGEST_GAP_S
@@ -80,7 +80,7 @@ WATCHDOGS = (
           "disarmed; a motion stops, which leaves a fault", "robot process"),
     Entry("supervisor", "its children's exit", 0, "ms", "the robot process died, the console died",
           "it ends the other ones, in order; without a console a motion stops first", "supervisor"),
-    Entry("lifeline", "the supervisor's end of a child's standard input", 0, "ms", End.PARENT_GONE, _STOP,
+    Entry("parent watch", "the supervisor's end of a child's standard input", 0, "ms", End.PARENT_GONE, _STOP,
           "robot process, console"),
     Entry("lost packets", "answers that come too late or not at all, in a row", _MS, "ms",
           "communication_constraints_violation", _ROBOT, "robot"),

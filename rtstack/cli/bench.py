@@ -44,9 +44,9 @@ def loop(cell_kind: str, seconds: float, log_path: Path | None, json: bool) -> N
     from rtstack.cells import open_cell
     from rtstack.cli.interrupt import interruptible
     from rtstack.log.writer import check_log_path
-    from rtstack.trials.company import Company
     from rtstack.trials.demonstration import run_demonstration
     from rtstack.trials.record import open_log
+    from rtstack.trials.run_context import RunContext
     from rtstack.trials.specification import DemonstrationSpecification
     from rtstack.trials.start_motion import start_motion
 
@@ -62,7 +62,7 @@ def loop(cell_kind: str, seconds: float, log_path: Path | None, json: bool) -> N
             with interruptible() as stop:
                 log = open_log(path, specification, description, cell_kind, source)
                 result = run_demonstration(
-                    specification, description, cell, Company(log, stop=stop), way=way, script=long_grab(seconds)
+                    specification, description, cell, RunContext(log, stop=stop), way=way, script=long_grab(seconds)
                 )
         finally:
             cell.close()

@@ -9,7 +9,7 @@ import os
 import signal
 import sys
 
-from rtstack.live.lifeline import hold_lifeline
+from rtstack.live.parent_watch import watch_parent
 
 
 def main() -> None:
@@ -17,7 +17,7 @@ def main() -> None:
     os.nice(int(sys.argv[1]))
     # the thread that waits keeps Ctrl-C blocked: it is the main thread's, which blocks it while workers start
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    hold_lifeline(lambda: os.kill(os.getpid(), signal.SIGINT))
+    watch_parent(lambda: os.kill(os.getpid(), signal.SIGINT))
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     from rtstack.cli import main as command_line
 

@@ -8,14 +8,14 @@ from hal.cell import Cell
 from rtstack.cells import load_description, open_cell
 from rtstack.cli.interrupt import Interrupt, interruptible
 from rtstack.cli.progress import progress_bar
-from rtstack.identification.procedure import Identification, Run, lowest_object, runs_of
+from rtstack.identification.procedure import Identification, SweepRun, lowest_object, runs_of
 from rtstack.log.errors import LogError
 from rtstack.loop.watchdogs import Parent
 from rtstack.model.cell_description import CellDescription
-from rtstack.trials.company import Company
 from rtstack.trials.errors import TrialError
 from rtstack.trials.friction import ArmFriction, friction_toml
 from rtstack.trials.record import open_log
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.start_motion import start_motion
 
 FAILED = 1
@@ -65,8 +65,8 @@ def identify_friction(output: Path, cell_kind: str, seed: int, cell_file: Path |
 
 
 def _make(
-    identification: Identification, run: Run, cell: Cell, cell_kind: str, description: CellDescription, source: Path,
-    logs: Path, stop: Interrupt,
+    identification: Identification, run: SweepRun, cell: Cell, cell_kind: str, description: CellDescription,
+    source: Path, logs: Path, stop: Interrupt,
 ) -> str | None:  # fmt: skip
     """Make one run; a log of one that was broken off is written over."""
     way = start_motion(cell, description, "")
@@ -74,10 +74,10 @@ def _make(
         log = open_log(logs / run.file, run.specification, description, cell_kind, source, overwrite=True)
     except LogError as error:
         raise TrialError(str(error)) from None
-    return identification.run(run, cell, Company(log, stop=stop, watchdogs=(Parent(),)), way)
+    return identification.run(run, cell, RunContext(log, stop=stop, watchdogs=(Parent(),)), way)
 
 
-def _noise(run: Run) -> int:
+def _noise(run: SweepRun) -> int:
     """The same robot, seen through other noise in each run."""
     return 1000 * run.specification.run + run.specification.joint
 

@@ -7,7 +7,7 @@ from enum import StrEnum
 from rtstack.experiments.statistics import Interval
 
 
-class Verdict(StrEnum):
+class ClaimStatus(StrEnum):
     """What became of a claim."""
 
     HOLDS = "holds"
@@ -23,25 +23,25 @@ class Claim:
     where: str
     says: str
     ours: str
-    verdict: Verdict
+    verdict: ClaimStatus
     why: str = ""
 
 
-def verdict_of(holds: bool) -> Verdict:
+def verdict_of(holds: bool) -> ClaimStatus:
     """Return the verdict of a claim that can be told."""
-    return Verdict.HOLDS if holds else Verdict.DIFFERS
+    return ClaimStatus.HOLDS if holds else ClaimStatus.DIFFERS
 
 
-def order(pairs: Iterable[tuple[Interval | None, Interval | None]]) -> Verdict:
+def order(pairs: Iterable[tuple[Interval | None, Interval | None]]) -> ClaimStatus:
     """Return the verdict of "the first is below the second", for all pairs."""
-    verdict = Verdict.HOLDS
+    verdict = ClaimStatus.HOLDS
     for low, high in pairs:
         if low is None or high is None:
-            return Verdict.UNDECIDED
+            return ClaimStatus.UNDECIDED
         if not low.mean < high.mean:
-            return Verdict.DIFFERS
+            return ClaimStatus.DIFFERS
         if not low.below(high):
-            verdict = Verdict.WITHIN
+            verdict = ClaimStatus.WITHIN
     return verdict
 
 

@@ -14,11 +14,11 @@ from rtstack.log.reader import read_log
 from rtstack.loop.history import Columns
 from rtstack.model.cell_description import CellDescription
 from rtstack.trials.assembly import Parameters, arm_controllers, default_parameters
-from rtstack.trials.company import NOBODY, Company
 from rtstack.trials.errors import TrialError
 from rtstack.trials.friction import ArmFriction, FrictionFile
 from rtstack.trials.motion import run_motion
 from rtstack.trials.review import log_columns
+from rtstack.trials.run_context import NO_CONTEXT, RunContext
 from rtstack.trials.specification import SweepSpecification
 from rtstack.trials.start_motion import StartMotion
 
@@ -26,7 +26,7 @@ JOINTS = 7
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class SweepRun:
     """One sweep that has to be made, or was: its log's name follows from it."""
 
     specification: SweepSpecification
@@ -37,11 +37,11 @@ class Run:
         return f"joint{self.specification.joint}-run{self.specification.run}.mcap"
 
 
-def runs_of(object_name: str, runs: int, seed: int, joints: Sequence[int] = range(1, JOINTS + 1)) -> Iterator[Run]:
+def runs_of(object_name: str, runs: int, seed: int, joints: Sequence[int] = range(1, JOINTS + 1)) -> Iterator[SweepRun]:
     """Yield all runs of an identification, in order: run by run, so that one which is broken off has all joints."""
     for run in range(runs):
         for joint in joints:
-            yield Run(SweepSpecification(object_name, joint, run, seed))
+            yield SweepRun(SweepSpecification(object_name, joint, run, seed))
 
 
 def uncompensated() -> Parameters:
@@ -66,17 +66,19 @@ class Identification:
             self._sweeps[joint] = sweep(self._description, self._arms, joint - 1)
         return self._sweeps[joint]
 
-    def run(self, run: Run, cell: Cell, company: Company = NOBODY, way: StartMotion | None = None) -> str | None:
+    def run(
+        self, run: SweepRun, cell: Cell, context: RunContext = NO_CONTEXT, way: StartMotion | None = None
+    ) -> str | None:
         """Make a run on an open cell and take it. Returns why it failed, None for a success. Closes the log."""
         joint = run.specification.joint
         reason, columns = run_motion(
-            self.sweep(joint).plan, self._description, self._parameters, cell, company, way=way
+            self.sweep(joint).plan, self._description, self._parameters, cell, context, way=way
         )
         if reason is None:
             self._take(joint, columns)
         return reason
 
-    def take_log(self, run: Run, path: Path) -> bool:
+    def take_log(self, run: SweepRun, path: Path) -> bool:
         """Take a run that was made before from its log. Returns whether there is a complete one.
 
         Raises TrialError where the log is of another identification.

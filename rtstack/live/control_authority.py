@@ -1,8 +1,8 @@
 """The control authority: which operator has the lease, and whether the arms may move.
 
 It owns the arming state machine (rtstack.safety.permit), which takes every decision about motion in the robot process,
-and adds a clock, a lock and an audit trail. Each action of an operator becomes a line of the audit trail and a remark,
-which the loop's thread publishes as an event. A STOP disarms; only arming resets the request.
+and adds a clock, a lock and an audit trail. Each action of an operator becomes a line of the audit trail and a
+RunEvent, which the loop's thread publishes. A STOP disarms; only arming resets the request.
 """
 
 import threading
@@ -16,11 +16,11 @@ from rtstack.live.audit import AuditTrail
 from rtstack.loop.mailbox import Mailbox
 from rtstack.safety.permit import LEASE_S, Permit, Phase, Refused
 from rtstack.samples import Level
-from rtstack.trials.attendant import Remark
+from rtstack.trials.run_observer import RunEvent
 
 # the loop's own watchdog is the first to stop a motion without an operator, so that the log has the true reason
 _LOOP_FIRST_S = 0.3
-_REMARKS = 256  # not yet published
+_RUN_EVENTS = 256  # not yet published
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class ControlAuthority:
         self._mailbox = mailbox
         self._audit = audit
         self._clock = clock
-        self._remarks: deque[Remark] = deque(maxlen=_REMARKS)
+        self._run_events: deque[RunEvent] = deque(maxlen=_RUN_EVENTS)
         self._since_s = time.time()
         self._stop_due_s: float | None = None  # monotonic: when a motion has to have begun to stop
 
@@ -173,10 +173,10 @@ class ControlAuthority:
             permit = self._permit
             return AuthorityView(permit.phase, permit.reason, permit.holder, self._since_s, self._refusal())
 
-    def remarks(self) -> Iterable[Remark]:
+    def run_events(self) -> Iterable[RunEvent]:
         """Return what was done since the last call, oldest first. Never waits: for the loop's thread."""
-        while self._remarks:
-            yield self._remarks.popleft()
+        while self._run_events:
+            yield self._run_events.popleft()
 
     @contextmanager
     def _acting(self) -> Iterator[float]:
@@ -202,7 +202,7 @@ class ControlAuthority:
 
     def _note(self, action: str, operator: str | None, text: str, level: Level = Level.INFO) -> None:
         self._audit.note(action, operator, text)
-        self._remarks.append(Remark(level, "operator" if operator is not None else "robot", text))
+        self._run_events.append(RunEvent(level, "operator" if operator is not None else "robot", text))
 
     def _refusal(self) -> str | None:
         permit = self._permit

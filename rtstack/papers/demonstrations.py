@@ -15,10 +15,10 @@ from rtstack.log.job import Attachment
 from rtstack.model.cell_description import CellDescription, load_cell_description
 from rtstack.papers.conditions import Conditions
 from rtstack.papers.reference import Reference
-from rtstack.trials.company import Company
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.errors import TrialError
 from rtstack.trials.record import frames, trial_metadata
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.scoring import SuccessCriterion
 from rtstack.trials.specification import DemonstrationSpecification
 from rtstack.trials.whole_run_log import WholeRunLog
@@ -83,7 +83,7 @@ def record(bench: Bench, reference: Reference, conditions: Conditions, seed: int
         )  # fmt: skip
         cell = bench.open_cell(reference.object, Displacement(), seed, conditions)
         try:
-            return run_demonstration(specification, description, cell, Company(log)).failure_reason
+            return run_demonstration(specification, description, cell, RunContext(log)).failure_reason
         finally:
             cell.close()
 

@@ -28,7 +28,7 @@ _RELEASE_TEXTS: dict[int, str] = {
 }
 
 
-class Guide:
+class TeleoperationGuide:
     """Follows the targets of one job. points (2, 1) of POINT: the plan's, written each tick.
 
     stop_on_release: a clutch that is let go ends the session; otherwise the arms brake, hold, and wait for it. A clutch

@@ -1,4 +1,4 @@
-"""A faults file: `[[fault]]` tables of TOML into `Fault` records. What each kind and key means: `kinds`."""
+"""A faults file: `[[fault]]` tables of TOML into `ScriptedFault` records. What each kind and key means: `kinds`."""
 
 import re
 import tomllib
@@ -12,10 +12,10 @@ from sim_robot.faults.kinds import (
     OF_NO_ARM,
     OF_THE_LINK,
     WITHOUT_DURATION,
-    Fault,
     ObjectTilted,
     Origin,
     Reflex,
+    ScriptedFault,
 )
 from sim_robot.model import SIDES
 from sim_robot.strict_toml import BadParameterFile, record_from_table
@@ -29,7 +29,7 @@ class FaultNeedsLink(BadParameterFile):
     """A fault of the link where no link is."""
 
 
-def load_faults(path: Path) -> tuple[Fault, ...]:
+def load_faults(path: Path) -> tuple[ScriptedFault, ...]:
     """Read a faults file. Raises BadParameterFile: one line with the file, the line if known, the key, the remedy."""
     try:
         text = path.read_text(encoding="utf-8")
@@ -44,7 +44,7 @@ def load_faults(path: Path) -> tuple[Fault, ...]:
     return faults_in(document, str(path), text)
 
 
-def faults_in(document: dict[str, Any], source: str, text: str = "") -> tuple[Fault, ...]:
+def faults_in(document: dict[str, Any], source: str, text: str = "") -> tuple[ScriptedFault, ...]:
     """Check a parsed document. `text` is what it was parsed from, to name lines. Raises BadParameterFile."""
     for key in document:
         if key != "fault":
@@ -62,7 +62,7 @@ def faults_in(document: dict[str, Any], source: str, text: str = "") -> tuple[Fa
     return tuple(faults)
 
 
-def refuse_link_faults(faults: tuple[Fault, ...]) -> None:
+def refuse_link_faults(faults: tuple[ScriptedFault, ...]) -> None:
     """Raise FaultNeedsLink where a fault is the link's: a cell in one process has none."""
     kinds = sorted({fault.kind for fault in faults if isinstance(fault.effect, OF_THE_LINK)})
     if kinds:
@@ -72,7 +72,7 @@ def refuse_link_faults(faults: tuple[Fault, ...]) -> None:
         )
 
 
-def tilt_of(faults: tuple[Fault, ...]) -> float:
+def tilt_of(faults: tuple[ScriptedFault, ...]) -> float:
     """Return by how much the object is tilted from the start, degrees about the world's x."""
     return sum(fault.effect.tilt_deg for fault in faults if isinstance(fault.effect, ObjectTilted))
 
@@ -83,7 +83,7 @@ class _Wrong(Exception):
         self.key = key
 
 
-def _fault(table: Any) -> Fault:
+def _fault(table: Any) -> ScriptedFault:
     if not isinstance(table, dict):
         raise _Wrong("", f"expected a table, got {table!r}")
     kind = table.get("kind")
@@ -109,7 +109,7 @@ def _fault(table: Any) -> Fault:
         raise _Wrong(own[0], str(error).removeprefix("its own keys: ")) from None
     except OverflowError:  # an integer of hundreds of digits
         raise _Wrong(own[0], f"{own[0]}: expected a number within reason") from None
-    return Fault(what, sides, origin, delay_ms, duration_ms)
+    return ScriptedFault(what, sides, origin, delay_ms, duration_ms)
 
 
 def _sides(table: dict[str, Any]) -> tuple[int, ...]:

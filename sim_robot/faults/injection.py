@@ -7,8 +7,8 @@ from hal.state import RobotMode
 from sim_robot.control_box import ControlBox
 from sim_robot.faults.kinds import (
     BaseShaken,
-    Fault,
     Reflex,
+    ScriptedFault,
     StateFrozen,
     StateNan,
     TimeBack,
@@ -31,7 +31,7 @@ class Injection:
     """Carries out the faults of the plant, of the robot and of the tracker; those of the link are `link`'s."""
 
     def __init__(
-        self, faults: tuple[Fault, ...], plant: Plant, boxes: tuple[ControlBox, ...], empty: bool = False
+        self, faults: tuple[ScriptedFault, ...], plant: Plant, boxes: tuple[ControlBox, ...], empty: bool = False
     ) -> None:
         """empty: the cell has no object, from the start."""
         self.schedule = Schedule(faults)

@@ -262,7 +262,7 @@ class Origin(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
+class ScriptedFault:
     """One entry of the script. sides: 0 left, 1 right. duration_ms: None lasts to the end."""
 
     effect: Effect

@@ -2,7 +2,7 @@
 
 from typing import TypeVar
 
-from sim_robot.faults.kinds import Effect, Fault, Origin
+from sim_robot.faults.kinds import Effect, Origin, ScriptedFault
 
 Kind = TypeVar("Kind", bound=Effect)
 
@@ -10,9 +10,9 @@ Kind = TypeVar("Kind", bound=Effect)
 class Schedule:
     """Follows a script. `active`: the faults of this ms; `begun`: those of them that began with it."""
 
-    def __init__(self, faults: tuple[Fault, ...]) -> None:
-        self.active: list[Fault] = []
-        self.begun: list[Fault] = []
+    def __init__(self, faults: tuple[ScriptedFault, ...]) -> None:
+        self.active: list[ScriptedFault] = []
+        self.begun: list[ScriptedFault] = []
         self._now_ms = -1  # since the first motion; -1 before it
         self._contact_ms: int | None = None
         self._waiting = list(faults)
@@ -49,7 +49,7 @@ class Schedule:
         """Return what is active of a kind on an arm."""
         return [fault.effect for fault in self.active if isinstance(fault.effect, kind) and side in fault.sides]
 
-    def _is_due(self, fault: Fault) -> bool:
+    def _is_due(self, fault: ScriptedFault) -> bool:
         origin_ms = 0 if fault.origin is Origin.MOTION else self._contact_ms
         return origin_ms is not None and self._now_ms >= origin_ms + fault.delay_ms
 

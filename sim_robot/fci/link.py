@@ -34,7 +34,7 @@ _ANCILLARY_BYTES = socket.CMSG_SPACE(_TIMESPEC.size)
 MOST_DATAGRAMS = 32  # read at a time, so that a flood cannot hold the loop
 
 
-class Session:
+class ClientConnection:
     """One TCP connection and what it has not sent or read yet."""
 
     def __init__(self, tcp: socket.socket, address: str) -> None:
@@ -58,8 +58,8 @@ class Link:
         self._on_gone = on_gone
         self.address = address
         self.refused = 0  # connections and messages that were not trusted
-        self._sessions: list[Session] = []
-        self.client: Session | None = None
+        self._sessions: list[ClientConnection] = []
+        self.client: ClientConnection | None = None
         self._udp: socket.socket | None = None
         self._command = np.zeros(1, ROBOT_COMMAND)
         self._command_bytes = self._command.view(np.uint8).data
@@ -87,11 +87,11 @@ class Link:
         tcp.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         for option, seconds_or_times in ((socket.TCP_KEEPIDLE, 1), (socket.TCP_KEEPINTVL, 1), (socket.TCP_KEEPCNT, 3)):
             tcp.setsockopt(socket.IPPROTO_TCP, option, seconds_or_times)
-        session = Session(tcp, address)
+        session = ClientConnection(tcp, address)
         self._sessions.append(session)
         self._poller.watch(tcp, lambda: self._serve(session))
 
-    def _close(self, session: Session) -> None:
+    def _close(self, session: ClientConnection) -> None:
         if session not in self._sessions:
             return
         self._sessions.remove(session)
@@ -105,13 +105,13 @@ class Link:
                 self._udp = None
             self._on_gone()
 
-    def _distrust(self, session: Session) -> None:
+    def _distrust(self, session: ClientConnection) -> None:
         self.refused += 1
         self._close(session)
 
     # requests
 
-    def _serve(self, session: Session) -> None:
+    def _serve(self, session: ClientConnection) -> None:
         if session.outbox:
             self._flush(session)
         try:
@@ -135,7 +135,7 @@ class Link:
             del session.inbox[:size]
             self._dispatch(session, Command(number), command_id, values)
 
-    def _dispatch(self, session: Session, command: Command, command_id: int, values: tuple) -> None:
+    def _dispatch(self, session: ClientConnection, command: Command, command_id: int, values: tuple) -> None:
         if command == Command.CONNECT:
             self._connect(session, command_id, *values)
         elif session is self.client:
@@ -143,7 +143,7 @@ class Link:
         else:
             self._distrust(session)
 
-    def _connect(self, session: Session, command_id: int, version: int, udp_port: int) -> None:
+    def _connect(self, session: ClientConnection, command_id: int, version: int, udp_port: int) -> None:
         for _ in range(2):  # the client's last words, and that it has hung up, may have come together with this
             if self.client not in (None, session):
                 self._serve(self.client)
@@ -177,14 +177,14 @@ class Link:
         if self.client is not None:
             self._send(self.client, response(command, command_id, body))
 
-    def _send(self, session: Session, data: bytes) -> None:
+    def _send(self, session: ClientConnection, data: bytes) -> None:
         session.outbox += data
         if len(session.outbox) > LARGEST_OUTBOX:
             self._distrust(session)
             return
         self._flush(session)
 
-    def _flush(self, session: Session) -> None:
+    def _flush(self, session: ClientConnection) -> None:
         try:
             del session.outbox[: session.tcp.send(session.outbox)]
         except BlockingIOError:

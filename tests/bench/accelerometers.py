@@ -26,9 +26,9 @@ from rtstack.cells import load_description, open_cell
 from rtstack.control.detector import ImpactDetector
 from rtstack.control.parameters import DetectorParameters
 from rtstack.model.arm_model import ArmModel
-from rtstack.trials.company import Company
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.record import open_log
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 from rtstack.trials.trial import PreparedTrial, prepare_trial, run_trial
 from sim_robot.cell import simulated_cell
@@ -183,7 +183,7 @@ def run(prepared: PreparedTrial, displacement_mm: float, seed: int, models: list
     recorder = Recorder(specification.object, 1e-3 * displacement_mm, seed)
     try:
         run_trial(
-            replace(prepared, specification=specification), recorder.cell.as_cell("direct"), Company(stop=recorder)
+            replace(prepared, specification=specification), recorder.cell.as_cell("direct"), RunContext(stop=recorder)
         )
     finally:
         recorder.cell.close()
@@ -256,7 +256,7 @@ def main() -> int:
                     specification,
                     description,
                     cell,
-                    Company(open_log(path, specification, description, "direct", source)),
+                    RunContext(open_log(path, specification, description, "direct", source)),
                 )
                 cell.close()
                 prepared[name, variation] = prepare_trial(TrialSpecification(str(path), object=name), description)

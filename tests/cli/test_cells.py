@@ -14,7 +14,7 @@ from rtstack.live.source import live_source
 from rtstack.model.cell_description import load_cell_description
 from rtstack.trials.errors import TrialError
 
-NOBODY = "fci:127.0.99.97,127.0.99.98"
+NO_CONTEXT = "fci:127.0.99.97,127.0.99.98"
 TRACKER = f"127.206.{os.getpid() // 250 % 250}.{1 + os.getpid() % 250}", 1341  # where nobody else binds meanwhile
 
 
@@ -32,13 +32,13 @@ def test_the_tracker_port_is_taken(tmp_path):
         taken.bind(TRACKER)
         description = load_cell_description(edited(tmp_path, "127.0.0.1:1341", "{}:{}".format(*TRACKER)))
         with pytest.raises(HardwareError, match=r"{}:{}: Address already in use; .*\[tracker\]".format(*TRACKER)):
-            open_cell(NOBODY, "rice_box", 0.0, 0, description)
+            open_cell(NO_CONTEXT, "rice_box", 0.0, 0, description)
 
 
 def test_the_port_is_free_again_after_a_cell_that_did_not_open(tmp_path):
     description = load_cell_description(edited(tmp_path, "127.0.0.1:1341", "{}:{}".format(*TRACKER)))
     with pytest.raises(HardwareError, match="does not answer"):
-        open_cell(NOBODY, "rice_box", 0.0, 0, description)
+        open_cell(NO_CONTEXT, "rice_box", 0.0, 0, description)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(TRACKER)
 
@@ -88,7 +88,7 @@ def test_an_arm_that_may_be_real_is_not_called_simulated(kind, simulated):
         (["up", "--right", "127.0.0.11"], "--left"),
         (["up", "--left", "127.0.0.11", "--right", "127.0.0.11"], "two addresses"),
         (["recover-arms", "--cell", "direct"], "fci:LEFT,RIGHT"),
-        (["recover-arms", "--cell", NOBODY], "does not answer"),
+        (["recover-arms", "--cell", NO_CONTEXT], "does not answer"),
     ],
 )
 def test_bad_input_is_one_line_and_status_two(tmp_path, command_line, arguments, word):

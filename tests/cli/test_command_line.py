@@ -19,10 +19,10 @@ from typer.main import get_command
 from rtstack.cells import default_cell_file, open_cell
 from rtstack.cli.app import app
 from rtstack.log.reader import read_log
-from rtstack.trials.company import Company
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.record import open_log
 from rtstack.trials.result import TrialResult
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import DemonstrationSpecification
 
 COMMAND = Path(sys.executable).with_name("rtstack")
@@ -220,7 +220,7 @@ def test_a_reference_without_an_impact(cell, tmp_path, command_line):
     specification = DemonstrationSpecification()
     simulated = open_cell("direct", specification.object, 0.0, specification.seed)
     log = open_log(path, specification, cell, "direct", default_cell_file())
-    result = run_demonstration(specification, cell, simulated, Company(log, stop=_StopAt(700)))
+    result = run_demonstration(specification, cell, simulated, RunContext(log, stop=_StopAt(700)))
     simulated.close()
     assert "stop requested" in (result.failure_reason or "")
     folder = tmp_path / "work"

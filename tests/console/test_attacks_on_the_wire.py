@@ -191,7 +191,7 @@ def test_of_two_who_take_over_at_once_one_has_the_robot_and_nobody_takes_a_name(
     def live():
         while not over.wait(0.1):
             for name in ("anna", "carla", *names):  # a busy machine takes longer than a lease
-                served.parts.presence.note(name)
+                served.parts.heartbeats.note(name)
 
     def take_over(name):
         cookies, csrf = served.second_session()

@@ -21,7 +21,7 @@ from rtstack.live.client import RobotClient
 from tests.console.test_console_jobs import arm
 
 PATIENCE_S = 240.0
-NOBODY = "0" * 16
+NO_CONTEXT = "0" * 16
 
 
 @pytest.fixture
@@ -152,12 +152,12 @@ def test_ids_lead_nowhere_else_and_what_others_have_put_there_is_no_campaign(ser
         assert (failed["state"], failed["message"]) == ("failed", "rtstack: no room")
         address = f"/api/campaigns/{failed['id']}"
         assert client.post(f"{address}/resume", json={}, headers=headers).status_code == 409
-        for path in ("", "/report", "/results", "/csv", f"/figures/{NOBODY}"):
-            for wrong in (f"/api/campaigns/{NOBODY}{path}", f"/api/campaigns/..%2F..%2Fetc{path}"):
+        for path in ("", "/report", "/results", "/csv", f"/figures/{NO_CONTEXT}"):
+            for wrong in (f"/api/campaigns/{NO_CONTEXT}{path}", f"/api/campaigns/..%2F..%2Fetc{path}"):
                 assert client.get(wrong).status_code in (404, 422), wrong
-        for path in (f"/figures/{NOBODY}", "/report"):
+        for path in (f"/figures/{NO_CONTEXT}", "/report"):
             assert client.get(f"{address}{path}").status_code == 404
-        assert client.post(f"{address}/logs/{NOBODY}", headers=headers).status_code == 404
+        assert client.post(f"{address}/logs/{NO_CONTEXT}", headers=headers).status_code == 404
         assert httpx.codes.is_success(client.get(f"{address}/results").status_code)
 
 

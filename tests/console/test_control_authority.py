@@ -231,13 +231,13 @@ def test_what_operators_do_is_told_once_with_their_names(bench):
     bench.authority.take("anna")
     bench.authority.take("ben", over_from="anna")
     bench.authority.stop("carl")
-    told = [(remark.level, remark.name, remark.text) for remark in bench.authority.remarks()]
+    told = [(run_event.level, run_event.name, run_event.text) for run_event in bench.authority.run_events()]
     assert told == [
         (Level.INFO, "operator", "anna took control"),
         (Level.WARNING, "operator", "ben took over from anna"),
         (Level.WARNING, "operator", "carl pressed STOP"),
     ]
-    assert list(bench.authority.remarks()) == []
+    assert list(bench.authority.run_events()) == []
 
 
 def test_the_trail_goes_on_after_a_line_that_was_cut(tmp_path):

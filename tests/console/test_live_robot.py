@@ -63,12 +63,12 @@ class RunningRobot:
         self.logs = logs
         self.console_is_there = self.operator_is_there = True
         self._ended = threading.Event()
-        self._company = threading.Thread(target=self._keep_company)
-        self._company.start()
+        self._context = threading.Thread(target=self._keep_context)
+        self._context.start()
         self._thread = threading.Thread(target=Robot(source, self.job_manager, self.rings, self.mailbox, logs).run)
         self._thread.start()
 
-    def _keep_company(self) -> None:
+    def _keep_context(self) -> None:
         """What the console, the holder's page and the socket's thread do."""
         while not self._ended.wait(0.05):
             self.authority.watch()
@@ -107,7 +107,7 @@ class RunningRobot:
         self.job_manager.end(End.STOP_REQUESTED, "the test is over")
         self._thread.join(PATIENCE_S)
         self._ended.set()
-        self._company.join()
+        self._context.join()
         self.audit.close()
         self.rings.close()
         self.mailbox.close()

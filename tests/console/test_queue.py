@@ -61,7 +61,7 @@ def operator(served, demonstration):
 
     def live():
         while not gone.wait(0.1):
-            served.parts.presence.note("operator 1")  # a busy machine takes longer than a lease between two questions
+            served.parts.heartbeats.note("operator 1")  # a busy machine takes longer than a lease between two questions
 
     with served.signed_in() as (client, headers):
         thread = threading.Thread(target=live)

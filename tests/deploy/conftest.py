@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 
-NOBODY = "65534"
+NO_CONTEXT = "65534"
 
 
 @pytest.fixture
@@ -21,6 +21,6 @@ def unprivileged() -> list[str]:
         pytest.skip("no setpriv: util-linux has it")
     only = "-all,+dac_read_search"
     return [
-        setpriv, f"--reuid={NOBODY}", f"--regid={NOBODY}", "--clear-groups", "--no-new-privs",
+        setpriv, f"--reuid={NO_CONTEXT}", f"--regid={NO_CONTEXT}", "--clear-groups", "--no-new-privs",
         f"--inh-caps={only}", f"--ambient-caps={only}", f"--bounding-set={only}",
     ]  # fmt: skip

@@ -39,10 +39,10 @@ from rtstack.log.ring import Rings
 from rtstack.loop.end import End
 from rtstack.samples import Mode
 from rtstack.trials import record
-from rtstack.trials.company import Company
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.errors import TrialError
 from rtstack.trials.record import TrialLog, open_log
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 from rtstack.trials.trial import PreparedTrial, run_trial
 
@@ -137,7 +137,7 @@ class Case:
             arm.stop()
         reads = iter(range(WATCHED_TICKS))
         with Rings.create(capacity=1024) as rings, contextlib.suppress(HardwareError):
-            IdleView(rings).watch(stage.cell, lambda: next(reads, None) is None, lambda reason: None, stage.remarks)
+            IdleView(rings).watch(stage.cell, lambda: next(reads, None) is None, lambda reason: None, stage.run_events)
         with contextlib.suppress(HardwareError):
             self._moved_rad = float(np.nanmax(np.abs(posture(stage.cell) - before)))
         if isinstance(self._fault.how, Scripted):
@@ -190,14 +190,14 @@ class Case:
         description = prepared.description
         stage.log_path = self._folder / "run.mcap"
         log = self._open_log(stage.log_path, specification)
-        company = Company(log, stop=stage.mailbox, watchdogs=stage.signs.watchdogs(), attendant=stage)
+        context = RunContext(log, stop=stage.mailbox, watchdogs=stage.signs.watchdogs(), run_observer=stage)
         self._tail = log.rings.reader("/left/arm")
         try:
             with stage:
                 if isinstance(specification, DemonstrationSpecification):
-                    result = run_demonstration(specification, description, stage.cell, company)
+                    result = run_demonstration(specification, description, stage.cell, context)
                 else:
-                    result = run_trial(prepared, stage.cell, company)
+                    result = run_trial(prepared, stage.cell, context)
         except (HardwareError, TrialError, LogError) as error:
             return f"{type(error).__name__}: {error}"
         except Exception as error:

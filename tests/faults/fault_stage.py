@@ -25,7 +25,7 @@ from rtstack.model.cell_description import CellDescription
 from rtstack.safety.judge import SafetyJudge
 from rtstack.samples import Mode
 from rtstack.trials import run
-from rtstack.trials.attendant import Remark
+from rtstack.trials.run_observer import RunEvent
 
 BEAT_S = 0.1
 
@@ -200,9 +200,9 @@ class Stage:
 
         judge.judge = judged
 
-    # an attendant of the run
+    # a RunObserver
 
-    def remarks(self) -> list[Remark]:
+    def run_events(self) -> list[RunEvent]:
         """Say nothing."""
         return []
 

@@ -29,9 +29,9 @@ from fault_table import write_table
 from rtstack.cells import load_description, open_cell
 from rtstack.log.reader import read_log
 from rtstack.samples import Mode
-from rtstack.trials.company import Company
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.record import open_log
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
 
@@ -91,7 +91,7 @@ def _look_for_impact(reference: Path) -> int:
     cell = open_cell("direct", "rice_box", 0.0, 0, description)
     specification = DemonstrationSpecification()
     log = open_log(reference, specification, description, "direct", source, overwrite=True)
-    run_demonstration(specification, description, cell, Company(log))
+    run_demonstration(specification, description, cell, RunContext(log))
     cell.close()
     trial = TrialSpecification(str(reference), seed=1)
     prepared = prepare_trial(trial, description)
@@ -99,7 +99,7 @@ def _look_for_impact(reference: Path) -> int:
     cell = open_cell("direct", "rice_box", 0.0, 1, description)
     path = reference.with_name("trial.mcap")
     log = open_log(path, trial, description, "direct", source, reference=prepared.reference, overwrite=True)
-    result = run_trial(prepared, cell, Company(log))
+    result = run_trial(prepared, cell, RunContext(log))
     cell.close()
     if not result.success:
         raise SystemExit(f"the trial without any fault failed: {result.failure_reason}")

@@ -26,9 +26,9 @@ from rtstack.planning.free import Part, free_motion
 from rtstack.references.demonstration import end_effector_pose
 from rtstack.samples import SIDES
 from rtstack.trials.assembly import cell_parameters
-from rtstack.trials.company import Company
 from rtstack.trials.motion import run_motion
 from rtstack.trials.record import open_log
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import FreeRunSpecification, TeleoperationSpecification
 from rtstack.trials.start_motion import start_motion
 from rtstack.trials.teleoperation import run_teleoperation
@@ -152,8 +152,8 @@ def free_log(robot, cell_file, tmp_path_factory) -> Path:
     def run(log: Path) -> str | None:
         with opened(robot, described) as cell:
             specification = FreeRunSpecification("grab", "ante", 0)
-            company = Company(open_log(log, specification, described, robot.kind, cell_file))
-            return run_motion(free.plan, described, parameters, cell, company)[0]
+            context = RunContext(open_log(log, specification, described, robot.kind, cell_file))
+            return run_motion(free.plan, described, parameters, cell, context)[0]
 
     return kept_time(robot, run, tmp_path_factory.mktemp("free"))
 
@@ -239,9 +239,9 @@ def test_both_arms_are_led_by_hand(robot, described, cell_file, tmp_path) -> Non
                 hand = Hand(mailbox, described, script)
                 specification = TeleoperationSpecification("anna", job=JOB)
                 opened_log = open_log(log, specification, described, robot.kind, cell_file)
-                company = Company(opened_log, watchdogs=(hand,))
+                context = RunContext(opened_log, watchdogs=(hand,))
                 result = run_teleoperation(
-                    specification, described, cell, mailbox, company, clock=hand.clock
+                    specification, described, cell, mailbox, context, clock=hand.clock
                 )  # fmt: skip
         finally:
             mailbox.close()

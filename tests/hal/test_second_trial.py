@@ -9,8 +9,8 @@ from hal.fci import Tool, open_pair
 from rtstack.cells import default_cell_file
 from rtstack.cells.simulator import Simulator
 from rtstack.log.reader import read_log
-from rtstack.trials.company import Company
 from rtstack.trials.record import open_log
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.start_motion import start_motion
 from rtstack.trials.trial import prepare_trial, run_trial
@@ -32,7 +32,7 @@ def test_the_arms_go_back_to_the_start_and_grab_again(simulator: Simulator, cell
         # "lockstep": this robot waits for us, and so we may wait for the log
         log = open_log(path, specification, cell, "lockstep", default_cell_file(), reference=prepared.reference)
         try:
-            result = run_trial(prepared, opened, Company(log), way=way)
+            result = run_trial(prepared, opened, RunContext(log), way=way)
         finally:
             pair.close()
         assert result.success, result.failure_reason
@@ -62,7 +62,7 @@ def test_a_way_that_is_broken_off_ends_the_trial_before_its_first_tick(simulator
     class Stopped:
         stop_requested = True
 
-    result = run_trial(prepared, opened, Company(stop=Stopped()), way=way)
+    result = run_trial(prepared, opened, RunContext(stop=Stopped()), way=way)
     pair.close()
     assert not result.success
     assert result.failure_reason == "stop requested by the operator: on the way to the start pose"

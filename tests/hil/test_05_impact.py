@@ -7,9 +7,9 @@ from hal.limits import COLLISION_TORQUES
 from rtstack.cells import default_cell_file
 from rtstack.log.reader import read_log
 from rtstack.samples import SIDES
-from rtstack.trials.company import Company
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.record import open_log
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import DemonstrationSpecification
 from rtstack.trials.start_motion import start_motion
 
@@ -24,7 +24,7 @@ def test_both_pads_hit_the_box_and_both_arms_see_it(
     with open_arms(specification.object) as arms:
         way = start_motion(arms, description, specification.object)
         log = open_log(hil_recording, specification, description, robot.kind, default_cell_file())
-        result = run_demonstration(specification, description, arms, Company(log), way=way)
+        result = run_demonstration(specification, description, arms, RunContext(log), way=way)
     assert result.success, result.failure_reason
     assert result.safety_interventions == 0
     assert result.detected_impact_time_s is not None

@@ -6,8 +6,8 @@ from mcap.reader import make_reader
 from rtstack.cells import default_cell_file
 from rtstack.log.reader import read_log
 from rtstack.samples import SIDES
-from rtstack.trials.company import Company
 from rtstack.trials.record import open_log
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.start_motion import start_motion
 from rtstack.trials.trial import prepare_trial, run_trial
@@ -25,7 +25,7 @@ def test_a_trial_grabs_lifts_and_releases(
     with open_arms(specification.object) as arms:
         way = start_motion(arms, description, specification.object, 0.0, prepared.reference.ante[:, 0])
         log = open_log(path, specification, description, robot.kind, default_cell_file(), reference=prepared.reference)
-        result = run_trial(prepared, arms, Company(log), way=way)
+        result = run_trial(prepared, arms, RunContext(log), way=way)
     for name in ("max_lift_mm", "average_force_norm", "peak_torque_ratio", "peak_velocity_ratio", "missed_deadlines"):
         record_property(name, getattr(result, name))
     assert result.success, result.failure_reason

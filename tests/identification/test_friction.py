@@ -10,7 +10,7 @@ from rtstack.cli.friction import identify_friction
 from rtstack.configuration import ConfigurationError
 from rtstack.control.parameters import FrictionParameters
 from rtstack.identification.fit import JointSamples, fit_joint, sigmoid
-from rtstack.identification.procedure import Identification, Run, lowest_object
+from rtstack.identification.procedure import Identification, SweepRun, lowest_object
 from rtstack.trials.assembly import cell_parameters
 from rtstack.trials.errors import TrialError
 from rtstack.trials.friction import ArmFriction, FrictionFile, friction_toml, load_friction
@@ -52,7 +52,7 @@ def test_one_joint_of_the_simulated_robot_is_found_within_two_per_cent(cell):
     identification, thing = Identification(cell), lowest_object(cell)
     simulated = open_cell("direct", thing, 0.0, 0, noise_seed=7)
     try:
-        run = Run(SweepSpecification(thing, 4, 0, 0))
+        run = SweepRun(SweepSpecification(thing, 4, 0, 0))
         assert identification.run(run, simulated) is None
         assert isinstance(simulated.left, SimulatedArm)
         plant = simulated.left._cell.plant.joints.copy()
@@ -105,4 +105,4 @@ def test_logs_of_another_robot_are_not_taken(cell, tmp_path):
     log.wait_ready()
     assert log.close({"success": True}) is None
     with pytest.raises(TrialError, match="something else"):
-        identification.take_log(Run(SweepSpecification(thing, 6, 0, seed=0)), path)
+        identification.take_log(SweepRun(SweepSpecification(thing, 6, 0, seed=0)), path)

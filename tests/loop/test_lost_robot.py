@@ -6,9 +6,9 @@ import signal
 from rtstack.cells import default_cell_file, open_cell
 from rtstack.log.reader import read_log
 from rtstack.samples import Level
-from rtstack.trials.company import Company
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.record import open_log
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import DemonstrationSpecification
 
 
@@ -28,7 +28,7 @@ def test_a_simulator_that_is_killed_ends_the_session(cell, tmp_path):
 
     try:
         log = open_log(path, specification, cell, "lockstep", default_cell_file())
-        result = run_demonstration(specification, cell, opened, Company(log, watchdogs=(Kill(),)))
+        result = run_demonstration(specification, cell, opened, RunContext(log, watchdogs=(Kill(),)))
     finally:
         opened.close()
     assert str(result.failure_reason).startswith("the robot left torque control: the arm at 127.")

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import rtstack.loop.rest
+import rtstack.loop.standstill
 import rtstack.trials.record
 import rtstack.trials.run
 from hal.cell import Cell
@@ -25,8 +25,8 @@ from rtstack.loop.mailbox import Mailbox
 from rtstack.loop.watchdogs import CONSOLE_S, OPERATOR_S, OVERRUN_TICKS, Heartbeat, TickOverrun, Trip
 from rtstack.safety.judge import Verdict
 from rtstack.samples import Level, QpStatus
-from rtstack.trials.company import Company
 from rtstack.trials.record import TrialLog
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
 
@@ -68,7 +68,7 @@ class Played:
         first = self.verdicts[0].index(Verdict.STOPPING)
         assert np.any(self.ticks["tau_applied"][first] != self.ticks["tau_desired"][first])
         assert np.all(np.isfinite(self.ticks["tau_applied"]))
-        assert np.abs(self.ticks["dq"][-1]).max() < rtstack.loop.rest.REST_DQ
+        assert np.abs(self.ticks["dq"][-1]).max() < rtstack.loop.standstill.REST_DQ
         return seen
 
 
@@ -99,8 +99,8 @@ class Stage:
         cell: Cell = open_cell("direct", "rice_box", 0.0, 1)
         try:
             with Rings.create() as live:
-                company = Company(log, live, watchdogs=(EachTick(act), *watchdogs), **around)
-                result = run_trial(self._prepared, change(cell), company)
+                context = RunContext(log, live, watchdogs=(EachTick(act), *watchdogs), **around)
+                result = run_trial(self._prepared, change(cell), context)
                 ticks = live.log_reader("/left/arm").drain()
                 events = live.log_reader("/events").drain()
         finally:
@@ -286,7 +286,7 @@ def test_an_exception_between_two_ticks_stops_too(stage):
 
 
 def test_arms_that_do_not_come_to_rest_are_a_fault(stage, monkeypatch):
-    monkeypatch.setattr(rtstack.loop.rest, "STOP_TICKS", 10)
+    monkeypatch.setattr(rtstack.loop.standstill, "STOP_TICKS", 10)
 
     class Stop:
         stop_requested = False

@@ -13,9 +13,9 @@ from rtstack.planning.feasibility import check_loads
 from rtstack.planning.file import write_plan
 from rtstack.planning.grab import grab_motion
 from rtstack.planning.impact_loads import impact_loads
-from rtstack.trials.company import Company
 from rtstack.trials.record import open_log
 from rtstack.trials.review import log_columns
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
 from sim_robot.cell import simulated_cell
@@ -82,7 +82,7 @@ def test_what_is_predicted_is_what_a_trial_measures(cell, tmp_path, name, speed,
     opened = open_log(log, specification, cell, "direct", default_cell_file(), reference=prepared.reference)
     simulated = simulated_cell(name, 0.0, 5).as_cell("direct")
     try:
-        result = run_trial(prepared, simulated, Company(opened))
+        result = run_trial(prepared, simulated, RunContext(opened))
     finally:
         simulated.close()
     assert result.success, result.failure_reason

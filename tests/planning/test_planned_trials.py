@@ -17,10 +17,10 @@ from rtstack.references.motion import Motion
 from rtstack.references.recording import ReferenceError
 from rtstack.references.source import load_reference
 from rtstack.trials.assembly import arm_controllers, default_parameters
-from rtstack.trials.company import Company
 from rtstack.trials.errors import TrialError
 from rtstack.trials.record import open_log
 from rtstack.trials.review import log_columns, review_log
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.scoring import SuccessCriterion, score
 from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
@@ -108,7 +108,7 @@ def _run(cell, path, thing, controller=Controller.PROPOSED, log=None):
         opened = open_log(log, specification, cell, "direct", default_cell_file(), reference=prepared.reference)
     simulated = open_cell("direct", thing, 0.0, 3)
     try:
-        return run_trial(prepared, simulated, Company(opened))
+        return run_trial(prepared, simulated, RunContext(opened))
     finally:
         simulated.close()
 

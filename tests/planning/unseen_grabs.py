@@ -51,8 +51,8 @@ from rtstack.cells import default_cell_file, open_cell
 from rtstack.model.cell_description import load_cell_description
 from rtstack.planning import GrabPlan, plan_grab
 from rtstack.planning.file import write_plan
-from rtstack.trials.company import Company
 from rtstack.trials.record import frames
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.scoring import FORCE_WINDOW_S
 from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
@@ -106,7 +106,7 @@ def run(wanted: tuple[int, float]) -> Grab:
         log = WholeRunLog(Path(folder) / "trial.mcap", {}, [], frames(description, OBJECT))
         cell = open_cell("direct", OBJECT, 0.0, seed)
         try:
-            result = run_trial(prepared, cell, Company(log))
+            result = run_trial(prepared, cell, RunContext(log))
         finally:
             cell.close()
     assert log.columns is not None

@@ -19,9 +19,9 @@ from rtstack.playback.pace import RAMP_S
 from rtstack.playback.run import NO_OBJECT, prepare_playback, run_playback, way_to_start
 from rtstack.samples import Mode
 from rtstack.topics import TOPICS
-from rtstack.trials.company import Company
 from rtstack.trials.errors import TrialError
 from rtstack.trials.record import open_log
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import PlaybackSpecification
 
 JOB = 7
@@ -65,8 +65,8 @@ def played(cell, prepared, tmp_path):
         try:
             assert way_to_start(slowed, opened) is None
             log = open_log(path, slowed.specification, cell, "direct", default_cell_file(), overwrite=True)
-            company = Company(log, watchdogs=(Script(act),), **around)
-            result = run_playback(slowed, opened, company, soft_stop=soft_stop)
+            context = RunContext(log, watchdogs=(Script(act),), **around)
+            result = run_playback(slowed, opened, context, soft_stop=soft_stop)
         finally:
             opened.close()
         return result, read_log(path)

@@ -15,7 +15,7 @@ from rtstack.safety.judge import Base, Reason, SafetyJudge, Verdict
 from rtstack.safety.judge import judge as compiled
 from rtstack.safety.limits import HARDWARE
 
-# run as plain Python, numpy remarks on inf - inf; compiled code does not
+# run as plain Python, numpy warns about inf - inf; compiled code does not
 pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")
 
 NONE = np.zeros(7)

@@ -16,7 +16,7 @@ from rtstack.safety.judge import Base, Reason, SafetyJudge, Tool, Verdict, pair_
 from rtstack.safety.limits import HARDWARE
 from rtstack.safety.records import StopProfile
 
-# run as plain Python, numpy remarks on inf - inf; compiled code does not
+# run as plain Python, numpy warns about inf - inf; compiled code does not
 pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")
 
 LEFT, RIGHT = Base((-0.4, 0.5, 0.0)), Base((-0.4, -0.5, 0.0), (0.9, 0.1, 0.2, -0.1))

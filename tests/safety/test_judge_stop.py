@@ -13,7 +13,7 @@ from rtstack.safety.judge import Reason, SafetyJudge
 from rtstack.safety.limits import HARDWARE
 from rtstack.safety.records import StopProfile
 
-# run as plain Python, numpy remarks on inf - inf; compiled code does not
+# run as plain Python, numpy warns about inf - inf; compiled code does not
 pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")
 
 BRAKING = np.maximum(FR3.ddq_max, FR3.deceleration)

@@ -20,9 +20,9 @@ from rtstack.log.reader import read_log
 from rtstack.log.ring import Rings
 from rtstack.log.writer import LogProcess
 from rtstack.samples import QpStatus
-from rtstack.trials.company import Company
 from rtstack.trials.record import TrialLog, open_log
 from rtstack.trials.review import review_log
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
 
@@ -135,8 +135,8 @@ def test_the_last_second_is_whole_where_the_log_has_lost_ticks(runner, tmp_path,
     process = LogProcess.start(path, rings, {"trial": {"seed": "1"}})
     log = TrialLog(path, rings, process, lockstep=False)
 
-    class Attendant:
-        def remarks(self):
+    class RunObserver:
+        def run_events(self):
             return ()
 
         def ended(self, end, detail):
@@ -146,7 +146,7 @@ def test_the_last_second_is_whole_where_the_log_has_lost_ticks(runner, tmp_path,
     cell = open_cell("direct", "rice_box", 0.0, 1)
     try:
         watchdog = At(0, lambda: os.kill(process.pid, signal.SIGSTOP))
-        run_trial(prepared, cell, Company(log, watchdogs=(watchdog,), attendant=Attendant()))
+        run_trial(prepared, cell, RunContext(log, watchdogs=(watchdog,), run_observer=RunObserver()))
     finally:
         cell.close()
     found = read_log(path)
@@ -221,7 +221,7 @@ def test_a_run_that_is_given_up_on_finishes_its_log(runner, tmp_path):
     log = open_log(path, prepared.specification, runner.cell, "direct", default_cell_file())
     try:
         with pytest.raises(KeyboardInterrupt):
-            run_trial(prepared, cell, Company(log, watchdogs=(At(30, interrupt),)))
+            run_trial(prepared, cell, RunContext(log, watchdogs=(At(30, interrupt),)))
     finally:
         cell.close()
     assert len(read_log(path).topic("/left/arm")) == 30

@@ -13,11 +13,11 @@ from rtstack.log.catalogue import Catalogue
 from rtstack.log.reader import read_log
 from rtstack.monitor.records import Verdict
 from rtstack.samples import Level, Mode, Reaction
-from rtstack.trials.company import Company
 from rtstack.trials.errors import TrialError
 from rtstack.trials.monitoring import tuning_folder, tuning_of
 from rtstack.trials.record import open_log
 from rtstack.trials.review import log_columns
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
 from rtstack.trials.tuning import GoodRun, replay
@@ -39,7 +39,7 @@ def trial(cell, demonstration, tmp_path):
         log = open_log(path, specification, cell, "direct", default_cell_file(), reference=prepared.reference)
         opened = open_cell("direct", "rice_box", 0.012, 3, cell, faults)
         try:
-            result = run_trial(prepared, opened, Company(log))
+            result = run_trial(prepared, opened, RunContext(log))
         finally:
             opened.close()
         return result, read_log(path), prepared
@@ -144,7 +144,7 @@ def test_an_object_without_a_tuning_is_not_watched_and_its_trial_says_how_to_mak
     log = open_log(tmp_path / "trial.mcap", specification, cell, "direct", default_cell_file())
     opened = open_cell("direct", "box_060", 0.0, 0, cell)
     try:
-        result = run_trial(prepared, opened, Company(log))
+        result = run_trial(prepared, opened, RunContext(log))
     finally:
         opened.close()
     assert (result.impact_verdict, result.impact_margin, result.impact_kind) == (None, None, None)

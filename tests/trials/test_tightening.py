@@ -10,8 +10,8 @@ from rtstack.configuration import ConfigurationError
 from rtstack.live.protocol import ProtocolError, decode_request
 from rtstack.log.reader import read_log
 from rtstack.safety.limits import HARDWARE
-from rtstack.trials.company import Company
 from rtstack.trials.errors import TrialError
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.tightening import load_tightening, safety_limits
 from rtstack.trials.trial import prepare_trial
@@ -35,7 +35,7 @@ def test_a_trial_is_stopped_by_its_own_limit_and_says_so(runner, tmp_path):
     cell = open_cell("direct", "rice_box", 0.0, 1)
     try:
         log = open_log(path, specification, runner.cell, "direct", default_cell_file())
-        result = run_trial(prepared, cell, Company(log))
+        result = run_trial(prepared, cell, RunContext(log))
     finally:
         cell.close()
     assert re.match("safety stop: (left|right): the end effector is too fast", str(result.failure_reason))

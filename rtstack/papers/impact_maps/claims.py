@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from rtstack.experiments.claims import Claim, Verdict
+from rtstack.experiments.claims import Claim, ClaimStatus
 from rtstack.impact_map import ReflectedInertia
 from rtstack.papers.impact_maps.evaluation import NAMES, PAPER, TABLES, Table, combined
 from rtstack.references.motion import Motion
@@ -66,7 +66,7 @@ def _of_table(table: Table) -> list[Claim]:
     if table.motion is Motion.HIT_AND_PUSH:
         claims.append(
             Claim(where, "with B the velocity is overestimated in every line", f"in {over} of {len(table.errors(B))}",
-                  Verdict.HOLDS if table.errors(B) and over == len(table.errors(B)) else Verdict.DIFFERS)
+                  ClaimStatus.HOLDS if table.errors(B) and over == len(table.errors(B)) else ClaimStatus.DIFFERS)
         )  # fmt: skip
     average = table.average(NONE)
     claims.append(
@@ -92,14 +92,14 @@ def _plain(value: float | None) -> str:
     return "-" if value is None else f"{value:.2f} %"
 
 
-def _at_most(value: float | None, bound: float) -> Verdict:
+def _at_most(value: float | None, bound: float) -> ClaimStatus:
     if value is None:
-        return Verdict.UNDECIDED
-    return Verdict.HOLDS if value <= bound else Verdict.DIFFERS
+        return ClaimStatus.UNDECIDED
+    return ClaimStatus.HOLDS if value <= bound else ClaimStatus.DIFFERS
 
 
-def _ordered(values: Sequence[float | None]) -> Verdict:
+def _ordered(values: Sequence[float | None]) -> ClaimStatus:
     known = [value for value in values if value is not None]
     if len(known) < len(values):
-        return Verdict.UNDECIDED
-    return Verdict.HOLDS if known == sorted(known) else Verdict.DIFFERS
+        return ClaimStatus.UNDECIDED
+    return ClaimStatus.HOLDS if known == sorted(known) else ClaimStatus.DIFFERS

@@ -16,9 +16,9 @@ from rtstack.planning import GrabPlan, PlanError, PlannedMotion, plan_grab, plan
 from rtstack.planning.file import write_plan
 from rtstack.planning.free import Part, compensated, free_motion
 from rtstack.trials.assembly import arm_controllers
-from rtstack.trials.company import Company
 from rtstack.trials.motion import run_motion
 from rtstack.trials.record import frames, trial_metadata
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import FreeRunSpecification
 from rtstack.trials.whole_run_log import WholeRunLog
 
@@ -58,7 +58,7 @@ def identify_along(bench: ValidationBench, runs: FreeRuns, scenario: Scenario, c
         )  # fmt: skip
         cell = bench.open_cell(NO_OBJECT, seed, bench.robot, conditions)
         try:
-            reason, columns = run_motion(free.plan, description, parameters, cell, Company(log))
+            reason, columns = run_motion(free.plan, description, parameters, cell, RunContext(log))
         finally:
             cell.close()
         if reason is not None:

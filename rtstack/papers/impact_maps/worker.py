@@ -11,7 +11,7 @@ from hal.cell import Cell
 from rtstack.control.parameters import ControlParameters, FrictionParameters
 from rtstack.control.tick import ArmController
 from rtstack.experiments.experiment import Row
-from rtstack.identification.procedure import Identification, Run
+from rtstack.identification.procedure import Identification, SweepRun
 from rtstack.impact_map import ReflectedInertia
 from rtstack.model.cell_description import CellDescription, load_cell_description
 from rtstack.papers.demonstrations import CELL, LOGS, RECORDINGS, common_attachments
@@ -26,8 +26,8 @@ from rtstack.papers.impact_maps.plan import (
 )
 from rtstack.papers.impact_maps.prediction import Prediction, read_prediction
 from rtstack.trials.assembly import Parameters, arm_controllers, cell_parameters
-from rtstack.trials.company import Company
 from rtstack.trials.record import frames, trial_metadata
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.trial import PreparedTrial, prepare_trial, run_trial
 from rtstack.trials.whole_run_log import WholeRunLog
@@ -79,7 +79,7 @@ def _identification(bench: ValidationBench) -> Identification:
     return Identification(description_of(bench))
 
 
-def identify(bench: ValidationBench, run: Run) -> str | None:
+def identify(bench: ValidationBench, run: SweepRun) -> str | None:
     """Make one run of the identification, and its log. Returns None, or in one line why it failed."""
     specification = run.specification
     identification = _identification(bench)
@@ -91,7 +91,7 @@ def identify(bench: ValidationBench, run: Run) -> str | None:
     noise = 1000 * specification.run + specification.joint
     cell = bench.open_cell(specification.object, noise, bench.robot, bench.nominal)
     try:
-        return identification.run(run, cell, Company(log))
+        return identification.run(run, cell, RunContext(log))
     finally:
         cell.close()
 
@@ -147,7 +147,7 @@ def run(
     )  # fmt: skip
     cell = bench.open_cell(trial.object, trial.seed, bench.robot, conditions)
     try:
-        result = run_trial(prepared, cell, Company(log))
+        result = run_trial(prepared, cell, RunContext(log))
     finally:
         cell.close()
     if log.columns is None or not path.exists():

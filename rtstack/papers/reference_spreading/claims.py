@@ -1,6 +1,6 @@
 """The paper's claims, one by one, with what this campaign says about each."""
 
-from rtstack.experiments.claims import Claim, Verdict, order, shown
+from rtstack.experiments.claims import Claim, ClaimStatus, order, shown
 from rtstack.experiments.statistics import Interval
 from rtstack.papers.reference_spreading.controllers import Controller
 from rtstack.papers.reference_spreading.evaluation import BASELINES, FIGURE11, TABLE2, Evaluation, Table2Line
@@ -50,7 +50,7 @@ def _figure11(evaluation: Evaluation) -> list[Claim]:
             Claim(
                 "issue",
                 f"its 95 % intervals at -30 and 30 mm lie apart from those of “{NAMES[baseline].lower()}”",
-                f"lower by {' and '.join(gain)}; intervals {'apart' if verdict is Verdict.HOLDS else 'not apart'}",
+                f"lower by {' and '.join(gain)}; intervals {'apart' if verdict is ClaimStatus.HOLDS else 'not apart'}",
                 verdict,
             )
         )
@@ -79,7 +79,7 @@ def _table2(evaluation: Evaluation) -> list[Claim]:
     # a share of 100 % for all tells nothing about an order
     alike = len(set(shares.values())) < 2
     fewest = (
-        Verdict.UNDECIDED if alike else order((success[NO_VELOCITY], success[c]) for c in lines if c != NO_VELOCITY)
+        ClaimStatus.UNDECIDED if alike else order((success[NO_VELOCITY], success[c]) for c in lines if c != NO_VELOCITY)
     )
     best = max(shares.values(), default=0.0)
     highest = max((row["peak_torque_ratio"] or 0.0 for row in evaluation.of(TABLE2)), default=0.0)
@@ -98,7 +98,11 @@ def _table2(evaluation: Evaluation) -> list[Claim]:
             "Table II",
             "the proposed controller's success is not below any baseline's",
             percent,
-            Verdict.WITHIN if alike else Verdict.HOLDS if shares.get(PROPOSED, 0.0) >= best else Verdict.DIFFERS,
+            ClaimStatus.WITHIN
+            if alike
+            else ClaimStatus.HOLDS
+            if shares.get(PROPOSED, 0.0) >= best
+            else ClaimStatus.DIFFERS,
         ),
         Claim(
             "Table II",
@@ -121,11 +125,11 @@ def _lifts(lines: dict[Controller, Table2Line]) -> str:
     return "; ".join(f"{NAMES[c].lower()} {shown(line.lift_mm, ' mm', 2)}" for c, line in lines.items())
 
 
-def _share_at_most(share: float, part: Interval | None, whole: Interval | None) -> Verdict:
-    """Verdict of "the part is at most this share of the whole"."""
+def _share_at_most(share: float, part: Interval | None, whole: Interval | None) -> ClaimStatus:
+    """The status of "the part is at most this share of the whole"."""
     if part is None or whole is None:
-        return Verdict.UNDECIDED
-    return Verdict.HOLDS if part.mean <= share * whole.mean else Verdict.DIFFERS
+        return ClaimStatus.UNDECIDED
+    return ClaimStatus.HOLDS if part.mean <= share * whole.mean else ClaimStatus.DIFFERS
 
 
 def _at(when: Interval | None) -> str:

@@ -12,9 +12,9 @@ from rtstack.papers.conditions import Conditions
 from rtstack.papers.demonstrations import CELL, LOGS, RECORDINGS, Bench, Reference, common_attachments
 from rtstack.papers.reference_spreading.measures import Measures, measure
 from rtstack.papers.reference_spreading.trial import Trial
-from rtstack.trials.company import Company
 from rtstack.trials.record import frames, trial_metadata
 from rtstack.trials.result import TrialResult
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.trial import PreparedTrial, prepare_trial, run_trial
 from rtstack.trials.whole_run_log import WholeRunLog
@@ -46,7 +46,7 @@ def run(bench: Bench, trial: Trial, conditions: Conditions) -> list[Row]:
         )  # fmt: skip
         cell = bench.open_cell(trial.object, trial.displacement, trial.seed, conditions)
         try:
-            result = run_trial(prepared, cell, Company(log), criterion=bench.criterion)
+            result = run_trial(prepared, cell, RunContext(log), criterion=bench.criterion)
         finally:
             cell.close()
         if log.columns is None or not path.exists():

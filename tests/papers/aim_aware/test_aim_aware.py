@@ -4,7 +4,7 @@ import pytest
 
 from rtstack.cli.app import main
 from rtstack.configuration import ConfigurationError
-from rtstack.experiments.claims import Verdict
+from rtstack.experiments.claims import ClaimStatus
 from rtstack.papers.aim_aware.bands import Bands, bands
 from rtstack.papers.aim_aware.claims import judge
 from rtstack.papers.aim_aware.classification import plan_case, simulate_case
@@ -62,7 +62,7 @@ AS_THE_PAPER = {"a": 0.0, "b": 2.0, "c": 4.0}
 )
 def test_a_claim_holds_or_differs(study_run, expected, some, differing):
     claims = judge(study_run, _rows(expected, some))
-    said = {claim.says for claim in claims if claim.verdict is Verdict.DIFFERS}
+    said = {claim.says for claim in claims if claim.verdict is ClaimStatus.DIFFERS}
     assert len(said) == len(differing)
     assert all(any(text.startswith(start) for start in differing) for text in said)
     assert len(claims) == 12

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rtstack.configuration import ConfigurationError
-from rtstack.experiments.claims import Verdict
+from rtstack.experiments.claims import ClaimStatus
 from rtstack.model.arm_model import ArmModel
 from rtstack.papers.aim_aware.arm.claims import judge
 from rtstack.papers.aim_aware.arm.study import ArmRun, load_arm_run
@@ -128,7 +128,7 @@ def test_a_claim_holds_or_differs(run, edges, some, differing):
     run = replace(run, tuned=replace(run.tuned, mirrored=False))
     claims = judge(run, _rows(edges, some))
     assert len(claims) == 10
-    assert sum(claim.verdict is not Verdict.HOLDS for claim in claims) == len(differing)
+    assert sum(claim.verdict is not ClaimStatus.HOLDS for claim in claims) == len(differing)
     turned = judge(
         replace(run, tuned=replace(run.tuned, mirrored=True)),
         [row | {"inclination_deg": -row["inclination_deg"]} for row in _rows(edges, some)],

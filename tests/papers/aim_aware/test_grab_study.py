@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from rtstack.configuration import ConfigurationError
-from rtstack.experiments.claims import Verdict
+from rtstack.experiments.claims import ClaimStatus
 from rtstack.experiments.experiment import Results
 from rtstack.experiments.registry import plan_file
 from rtstack.papers.aim_aware.grab.cases import FURTHER, MARKED, TRUE_KIND, FaultKind, load_judged
@@ -90,7 +90,7 @@ def test_the_report_has_a_part_for_each_object() -> None:
     made = report(tunings, Results([asdict(FINDING), asdict(parcel)], Path()))
     assert [part.name for part in made.parts] == ["rice_box", "parcel"]
     assert [part.numbers["false_alarms"]["share"] for part in made.parts] == [0.0, 1.0]
-    assert [claim.verdict for claim in made.parts[1].claims] == [Verdict.UNDECIDED, Verdict.DIFFERS]
+    assert [claim.verdict for claim in made.parts[1].claims] == [ClaimStatus.UNDECIDED, ClaimStatus.DIFFERS]
     assert made.parts[1].numbers["wrong"][0]["kind"] == "too heavy"
     assert not made.reached
     assert "false alarms: 100.0 %" in made.summary

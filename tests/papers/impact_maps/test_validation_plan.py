@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rtstack.configuration import ConfigurationError
-from rtstack.experiments.claims import Verdict
+from rtstack.experiments.claims import ClaimStatus
 from rtstack.experiments.registry import kind_of, plan_file
 from rtstack.impact_map import ReflectedInertia
 from rtstack.impact_map.grab import grab_scene
@@ -88,11 +88,11 @@ def test_tables_of_results_whose_answer_is_known():
     assert error == pytest.approx(100.0 * (0.45 / shifted - 1.0))
     assert combined([push, grab], ReflectedInertia.B_THETA) == pytest.approx(2.5)
     verdicts = {(claim.where, claim.says.split(" (")[0]): claim.verdict for claim in judge_claims([push, grab])}
-    assert verdicts["Table II", "absolute error with B_theta at most 4 %"] is Verdict.HOLDS
-    assert verdicts["Table II", "smaller than with B by 2.72 points or more"] is Verdict.HOLDS
-    assert verdicts["Table III", "smaller than with B by 2.22 points or more"] is Verdict.DIFFERS
+    assert verdicts["Table II", "absolute error with B_theta at most 4 %"] is ClaimStatus.HOLDS
+    assert verdicts["Table II", "smaller than with B by 2.72 points or more"] is ClaimStatus.HOLDS
+    assert verdicts["Table III", "smaller than with B by 2.22 points or more"] is ClaimStatus.DIFFERS
     (bad,) = tables(rows_of(6.0, noise=0.05))
-    assert [claim.verdict for claim in judge_claims([bad])[::2]] == [Verdict.DIFFERS] * 2 + [Verdict.DIFFERS]
+    assert [claim.verdict for claim in judge_claims([bad])[::2]] == [ClaimStatus.DIFFERS] * 2 + [ClaimStatus.DIFFERS]
 
 
 def test_trials_that_failed_or_ended_early_do_not_count():

@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from rtstack.experiments.claims import Verdict
+from rtstack.experiments.claims import ClaimStatus
 from rtstack.experiments.store import columns_of, stored
 from rtstack.papers.reference_spreading.claims import judge_claims
 from rtstack.papers.reference_spreading.controllers import Controller
@@ -68,28 +68,28 @@ ORDER = "lift: no reference spreading > proposed > no interim mode"
 
 def test_the_papers_own_numbers_hold():
     found = verdicts(rows())
-    assert found[LOWEST] == found[APART] == found[ORDER] == found[NOT_BELOW] == Verdict.HOLDS
-    assert found[FEWEST] == Verdict.WITHIN  # 8 and 16 of 20: Wilson's intervals touch
+    assert found[LOWEST] == found[APART] == found[ORDER] == found[NOT_BELOW] == ClaimStatus.HOLDS
+    assert found[FEWEST] == ClaimStatus.WITHIN  # 8 and 16 of 20: Wilson's intervals touch
 
 
 def test_noise_makes_it_within_the_intervals():
     found = verdicts(rows(force=FORCE | {Controller.NO_INTERIM: 25.3}, noise=0.5))
-    assert found[LOWEST] in (Verdict.WITHIN, Verdict.DIFFERS)
-    assert found[APART] in (Verdict.WITHIN, Verdict.DIFFERS)
+    assert found[LOWEST] in (ClaimStatus.WITHIN, ClaimStatus.DIFFERS)
+    assert found[APART] in (ClaimStatus.WITHIN, ClaimStatus.DIFFERS)
 
 
 def test_another_order_differs():
     found = verdicts(rows(force=FORCE | {Controller.NO_INTERIM: 20.0}, lift=LIFT | {Controller.PROPOSED: -3.0}))
-    assert found[LOWEST] == found[APART] == found[ORDER] == Verdict.DIFFERS
+    assert found[LOWEST] == found[APART] == found[ORDER] == ClaimStatus.DIFFERS
 
 
 def test_all_or_none_successful_tells_nothing():
     found = verdicts(rows(grabs=dict.fromkeys(FORCE, 20)))
-    assert (found[FEWEST], found[NOT_BELOW]) == (Verdict.UNDECIDED, Verdict.WITHIN)
+    assert (found[FEWEST], found[NOT_BELOW]) == (ClaimStatus.UNDECIDED, ClaimStatus.WITHIN)
 
 
 def test_a_baseline_that_succeeds_more_often_differs():
-    assert verdicts(rows(grabs=GRABS | {Controller.NO_INTERIM: 19}))[NOT_BELOW] == Verdict.DIFFERS
+    assert verdicts(rows(grabs=GRABS | {Controller.NO_INTERIM: 19}))[NOT_BELOW] == ClaimStatus.DIFFERS
 
 
 def test_lift_is_against_its_own_reference_and_displacement():
@@ -115,6 +115,6 @@ def test_conditions_side_by_side_say_where_an_order_appears():
     for r in nominal + hard:
         r["average_force_norm"] = FORCE[Controller(r["controller"])] + 0.01 * len(r["reference"])
     lines = {o.conditions: o for o in outcomes([Evaluation(nominal + hard, name) for name in ("nominal", "hard")])}
-    assert dict(lines["nominal"].verdicts)[FEWEST] == Verdict.UNDECIDED
-    assert dict(lines["hard"].verdicts)[FEWEST] in (Verdict.HOLDS, Verdict.WITHIN)
+    assert dict(lines["nominal"].verdicts)[FEWEST] == ClaimStatus.UNDECIDED
+    assert dict(lines["hard"].verdicts)[FEWEST] in (ClaimStatus.HOLDS, ClaimStatus.WITHIN)
     assert lines["hard"].lowest.startswith("Proposed approach")

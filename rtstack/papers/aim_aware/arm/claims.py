@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from rtstack.experiments.claims import Claim, Verdict, verdict_of
+from rtstack.experiments.claims import Claim, ClaimStatus, verdict_of
 from rtstack.experiments.experiment import Row
 from rtstack.papers.aim_aware.arm.study import ArmColumn, ArmRun
 from rtstack.papers.aim_aware.bands import Bands, bands
@@ -51,7 +51,7 @@ def _of_tuning(run: ArmRun, where: str, column: ArmColumn, found: Bands) -> list
             f"between always and never lies an ambiguous area (here: of {limits.ambiguity_deg:g} deg a side at most)",
             f"{width_words(widths[0])} and {width_words(widths[1])}; sometimes expected are {sometimes}"
             + "; nothing is always expected" * (always is None),
-            verdict_of(max(widths) <= limits.ambiguity_deg) if always is not None else Verdict.UNDECIDED,
+            verdict_of(max(widths) <= limits.ambiguity_deg) if always is not None else ClaimStatus.UNDECIDED,
         ),
         Claim(
             where,
@@ -66,7 +66,7 @@ def _one_sided(run: ArmRun, where: str, found: Bands) -> Claim:
     """The less sensitive tuning's band lies on one side of 0."""
     says = "a less sensitive tuning's band is not symmetric around 0 deg"
     if found.always is None:
-        return Claim(where, says, band_words(None), Verdict.DIFFERS)
+        return Claim(where, says, band_words(None), ClaimStatus.DIFFERS)
     low, high = found.always
     holds = abs(abs(low) - abs(high)) >= run.study.claims.asymmetry_deg
     return Claim(where, says, band_words(found.always), verdict_of(holds))
@@ -76,7 +76,7 @@ def _asymmetric(run: ArmRun, where: str, found: Bands) -> Claim:
     says = "what is neither always nor never expected reaches further on one side than on the other"
     by = difference_deg(found)
     if by is None:
-        return Claim(where, says, "it has no end on one side", Verdict.UNDECIDED)
+        return Claim(where, says, "it has no end on one side", ClaimStatus.UNDECIDED)
     below, above = found.never
     ours = f"never from {edge_words(below)} and from {edge_words(above)} deg on: {by:g} deg further on one side"
     return Claim(where, says, ours, verdict_of(by >= run.study.claims.asymmetry_deg))

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rtstack.experiments.claims import Claim, Verdict, verdict_of
+from rtstack.experiments.claims import Claim, ClaimStatus, verdict_of
 from rtstack.experiments.experiment import Results
 from rtstack.experiments.page import PAGE
 from rtstack.experiments.report import Figure, Part, Report
@@ -146,7 +146,7 @@ def report(tunings: Mapping[str, Mapping[str, Any]], results: Results) -> Report
 
 def _claims(summary: Summary) -> list[Claim]:
     found, alarms = summary.found, summary.false_alarms
-    unknown = Verdict.UNDECIDED
+    unknown = ClaimStatus.UNDECIDED
     return [
         Claim("mark", f"at least {100.0 * WANTED_FOUND:g} % of the faults are found", _share(found),
               unknown if found is None else verdict_of(found.mean >= WANTED_FOUND)),

@@ -10,7 +10,7 @@ REST_TICKS = 50
 STOP_TICKS = 1000  # a stop from the velocity limit takes 0.5 s at 10 rad/s^2; after twice that the session ends anyhow
 
 
-class Rest:
+class StandstillDetector:
     """Counts the ticks of a stop. velocities: each arm's dq (7,), rad/s, as its sample shows it."""
 
     def __init__(self, velocities: Sequence[NDArray[np.float64]]) -> None:

@@ -1,4 +1,4 @@
-"""The lifeline of a child process: its standard input, a pipe that the supervisor holds and never writes to."""
+"""A child process watches its parent: its standard input is a pipe that the supervisor holds and never writes to."""
 
 import os
 import sys
@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable
 
 
-def hold_lifeline(when_cut: Callable[[], None]) -> None:
+def watch_parent(when_cut: Callable[[], None]) -> None:
     """Call `when_cut` once, from a side thread, when the supervisor's end of the pipe closes, however it ended."""
 
     def wait() -> None:
@@ -15,4 +15,4 @@ def hold_lifeline(when_cut: Callable[[], None]) -> None:
         when_cut()
 
     descriptor = sys.stdin.fileno()
-    threading.Thread(target=wait, daemon=True, name="lifeline").start()
+    threading.Thread(target=wait, daemon=True, name="parent watch").start()

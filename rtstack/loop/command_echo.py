@@ -1,4 +1,4 @@
-"""What the robot says it was commanded, beside what it was sent."""
+"""The robot's report of the commanded torque, compared with the torque that was sent."""
 
 import numpy as np
 
@@ -22,7 +22,7 @@ def largest_difference(tau_J_d, tau_applied):
     return largest
 
 
-class Echo:
+class CommandEcho:
     """Where an arm's next torque starts from. `lost`: answers that came too late."""
 
     def __init__(self, judge: SafetyJudge, arm: ObservedArm) -> None:

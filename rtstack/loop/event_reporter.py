@@ -1,4 +1,4 @@
-"""What a session tells the people who watch it, as events: its mode, impacts, contact, verdicts, end and link."""
+"""The events of a session: its mode, impacts, contact, classifications, end and connection."""
 
 from rtstack.control.controller import Controller
 from rtstack.loop.fault import FaultNotes
@@ -9,8 +9,8 @@ from rtstack.samples import SIDES, Level, Mode
 _STOPPING = Mode.STOPPING  # looked up once: an enumeration's member costs 0.1 us
 
 
-class Narrator:
-    """Sees what is new and says it once, when the torques are out. Text is made where there is something to say only.
+class EventReporter:
+    """Publishes each change once, after the torques were sent. Text is formatted only for an event.
 
     Times in texts are s since the start of the reference; events carry the robot's time.
     """

@@ -1,6 +1,6 @@
-"""Signs of life: the console's own, and those of the operators whose pages and programs it hears.
+"""Heartbeats: the console's own, and those of the operators whose pages and programs send messages.
 
-Both are given by the console's event loop: while it hangs, neither the console nor anybody behind it is there.
+The console's event loop gives both: while it does not respond, neither the console nor its operators count as present.
 """
 
 import asyncio
@@ -14,18 +14,18 @@ from rtstack.loop.mailbox import Mailbox
 BEAT_S = 0.1
 
 
-class Presence:
-    """Who was heard of since somebody last asked. May be used from any thread."""
+class OperatorHeartbeats:
+    """The operators that sent a message since the last query. May be used from any thread."""
 
     def __init__(self) -> None:
         self._heard: set[str] = set()
 
     def note(self, operator: str) -> None:
-        """Note a sign of life of an operator's page or program."""
+        """Note a message of an operator's page or program."""
         self._heard.add(operator)
 
     def heard(self, operator: str | None) -> bool:
-        """Whether the operator was heard of since the last call."""
+        """Whether the operator sent a message since the last call."""
         was_heard = operator in self._heard
         self._heard.clear()
         return was_heard
@@ -33,7 +33,7 @@ class Presence:
 
 @asynccontextmanager
 async def heartbeat(mailbox: Mailbox) -> AsyncIterator[None]:
-    """Give the console's sign of life every BEAT_S for as long as this event loop turns."""
+    """Write the console's heartbeat every BEAT_S while this event loop runs."""
 
     notifier = Notifier()
 
