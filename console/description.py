@@ -17,7 +17,7 @@ _TEXT = f"""\
 The operator's console as programs see it. The page uses nothing else.
 
 Bring a token as `Authorization: Bearer TOKEN`; `rtstack token create` or the page Access makes one. A browser has a
-session cookie instead, and repeats the session's word in `{CSRF_HEADER}` with every change. Whoever wants to move the
+session cookie instead, and repeats the session's word in `{CSRF_HEADER}` with every change. A client that moves the
 arms takes control (`/api/take`), arms (`/api/arm`), and gives a sign of life at least every second (`/api/beat`, or the
 message `beat` on `/live`). Everything that is refused is answered with one line, `error`. A body has at most
 {MAX_BODY_BYTES >> 10} KiB.
@@ -62,7 +62,7 @@ def describe(app: FastAPI) -> None:
 
 def _completed(document: dict[str, Any]) -> dict[str, Any]:
     refused = document["components"]["schemas"]
-    for name in ("HTTPValidationError", "ValidationError"):  # FastAPI's own form, which nobody is answered with
+    for name in ("HTTPValidationError", "ValidationError"):  # FastAPI's own form, which is never sent
         refused.pop(name, None)
     for operations in document["paths"].values():
         for method, operation in operations.items():

@@ -21,7 +21,7 @@ CSRF_HEADER = "x-csrf-token"
 MAX_BODY_BYTES = 256 << 10  # orders are a few hundred bytes, and nothing is uploaded
 _HTTP_PORT = 80  # which browsers leave out
 _SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
-_FOR_VIEWERS = ("/api/stop", "/api/sign-out")  # changes that somebody who may only look may ask for
+_FOR_VIEWERS = ("/api/stop", "/api/sign-out")  # changes that a viewer may ask for
 _STREAMS_FOR_VIEWERS = ("/live", "/viser/", "/api/logs/")
 _OPEN_PREFIX = "/static/"  # style and script, the same for everybody
 
@@ -139,7 +139,7 @@ def _refuse(status: int, reason: str) -> Response:
 
 
 def _capped(receive: Receive) -> Receive:
-    """Receive no body that is too long, although nobody said how long it is.
+    """Receive no body that is too long, although its length is not given.
 
     FastAPI's own limit would answer in front of the guard, in another form.
     """
@@ -157,7 +157,7 @@ def _capped(receive: Receive) -> Receive:
 
 
 def _text_only(receive: Receive, send: Send) -> Receive:
-    """Receive no bytes on a WebSocket whose messages are JSON: whoever sends some is cut off."""
+    """Receive no bytes on a WebSocket whose messages are JSON: a client that sends some is disconnected."""
 
     async def receive_text() -> Message:
         message = await receive()

@@ -14,7 +14,7 @@ from rtstack.references.acceptance import Acceptance, AcceptanceError, load_acce
 
 BY_HAND = "recording"
 RECORDINGS = ("demonstration", BY_HAND)
-PLAN = "plan"  # of `rtstack plan`: a recording that nobody has made
+PLAN = "plan"  # of `rtstack plan`: a planned recording
 
 
 @dataclass(frozen=True, slots=True)

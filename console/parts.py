@@ -24,7 +24,7 @@ from rtstack.model.cell_description import CellDescription
 
 @dataclass(frozen=True, slots=True)
 class Parts:
-    """The console's parts. Whoever makes them closes them."""
+    """The console's parts. Their creator closes them."""
 
     sign_in: SignIn
     audit: AuditTrail
@@ -57,14 +57,14 @@ def _get_parts(request: Request) -> Parts:
 
 
 def _get_session(request: Request) -> UserSession:
-    return request.state.session  # the guard lets nobody through to these routes without one
+    return request.state.session  # the guard refuses these routes without one
 
 
 def _get_holder(request: Request) -> UserSession:
     """Return the session that has the robot now, as the robot process says. Raises RobotRefused, RobotUnreachable."""
     session, holder = _get_session(request), parts_of(request).client.status().holder
     if holder != session.operator:
-        raise RobotRefused(f"{holder or 'nobody'} has the robot; take control first")
+        raise RobotRefused(f"{holder or 'no operator'} has control; take control first")
     return session
 
 

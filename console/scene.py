@@ -193,7 +193,7 @@ class CellFigures:
             arm.show(joints)
 
     def show_object(self, name: str, pose: NDArray[np.float64] | None) -> None:
-        """Show the object `name` at `pose`, (7,) position m and quaternion wxyz; None where nobody has seen it."""
+        """Show the object `name` at `pose`, (7,) position m and quaternion wxyz; None where it was not seen."""
         description = self._cell.objects.get(name)
         if pose is None or description is None:
             if self._object is not None:

@@ -85,7 +85,7 @@ class Gizmos:
         return moved
 
     def show(self, measured: Array | None, command: Array | None, forces: Array | None) -> None:
-        """Show poses (2, 7) in the world, None where nobody has said them, and forces (2, 3), N, that the pads feel."""
+        """Show poses (2, 7) in the world, None where they are not known, and forces (2, 3), N, that the pads feel."""
         running = self._teleop.running and measured is not None
         asked = self._teleop.asked() if running else None
         refused = self._teleop.view.refusal is not None

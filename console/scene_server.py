@@ -1,4 +1,4 @@
-"""A viser server that nobody can reach but our proxy: loopback, a free port, and a secret header on every request.
+"""A viser server that only our proxy can reach: loopback, a free port, and a secret header on every request.
 
 viser 1.1.1 has no sign-in and no Origin check of its own, so its port is guarded where its WebSocket server is made.
 The version is pinned, and the refusal is tested.

@@ -24,7 +24,7 @@ class Detail(StrEnum):
 
 
 class _LiveScene:
-    """One scene, its server, and the thread that keeps it up to date while somebody looks."""
+    """One scene, its server, and the thread that keeps it up to date while it is shown."""
 
     def __init__(self, cell: CellDescription, watch: Watch, teleop: TeleopInput, detail: Detail) -> None:
         self.server = SceneServer()

@@ -89,7 +89,7 @@ class Tokens:
         return token if known else None
 
     def create(self, name: str, scope: Scope) -> tuple[Token, str]:
-        """Make a token; return it and its word, which nobody can see again. Raises TokensError."""
+        """Make a token; return it and its word, which cannot be shown again. Raises TokensError."""
         try:
             name = _NAME.validate_python(name)
         except ValidationError:

@@ -21,7 +21,7 @@ expected = reference.impact
 assert expected is not None, "a planned reference knows no joints"
 
 tuning = tuning_of("rice_box")
-assert tuning is not None, "an object that nobody has tuned a monitor for"
+assert tuning is not None, "no monitor was tuned for this object"
 
 log = read_log(Path("trial.mcap"))
 for arm, side in enumerate(SIDES):

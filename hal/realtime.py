@@ -10,7 +10,7 @@ from functools import lru_cache
 
 # below the simulated robot (80), which has to keep its own clock, and above everything ordinary
 PRIORITY = 70
-_BESIDE = 60  # of whoever shares a process with such a thread
+_BESIDE = 60  # other threads of a process with such a thread
 _PR_SET_TIMERSLACK, _PR_GET_TIMERSLACK = 29, 30  # linux/prctl.h
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4  # bits/mman-linux.h
 ANY_CPU = -1

@@ -43,7 +43,7 @@ class TrackerLink:
 
 
 class NoTracker:
-    """An ObjectTracker where nobody watches: the object is never seen."""
+    """An ObjectTracker without a camera: the object is never seen."""
 
     def __init__(self) -> None:
         self._pose = ObjectPose.empty()

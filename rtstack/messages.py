@@ -1,4 +1,4 @@
-"""What a JSON message may hold, whoever sent it: the keys that are asked for, and in a number's place a number.
+"""What a JSON message may hold: the keys that are asked for, and in a number's place a number.
 
 Pydantic by itself takes true for 1 and "5" for 5. Its strict integer would refuse 5.0, which JSON Schema calls one.
 """

@@ -1,4 +1,4 @@
-"""What each mode is called and looks like: one table for lights, bands, strips, figures and whoever else draws a mode.
+"""What each mode is called and looks like: one table for lights, bands, strips and figures.
 
 Colours are Okabe and Ito's (https://jfly.uni-koeln.de/color/) where those reach, and one of Tol's
 (https://sronpersonalpages.nl/~pault/): told apart by colour-blind eyes, and never without the word.
@@ -27,7 +27,7 @@ def _style(mode: Mode, meaning: str, colour: str, light: str = "") -> ModeStyle:
 MODE_STYLES: dict[Mode, ModeStyle] = {
     style.mode: style
     for style in (
-        _style(Mode.IDLE, "follows nobody", "#8b949e", "#6b7683"),
+        _style(Mode.IDLE, "follows no reference", "#8b949e", "#6b7683"),
         _style(Mode.TELEOPERATION, "by hand, or the scripted operator", "#cc79a7"),
         _style(Mode.ANTE_IMPACT, "before the contact: the ante-impact reference", "#0072b2"),
         _style(Mode.INTERIM, "between the first contact and the last one", "#e69f00"),

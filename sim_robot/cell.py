@@ -173,7 +173,7 @@ class SimulatedCell:
             if shown != self._shown[side]:
                 self._shown[side] = shown
                 self._modes[side], self._errors[side], self._rates[side] = shown
-            if not box.desires_torque:  # what holds the arm is nobody's command
+            if not box.desires_torque:  # the torque that holds the arm is not a client's command
                 self._tau_J_d[side] = 0.0
 
     def _react(self, side: int, box: ControlBox, mask: int) -> None:

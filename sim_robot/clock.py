@@ -24,7 +24,7 @@ class Clock(Protocol):
 
 
 class RealtimeClock:
-    """1 kHz by absolute deadlines of the monotonic clock. `missed` counts the ms that nobody answered."""
+    """1 kHz by absolute deadlines of the monotonic clock. `missed` counts the ms without an answer."""
 
     def __init__(self) -> None:
         self.missed = 0

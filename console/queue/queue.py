@@ -13,7 +13,7 @@ from console.queue.file import load_entries, save_entries
 
 MAX_ENTRIES = 500
 _FRESH = "it was not started since the console began"
-_NEW = "nobody has started it"
+_NEW = "it was not started yet"
 _EMPTY = "nothing waits in it"
 
 

@@ -104,7 +104,7 @@ class QueueRunner:
             queue.note(entry.id, state=EntryState.WAITING, began_s=None)
         except RobotUnreachable as error:  # it may have been heard all the same: it is not ordered twice
             queue.pause(str(error))
-            queue.note(entry.id, state=EntryState.STOPPED, reason=f"nobody knows whether it ran: {error}")
+            queue.note(entry.id, state=EntryState.STOPPED, reason=f"it is not known whether it ran: {error}")
         else:
             self._learn(status)
             queue.note(entry.id, job=None if status.job is None else status.job.number)
@@ -144,7 +144,7 @@ class QueueRunner:
         if state is EntryState.FAILED and not (ran and self._queue.past_failures):
             return f"a trial failed: {reason}"
         if not status.simulated and self._queue.next() is not None:
-            return "put the object in its place for the next trial, then start again"  # nobody else does
+            return "put the object in its place for the next trial, then start again"  # no robot does
         return None
 
     def _log_id(self, name: str | None) -> str | None:

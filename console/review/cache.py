@@ -66,7 +66,7 @@ class ReviewCache:
         return None
 
     def open(self, entry: LogEntry) -> Opened:
-        """Return a log's columns as far as they are, and have them made where nobody does. Never waits."""
+        """Return a log's columns as far as they are, and start their conversion where none runs. Never waits."""
         key = f"{entry.id}-{entry.size_bytes}-{int(entry.modified_s * 1e9)}"
         folder = self._directory / key
         with self._lock:

@@ -106,7 +106,7 @@ class ColumnWriter:
         first = self.rows // BUCKET
         waiting = np.concatenate([self._open, block], axis=1)
         starts = np.arange(0, waiting.shape[1], BUCKET)
-        # fmin and fmax pass over NaN: one sample that nobody saw must not hide 63 others
+        # fmin and fmax pass over NaN: one missing sample must not hide 63 others
         _put(self._low, np.fmin.reduceat(waiting, starts, axis=1), first, self._buckets)
         _put(self._high, np.fmax.reduceat(waiting, starts, axis=1), first, self._buckets)
         self.rows += len(t_ns)

@@ -87,7 +87,7 @@ def convert(log: Log, folder: Path, begun: Callable[[], None] = _nothing) -> Ind
         parent = os.getppid()
         for batch in log.batches([*PLOTTED_TOPICS, EVENT_TOPIC]):
             if os.getppid() != parent:
-                raise SystemExit(1)  # whoever asked has gone, and starts anew
+                raise SystemExit(1)  # the parent has gone, and starts again
             for topic, records in batch.records.items():
                 if topic == EVENT_TOPIC:
                     events += _marks(records, log.start_ns)
@@ -120,7 +120,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("folder", type=Path)
     asked = parser.parse_args(arguments)
     try:
-        convert(read_log(asked.log, truncated=True), asked.folder, _give_way)  # somebody waits for the first part
+        convert(read_log(asked.log, truncated=True), asked.folder, _give_way)  # a page waits for the first part
     except (LogError, OSError) as error:
         Index(0, 0.0, {}, done=True, error=str(error)).write(asked.folder)
         print(error, file=sys.stderr)

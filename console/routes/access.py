@@ -117,7 +117,7 @@ def tokens(session: NeedsSession, parts: NeedsParts) -> list[TokenRow]:
 
 @router.post("/tokens", status_code=201, responses=problems(409))
 def create_token(order: TokenOrder, session: NeedsSession, parts: NeedsParts) -> NewToken:
-    """Make a token for a program. The answer has it, and nobody can see it again."""
+    """Make a token for a program. The answer has it; it cannot be shown again."""
     with _refusing():
         token, word = parts.sign_in.tokens.create(order.name, order.scope)
     text = f"{session.operator} made token {token.id} for {token.name}: {token.scope}"
@@ -127,7 +127,7 @@ def create_token(order: TokenOrder, session: NeedsSession, parts: NeedsParts) ->
 
 @router.delete("/tokens/{token_id}", responses=problems(404, 409))
 def revoke_token(token_id: _Id, session: NeedsSession, parts: NeedsParts) -> TokenRow:
-    """Revoke a token: its program is nobody from now on, in what is open, too."""
+    """Revoke a token: its program is refused from now on, on open connections too."""
     with _refusing():
         token = parts.sign_in.tokens.revoke(token_id)
     parts.audit.note("token", session.operator, f"{session.operator} revoked token {token.id} of {token.name}")

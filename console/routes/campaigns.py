@@ -98,7 +98,7 @@ def campaigns(parts: NeedsParts) -> CampaignsView:
 
 @router.post("", status_code=201, responses=problems(503))
 def start(order: CampaignOrder, session: NeedsSession, parts: NeedsParts) -> CampaignView:
-    """Start a campaign here. Refused while somebody else has the robot, and without `nice` while its arms are armed."""
+    """Start a campaign here. Refused while another operator has control, and without `nice` while its arms are armed."""
     known = [plan.name for plan in _plans()]
     if order.name not in known:
         raise HTTPException(404, f"name: there is no such campaign; there are {', '.join(known)}")
@@ -191,7 +191,7 @@ def adopt(campaign_id: Id, row_id: Id, parts: NeedsParts) -> Adopted:
 
 
 def _check(nice: bool, session: UserSession, parts: Parts) -> None:
-    """Raise RobotRefused where a campaign would be in the way of whoever has the robot."""
+    """Raise RobotRefused where a campaign would disturb the operator who has control."""
     status = parts.client.status()
     if status.holder not in (None, session.operator):
         raise RobotRefused(f"{status.holder} has the robot: a campaign would take this machine's time; ask them")

@@ -59,7 +59,7 @@ async def beat(session: NeedsSession, parts: NeedsParts) -> Status:
     if view.status is None or view.unreachable is not None:
         raise RobotUnreachable(view.unreachable or "the robot process has not answered yet")
     if view.status.holder != session.operator:
-        raise RobotRefused(f"{view.status.holder or 'nobody'} has the robot; take control first")
+        raise RobotRefused(f"{view.status.holder or 'no operator'} has control; take control first")
     parts.heartbeats.note(session.operator)
     return view.status
 
@@ -78,7 +78,7 @@ def disarm(session: NeedsSession, parts: NeedsParts) -> Status:
 
 @router.post("/stop")
 async def stop(session: NeedsSession, parts: NeedsParts, afterwards: BackgroundTasks) -> StopRequested:
-    """Ask for a controlled stop. One word in shared memory: it waits for nobody, whatever else hangs."""
+    """Ask for a controlled stop. One word in shared memory: it does not wait for another process."""
     parts.mailbox.request_stop()
     afterwards.add_task(_report_stop, parts, session)
     return StopRequested(True)

@@ -27,7 +27,7 @@ class FeedAddress:
 
 @router.get("/api/foxglove")
 def address(request: Request, session: NeedsSession) -> FeedAddress:
-    """Return the address that Foxglove connects to. Whoever has it may watch while the session that asks lasts."""
+    """Return the address that Foxglove connects to. It allows viewing while the session that asks lasts."""
     return FeedAddress(f"ws://{request.headers['host']}{FEED_PREFIX}{session.feed}")
 
 
@@ -48,7 +48,7 @@ async def foxglove(websocket: WebSocket, feed: str) -> None:
         await websocket.send_text(live.advertisement())
         while not listening.done():
             if session_now(websocket) is None:
-                await websocket.close(1008, "whoever gave this address has signed out")
+                await websocket.close(1008, "the session of this address has signed out")
                 break
             for message in await run_in_threadpool(live.poll):
                 await websocket.send_bytes(message)

@@ -16,7 +16,7 @@ _MEANINGS = {
     401: "not signed in: no session, and no valid bearer token",
     403: "another site's request, a change without the session's word, or a scope that may only look",
     404: "there is no such thing",
-    409: "refused as things are now: nobody has the robot, somebody else has, a job runs, the log is not read yet",
+    409: "refused as things are now: no operator has control, another one has, a job runs, the log is not read yet",
     413: "the body is too long",
     422: "a value is missing or wrong; the line begins with its name",
     500: "a file beside the logs is broken; the line says which",

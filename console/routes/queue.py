@@ -1,6 +1,6 @@
 """The queue of trials. What leads to motion needs the lease; pausing needs none.
 
-Who may only look watches: pausing decides about somebody's experiment, so it needs the scope `operate`. A viewer's
+A viewer may only watch: pausing decides about an experiment, so it needs the scope `operate`. A viewer's
 STOP works, and pauses the queue too: it stops the trial, and disarms the arms.
 """
 

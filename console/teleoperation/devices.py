@@ -14,7 +14,7 @@ from console.teleoperation.pair import Coupling, led
 from console.teleoperation.quaternion import conjugate, product, quaternion
 
 Array = NDArray[np.float64]
-LONGEST_STEP_S = 0.1  # a deflection is worth this long at most: then whoever gives it has to say so again
+LONGEST_STEP_S = 0.1  # a deflection is worth this long at most: then it must be sent again
 
 
 class Device(Protocol):

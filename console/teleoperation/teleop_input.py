@@ -207,7 +207,7 @@ class TeleopInput:
         status = self._watch.view.status
         holder = None if status is None else status.holder
         if holder != operator:
-            raise RobotRefused(f"{holder or 'nobody'} has the robot; take control first")
+            raise RobotRefused(f"{holder or 'no operator'} has control; take control first")
 
     def _job(self, *kinds: JobKind) -> Job | None:
         status = self._watch.view.status

@@ -70,7 +70,7 @@ class Journal:
     def undo(self, force: bool = False) -> Iterator[str]:
         """Put back what was there, newest change first; yields a line for each. Raises HostSetupError.
 
-        force: also where somebody has changed a file since.
+        force: also where a file was changed since.
         """
         entries = self.entries
         if not force:
@@ -101,7 +101,7 @@ class Journal:
         match entry["kind"]:
             case "file":
                 path = self._machine.at(entry["path"])
-                _new(path).unlink(missing_ok=True)  # of somebody who was killed
+                _new(path).unlink(missing_ok=True)  # left by a process that was killed
                 if entry["former"] is None:
                     path.unlink(missing_ok=True)
                 else:
@@ -132,7 +132,7 @@ class Journal:
     def _note(self, entry: dict[str, Any]) -> None:
         with self._path.open("ab") as file:
             written = self._path.read_bytes()
-            file.truncate(written.rfind(b"\n") + 1)  # without a line that somebody did not finish
+            file.truncate(written.rfind(b"\n") + 1)  # without an incomplete last line
             file.write(json.dumps(entry).encode() + b"\n")
             file.flush()
             os.fsync(file.fileno())
@@ -153,7 +153,7 @@ def _missing(folder: Path) -> list[Path]:
 
 def _remove(folders: list[Path]) -> None:
     for folder in folders:
-        with contextlib.suppress(OSError):  # somebody else uses it now
+        with contextlib.suppress(OSError):  # another program uses it now
             folder.rmdir()
 
 

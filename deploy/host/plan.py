@@ -220,7 +220,7 @@ def _units(machine: Machine, wishes: Wishes, cpus: list[int], isolated: list[int
     if isolated and (wishes.units or machine.at(CPUS).exists()):
         text = f"{_OURS}[Service]\nCPUAffinity={cpu_text(cpus)}\n"
         written += _file(
-            machine, CPUS, text, "nobody may use an isolated CPU who is not told to: the loop takes the last"
+            machine, CPUS, text, "only threads that select an isolated CPU run on it: the loop takes the last"
         )
     if not written:
         return []

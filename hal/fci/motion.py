@@ -1,6 +1,6 @@
 """Both arms to a posture, by the robots' own joint position controllers: no torque of ours is involved.
 
-Each arm is answered when its own state arrives, by its own clock. Whoever asks for a stop is obeyed along the way: its
+Each arm is answered when its own state arrives, by its own clock. A stop request is obeyed during the motion: its
 time runs slower and slower, so that both arms stay on it.
 """
 
@@ -18,7 +18,7 @@ from hal.limits import CONTROL_PERIOD_S
 if TYPE_CHECKING:
     from hal.fci.pair import FciPair
 
-BRAKE_S = 0.3  # from full speed to rest when somebody asks for a stop: 2.5 rad/s^2 at 0.5 rad/s
+BRAKE_S = 0.3  # from full speed to rest after a stop request: 2.5 rad/s^2 at 0.5 rad/s
 SETTLE_S = 0.2  # the last posture is held this long before the motion is ended
 LONG_GAP_S = 5e-3  # worth a word where the robot has ended the motion
 LONGEST_STEP_S = 0.02  # of one answer: after 20 ms without one the robot has ended the motion by itself

@@ -9,7 +9,7 @@ import stat
 def open_sockets(kind: socket.SocketKind) -> set[tuple[int, int]]:
     """Return descriptor and inode of each internet socket of this kind (SOCK_DGRAM, SOCK_STREAM) of this process.
 
-    Others come and go meanwhile: whoever asks the robot process something is connected to a socket of its own.
+    Other sockets open and close meanwhile: each client of the robot process has one.
     """
     found = set()
     for name in os.listdir("/proc/self/fd"):
@@ -24,7 +24,7 @@ def open_sockets(kind: socket.SocketKind) -> set[tuple[int, int]]:
 
 
 def give_up_after(descriptor: int, patience_s: float) -> None:
-    """Let a connection end where nobody acknowledges for so long what was sent on it: libfranka waits for ever.
+    """Let a connection end when sent data is not acknowledged for so long: libfranka waits for ever.
 
     Linux, tcp(7): TCP_USER_TIMEOUT. Never raises.
     """

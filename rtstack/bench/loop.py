@@ -1,6 +1,6 @@
 """The whole loop on a cell: both arms grab the box, hold it for most of the time, and put it down; all of it logged.
 
-Every figure is computed from the log that the run has written, as anybody else could.
+Every figure is computed from the log that the run has written, as any other reader could.
 """
 
 from dataclasses import asdict, dataclass
@@ -22,7 +22,7 @@ _SETTLE = 100  # ticks: control_command_success_rate covers the last 100
 class LoopBenchmark:
     """Figures of one run; pairs are (left, right). real_time_factor: robot's seconds over the host's.
 
-    missed_deadlines: states that nobody answered; contact_share: ticks in which a pad is pushed with over CONTACT_N.
+    missed_deadlines: states without an answer; contact_share: ticks in which a pad is pushed with over CONTACT_N.
     """
 
     cell: str

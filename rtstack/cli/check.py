@@ -23,7 +23,7 @@ from rtstack.trials.errors import TrialError
 
 FAILED = 1
 LINK_TICKS = 10_000
-_TELL_THE_TOOL = "tell robot (Desk) and cell file ([pad]) what is on the flange; nobody may touch an arm meanwhile"
+_TELL_THE_TOOL = "tell robot (Desk) and cell file ([pad]) what is on the flange; do not touch an arm meanwhile"
 
 
 def check(left: str | None, right: str | None, cell_file: Path | None, logs: Path, json: bool) -> None:
@@ -97,7 +97,7 @@ def held_findings(cell: Cell, ticks: int, description: CellDescription | None = 
     try:
         figures = bench_link(cell, ticks)
     except ArmMoved as error:
-        cost = "the arm falls, or rises, as soon as anybody controls its torque"
+        cost = "the arm falls, or rises, as soon as torque control starts"
         return [Finding("hold", str(error), "fail", _TELL_THE_TOOL, cost)]
     value = f"within {max(figures.hold_rad):.4f} rad and {max(figures.hold_rad_s):.3f} rad/s"
     value += f", with {max(figures.hold_nm):.1f} Nm at most"

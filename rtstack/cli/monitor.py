@@ -101,7 +101,7 @@ def _good_runs(paths: Sequence[Path], progress) -> list[Recorded]:
                 except ReferenceError as error:
                     raise TrialError(f"{path}: its reference: {error}") from None
             if impact is None:
-                raise TrialError(f"{path}: it follows a push or an older plan, whose impact nobody knows")
+                raise TrialError(f"{path}: it follows a push or an older plan, whose impact is not known")
             expected[digest] = impact
         good = GoodRun(path.name, log_columns(log), expected[digest])
         place = float(specification["displacement_mm"])

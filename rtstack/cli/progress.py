@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def progress_bar(label: str, shown: bool) -> Iterator[Callable[[float], None] | None]:
-    """Yield a function that takes the done fraction, or None where nobody looks."""
+    """Yield a function that takes the done fraction, or None where it is not shown."""
     if not shown or not sys.stderr.isatty():
         yield None
         return

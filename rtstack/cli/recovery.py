@@ -73,7 +73,7 @@ def _operator() -> str:
         user = "".join(letter for letter in getpass.getuser() if letter.isprintable()).strip()
     except (OSError, KeyError):  # a user without a name
         user = ""
-    return f"{user[:_LONGEST_NAME] or 'somebody'}, terminal"
+    return f"{user[:_LONGEST_NAME] or 'unknown user'}, terminal"
 
 
 def _refuse(reason: str) -> None:

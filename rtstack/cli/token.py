@@ -17,7 +17,7 @@ from rtstack.trials.errors import TrialError
 
 
 def create(name: str, scope: str, logs: Path) -> None:
-    """Make a token and print it, the only time that anybody sees it. Raises TrialError."""
+    """Make a token and print it, the only time that it is shown. Raises TrialError."""
     if scope not in list(Scope):
         raise TrialError(f"--scope: one of {', '.join(Scope)}, not {scope}")
     with _tokens(logs) as tokens:
@@ -42,7 +42,7 @@ def revoke(token_id: str, logs: Path) -> None:
     """Revoke a token. Raises TrialError."""
     with _tokens(logs) as tokens:
         token = tokens.revoke(token_id)
-    typer.echo(f"{token.name} ({token.id}) is nobody any more")
+    typer.echo(f"{token.name} ({token.id}) is revoked")
     _note(logs, f"revoked token {token.id} of {token.name}")
 
 
@@ -70,4 +70,4 @@ def _user() -> str:
     try:
         return f"{getpass.getuser()}, terminal"
     except (OSError, KeyError):  # a user without a name
-        return "somebody, terminal"
+        return "unknown user, terminal"

@@ -126,7 +126,7 @@ class ArmController:
         self.impact = self._observe()
 
     def in_contact(self, t_s: float, other: "ArmController") -> bool:
-        """Whether this arm's pad, as last observed, is in lasting contact. Asked every tick while somebody waits."""
+        """Whether this arm's pad, as last observed, is in lasting contact. Evaluated in each tick that waits for it."""
         return self.completion.update(t_s, self._force_world, self._rotation, self.velocity, other.velocity)
 
     def command(self, mode: Mode) -> QpStatus:

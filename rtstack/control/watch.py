@@ -89,7 +89,7 @@ class TrialMonitor:
 
     @property
     def crash(self) -> bool:
-        """Whether something was hit where or when there should have been nothing: nobody knows what, or whom."""
+        """Whether an impact occurred where or when none was planned; it may have been a person."""
         hit_at_all = bool(self.arms["impacts"].any())
         return self.unexpected and hit_at_all and self.reason in (Reason.TIME, Reason.CONFIGURATION, Reason.SPACING)
 

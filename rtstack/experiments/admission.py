@@ -97,7 +97,7 @@ async def _give_ticket(ticket: str, dask_worker: Worker) -> int:
     threads = dask_worker.state.nthreads
     if ticket not in dask_worker.state.total_resources:
         await dask_worker.set_resources(**{ticket: float(threads)})
-        # the scheduler looks at trials that nobody could run when a worker begins to run, not when it has a resource
+        # the scheduler looks at trials without a worker when a worker begins to run, not when it has a resource
         dask_worker.status = Status.paused
         dask_worker.status = Status.running
     return threads

@@ -1,4 +1,4 @@
-"""What a kind of experiment is, for the engine that runs it and for whoever writes one.
+"""What a kind of experiment is, for the engine and for the author of an experiment.
 
 A plan file (TOML) is read into a specification; the specification gives cases; a case is part of a task, which a worker
 runs; a task gives a row for each of its cases; rows give a report. The engine does everything else: workers here or at

@@ -50,7 +50,7 @@ class Problem:
         return w @ self.whitening
 
     def maintained(self) -> Iterator[int]:
-        """Yield the contacts that somebody presses together."""
+        """Yield the contacts that are pressed together."""
         arms = {name for name, body in zip(self.names, self.bodies, strict=True) if len(body.velocity) == JOINTS}
         for k, contact in enumerate(self.contacts):
             if contact.between[0] in arms if contact.maintained is None else contact.maintained:

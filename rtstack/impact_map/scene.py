@@ -71,7 +71,7 @@ class Contact:
 
     Without points, the contact is where the first body's face (an arm's pad) and the second's overlap, at the corners
     of that area. points: corner points, m, and normal, from the second body to the first, for other shapes.
-    maintained: whether somebody presses the patch together, so that it is closed when the sequence of impacts has
+    maintained: whether the patch is pressed together, so that it is closed when the sequence of impacts has
     ended; by default where an arm is the first body.
     """
 

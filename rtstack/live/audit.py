@@ -20,7 +20,7 @@ _READ_BYTES = 1 << 20  # of the end of the file: some ten thousand lines
 
 @checked(frozen=True, slots=True)
 class AuditLine:
-    """What was done (`action`, and `text` for people), by whom (None: by nobody), and when (ISO 8601, UTC)."""
+    """What was done (`action`, and `text` for people), by which operator (or None), and when (ISO 8601, UTC)."""
 
     time: str
     action: str
@@ -43,7 +43,7 @@ class AuditTrail:
             self._file.write(b"\n")
 
     def note(self, action: str, operator: str | None, text: str) -> None:
-        """Append what was done, by whom (None: by nobody), in one line. Never raises: a full disk stops no STOP."""
+        """Append what was done, by which operator (or None), in one line. Never raises: a full disk stops no STOP."""
         now = datetime.now(UTC).isoformat(timespec="milliseconds")
         line = {"time": now, "action": action, "operator": operator, "text": text}
         try:

@@ -72,7 +72,7 @@ class ControlAuthority:
         """Give the lease back; a motion that still runs stops."""
         with self._acting():
             if self._permit.holder != operator:
-                raise Refused(f"{self._permit.holder or 'nobody'} has the robot, not {operator}")
+                raise Refused(f"{self._permit.holder or 'no operator'} has control, not {operator}")
             self._permit.release(operator)
             self._stop_at_once()
             self._note("release", operator, f"{operator} released control")
@@ -211,5 +211,5 @@ class ControlAuthority:
         if permit.phase is Phase.RECOVERING:
             return "the arms are recovering; wait for the end"
         if permit.holder is None:
-            return "nobody has the robot; take control first"
+            return "no operator has control; take control first"
         return "the arms are disarmed; arm them first" if permit.phase is Phase.DISARMED else None

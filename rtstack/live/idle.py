@@ -60,7 +60,7 @@ class _ArmView:
         return int(self._sample["t_ns"][0])
 
     def last_shown_t_ns(self) -> int:
-        """Return the robot's time of what anybody showed last, ns; 0 before the first state."""
+        """Return the robot's time of the last shown state, ns; 0 before the first state."""
         last = self._reader.latest()
         return 0 if last is None else int(last["t_ns"][0])
 

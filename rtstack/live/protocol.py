@@ -177,7 +177,7 @@ class ReleaseRequest:
 
 @checked(frozen=True, slots=True, config=MESSAGE)
 class BeatRequest:
-    """Give a sign of life. The holder's keeps the lease; anybody else's is answered, and counts for nothing."""
+    """Give a sign of life. The holder's keeps the lease; another operator's is answered, and has no effect."""
 
     operator: Operator
     verb: Literal["beat"] = "beat"
@@ -201,7 +201,7 @@ class DisarmRequest:
 
 @checked(frozen=True, slots=True, config=MESSAGE)
 class StopRequest:
-    """Ask for a controlled stop of whatever moves, and disarm. Anybody may."""
+    """Ask for a controlled stop of all motion, and disarm. Needs no lease."""
 
     operator: Operator
     verb: Literal["stop"] = "stop"

@@ -43,7 +43,7 @@ class StackSettings:
 
 
 class _Ended(Exception):
-    """Somebody asked for the end: Ctrl-C or SIGTERM."""
+    """The end was requested: Ctrl-C or SIGTERM."""
 
 
 def run_stack(settings: StackSettings) -> int:

@@ -1,4 +1,4 @@
-"""What a log's file is written through, whoever has the samples: batches of records, and what stands at its end."""
+"""The path of all samples into a log's file: batches of records, and the end of the file."""
 
 import json
 from collections.abc import Mapping

@@ -48,8 +48,8 @@ class LogEntry:
 class Catalogue:
     """The logs (*.mcap) of one directory, cached in SQLite beside them where the directory is writable.
 
-    No link brings a file of another folder in: what is listed is served to whoever may look.
-    patience_s: how long to wait for somebody else who writes the cache.
+    No link brings a file of another folder in: what is listed is served to all viewers.
+    patience_s: how long to wait for another process that writes the cache.
     """
 
     def __init__(self, directory: Path, patience_s: float = 5.0) -> None:
@@ -68,7 +68,7 @@ class Catalogue:
         try:
             with contextlib.closing(_open(self.directory / CACHE, self._patience_s)) as cache:
                 entries = _refresh(files, cache)
-        except sqlite3.Error:  # a directory that is not writable, or a cache that somebody else holds
+        except sqlite3.Error:  # a directory that is not writable, or a cache that another process holds
             with contextlib.closing(_prepared(":memory:")) as cache:
                 entries = _refresh(files, cache)
         return tuple(sorted(entries, key=lambda entry: entry.modified_s, reverse=True))

@@ -1,4 +1,4 @@
-"""The writer's side of rings, compiled: a record costs a copy and four atomic stores. Imported by whoever pushes.
+"""The writer's side of rings, compiled: a record costs a copy and four atomic stores. Imported only by writers.
 
 Seqlock of one writer: record n lives in slot n mod capacity; its sequence word is 2n + 1 while it is being
 written and 2n + 2 afterwards, and the ring's head is the number of records published. See Boehm, "Can

@@ -1,6 +1,6 @@
 """Shared-memory rings between the real-time loop and who watches it: one ring a topic, one block for all.
 
-One writer, any number of readers, nobody waits for anybody: a reader that is too slow loses records and knows
+One writer, any number of readers, neither waits for the other: a reader that is too slow loses records and knows
 how many. The block also carries how far the log process has read, its state, and the request to finish.
 """
 
@@ -100,7 +100,7 @@ class RingReader:
         self._slots = slots
         self._next = next_record
         self._publishes = publishes
-        self._barrier = threading.Lock()  # taken by nobody else: its acquire and release order our loads
+        self._barrier = threading.Lock()  # used here only: its acquire and release order our loads
         self.lost = 0
 
     def drain(self) -> NDArray[Any]:
@@ -295,7 +295,7 @@ class Rings:
         self._control["closing"] = 1
 
     def close(self) -> None:
-        """Unlink the block, if it is ours. Whoever still has views of it keeps them. May be called twice."""
+        """Unlink the block, if it is ours. Existing views stay valid. May be called twice."""
         if self._owned is not None:
             with contextlib.suppress(FileNotFoundError):
                 self._owned.unlink()

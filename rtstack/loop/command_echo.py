@@ -56,5 +56,5 @@ class CommandEcho:
         self._previous[:] = self._applied
 
     def desire_nothing_new(self) -> None:
-        """Desire the last torque: nobody is asked for another one."""
+        """Desire the last torque: the controller is not called."""
         self._desired[:] = self._previous

@@ -10,7 +10,7 @@ class End(StrEnum):
     STOP_REQUESTED = "stop requested by the operator"
     NO_IMPACT = "no impact was detected"
     UNEXPECTED_IMPACT = "another impact than was meant"
-    CRASH = "something was hit that was not meant"  # it may have been a person: somebody has to look before going on
+    CRASH = "something was hit that was not meant"  # it may have been a person: an operator must look before going on
     SAFETY = "safety stop"
     QP = "the QP was not solved"
     HARDWARE = "the robot left torque control"
@@ -26,5 +26,5 @@ class End(StrEnum):
 
     @property
     def is_fault(self) -> bool:
-        """Whether somebody has to recover: a trial that finds no impact, or a lighter object, needs nobody."""
+        """Whether an operator must recover: not after a trial that finds no impact, or a lighter object."""
         return self not in (End.COMPLETED, End.STOP_REQUESTED, End.NO_IMPACT, End.UNEXPECTED_IMPACT, End.RELEASED)

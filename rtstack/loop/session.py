@@ -38,7 +38,7 @@ _MASK = {(): 0, (0,): LEFT, (1,): RIGHT, (0, 1): LEFT | RIGHT}  # of the arms th
 
 
 class StopSignal(Protocol):
-    """Somebody who may ask for a stop. Read once a tick."""
+    """A source of stop requests. Read once a tick."""
 
     @property
     def stop_requested(self) -> bool:
@@ -47,7 +47,7 @@ class StopSignal(Protocol):
 
 
 class Guide(Protocol):
-    """Somebody who writes the plan's points as the session goes on, which has no end of its own then."""
+    """Writes the plan's points during the session, which has no end of its own then."""
 
     @property
     def points(self) -> NDArray[np.void]:
@@ -104,7 +104,7 @@ class Session:
     """Runs a plan on a cell. `between_ticks` is called after the answers are out (progress, room in the log).
 
     Whatever ends it, the judge brakes the arms; what is said about it is said once the torque is out. Once the
-    controller has raised, or takes too long, it is not asked again: the judge needs nobody to stop.
+    controller has raised, or takes too long, it is not asked again: the judge stops without it.
 
     cutoff_hz: of the low-pass of the desired torque, 0 for none. watchdogs: asked once a tick, beside `stop`.
     """
@@ -214,7 +214,7 @@ class Session:
             self._overrun.take(sides, time.perf_counter_ns() - began_ns)
         left, right = self._judges
         if left.blind or right.blind:
-            return False  # by a state that does not change nobody can brake but the robot itself
+            return False  # only the robot itself can brake by a state that does not change
         return not (self._machine.mode is _STOPPING and 0 in sides and self._at_rest())
 
     def _pause(self) -> None:
@@ -285,7 +285,7 @@ class Session:
         return status
 
     def _go_on_alone(self, error: Exception) -> None:
-        """Stop without the controller: it has raised, or somebody who was called between two ticks has."""
+        """Stop without the controller: it has raised, or a function that was called between two ticks has."""
         if self._notes.error is None:
             self._notes.error = error
         self._alone = True

@@ -50,7 +50,7 @@ class Timeline:
 
     @property
     def missed(self) -> int:
-        """States that one of the arms showed and nobody answered."""
+        """States of one of the arms that were not answered."""
         return max(self._missed)
 
     @property

@@ -79,7 +79,7 @@ class Heartbeat:
 
 
 class Parent:
-    """Trips where the process that started this one has ended: nobody waits for the result any more."""
+    """Trips where the process that started this one has ended: the result is no longer needed."""
 
     def __init__(self) -> None:
         self._pid = os.getppid()

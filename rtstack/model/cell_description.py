@@ -19,7 +19,7 @@ from rtstack.safety.limits import HARDWARE
 
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 Friction = Annotated[float, Field(gt=0.0, le=2.0, allow_inf_nan=False)]
-# at most twice the paper's, N/m and Nm/rad: what nobody has tried is no gain for two real arms
+# at most twice the paper's, N/m and Nm/rad: an untested gain is not accepted for real arms
 Stiffness = Annotated[float, Field(ge=0.0, le=4000.0, allow_inf_nan=False)]
 TurningStiffness = Annotated[float, Field(ge=0.0, le=40.0, allow_inf_nan=False)]
 Stiffnesses = tuple[Stiffness, Stiffness, Stiffness, TurningStiffness, TurningStiffness, TurningStiffness]

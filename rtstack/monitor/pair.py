@@ -130,7 +130,7 @@ def pair_step(
     """Take a tick of one arm into pairs[0] and states[side], (1,) of PAIR and (2,) of monitor_dtype.
 
     residual, q, dq, dq_ref: see monitor_step. force (3,) N: of this pad on its surroundings; net_ref (3,): of both, as
-    expected; bound (3,), infinite where nobody knows. phase: TARE, IMPACT or AFTER. decided_ns: not before then is the
+    expected; bound (3,), infinite where not known. phase: TARE, IMPACT or AFTER. decided_ns: not before then is the
     grab expected. Times count from the start of the reference.
     """
     pair = pairs[0]

@@ -30,7 +30,7 @@ TORQUE_SHARE = 0.8  # of the largest torque
 # of a limit: what the impact may take a joint to. From one run to the next the wrist's torque scatters by 14 %, the
 # residual by 4 % (impact_loads); the power is larger in the lift that follows than in the impact
 IMPACT_SHARE = {"torque": 0.9, "momentum residual": 0.95, "velocity": VELOCITY_SHARE, "power": 0.6}
-STIFFEST = 2e-5  # m/N: a pad's silicone on a wooden box, where nobody has said how far an object gives way
+STIFFEST = 2e-5  # m/N: a pad's silicone on a wooden box, where an object's stiffness is not given
 FRICTION_SHARE = 0.7  # of the friction cone: the impact shakes what is held
 SPREAD_SHARE = 0.005  # of the speed: how much of the velocity after the impact the law may leave open
 AGREED_M_S = 1e-6

@@ -52,7 +52,7 @@ def plan_grab(description: CellDescription, object_name: str, plan: GrabPlan | N
 
 
 def grab_motion(description: CellDescription, object_name: str, plan: GrabPlan) -> PlannedMotion:
-    """Return a grab that nobody has checked. Raises PlanError with one line where there is no such motion."""
+    """Return a grab that is not checked. Raises PlanError with one line where there is no such motion."""
     control = cell_parameters(description).control
     thing = object_named(description, object_name)
     description = description.about(object_name)

@@ -49,7 +49,7 @@ def plan_push(description: CellDescription, object_name: str, plan: PushPlan | N
 
 
 def push_motion(description: CellDescription, object_name: str, plan: PushPlan) -> PlannedMotion:
-    """Return a hit-and-push that nobody has checked. Raises PlanError with one line where there is no such motion."""
+    """Return a hit-and-push that is not checked. Raises PlanError with one line where there is no such motion."""
     control = cell_parameters(description).control
     thing = object_named(description, object_name)
     description = description.about(object_name)

@@ -1,6 +1,6 @@
 """Leads the arms along a log's path: writes the plan's only point each tick, at the pace of the playback.
 
-It is asked once a tick, as a watchdog too: it brakes softly when somebody asks for that, ends at rest, and has the
+It is asked once a tick, as a watchdog too: it brakes softly on request, ends at rest, and has the
 judge stop the arms where a pad touches something, for nothing is meant to be met.
 """
 
@@ -25,7 +25,7 @@ CONTACT_TICKS = 20
 
 
 class SoftStop(Protocol):
-    """Somebody who may ask for a soft stop. Read once a tick."""
+    """A source of soft-stop requests. Read once a tick."""
 
     @property
     def asked(self) -> bool:

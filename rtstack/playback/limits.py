@@ -33,7 +33,7 @@ class Load:
 
 
 def check_speed(speed: float) -> None:
-    """Refuse a speed that nobody may ask for. Raises TrialError."""
+    """Check that the speed factor is in the allowed range. Raises TrialError."""
     if not SLOWEST <= speed <= FASTEST:  # no number is neither
         raise TrialError(f"speed {speed:g}: choose {SLOWEST:g} to {FASTEST:g} times the log's own")
 

@@ -36,7 +36,7 @@ NO_OBJECT = ""  # what a cell is opened with
 # of a joint from where the log begins, where the arms cannot go there first: a spring of 2000 N/m then pulls with less
 # than 20 N, and not at once
 NEAR_RAD = 0.01
-CLEAR_M = 0.02  # between the balls around a pad and around an object that somebody has left in the cell
+CLEAR_M = 0.02  # between the balls around a pad and around an object in the cell
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,7 +42,7 @@ class Recording:
     controller wanted; impact: index of the nominal impact T_r; release: index at which the operator let go. load (2, 6)
     N, Nm: by what each arm's feedforward steps at the nominal impact, where that is known (a plan). detected: index of
     the impact that was found, None without one; problem: why no reference can be made of it; measured (2, n) of
-    MEASURED, None where nobody knows the joints; of a plan, what was planned.
+    MEASURED, None where the joints are not known; of a plan, what was planned.
     """
 
     points: NDArray

@@ -19,7 +19,7 @@ from rtstack.references.recording import Recording, ReferenceError
 class ExtendedReference:
     """ante and post: (2, n) of POINT, both arms, one point a tick from the start; nominal impact and release in s.
 
-    impact: what the monitor expects, None where nobody knows the joints, or of a push. planned: nobody has shown it.
+    impact: what the monitor expects, None where the joints are not known, or of a push. planned: made by a planner.
     """
 
     ante: NDArray

@@ -1,4 +1,4 @@
-"""Which logs somebody has reviewed: a small file beside a log, since a log that is finished is never written again."""
+"""Which logs were reviewed: a small file beside a log, since a log that is finished is never written again."""
 
 import json
 import time
@@ -14,7 +14,7 @@ SIDECARS = (REVIEWED, ACCEPTANCE)
 
 
 def mark_reviewed(log: Path, by: str) -> None:
-    """Note that somebody has seen what there is to see in a log. Raises LogError."""
+    """Mark a log as reviewed. Raises LogError."""
     if not log.is_file():
         raise LogError(f"{log}: there is no such log")
     path = log.with_name(log.name + REVIEWED)

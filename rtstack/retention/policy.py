@@ -13,7 +13,7 @@ DAY_S = 86_400.0
 @dataclass(frozen=True, slots=True)
 class Pruning:
     """going: what goes, oldest first. kept_bytes: of all logs that stay; over_bytes: by how much they miss the budget;
-    unreviewed_bytes: of those that stay since nobody has reviewed them, or since they are references."""
+    unreviewed_bytes: of those that stay because they were not reviewed, or are references."""
 
     going: tuple[LogEntry, ...]
     kept_bytes: int

@@ -80,7 +80,7 @@ def take_time(sample, other, rule, memory):
 
 @compiled
 def find_not_finite(sample, residual, memory):
-    """Return NOT_FINITE where a value that somebody computes with is not, else 0."""
+    """Return NOT_FINITE where a value that is used is not, else 0."""
     for i in range(7):
         total = sample["q"][i] + sample["dq"][i] + sample["tau_J"][i] + sample["tau_ext_hat_filtered"][i]
         if not math.isfinite(total + sample["tau_desired"][i] + residual[i]):

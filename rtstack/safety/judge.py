@@ -45,7 +45,7 @@ def find_violation(sample, residual, other, rule, memory):
 def judge(samples, residual, memories, others, all_rules, demand):
     """Judge samples[0].tau_desired, write samples[0].tau_applied, return (verdict, reason).
 
-    demand: 0, or the reason for which somebody else wants the stop (COMMANDED, CONTROLLER). others: the memory of the
+    demand: 0, or the reason of a stop from outside (COMMANDED, CONTROLLER). others: the memory of the
     other arm's judge, of which `silent_ns` is written.
     """
     sample, memory, other, rule = samples[0], memories[0], others[0], all_rules[0]

@@ -4,7 +4,7 @@
        any --fault--> FAULT --recover--> RECOVERING --recovered--> DISARMED
                         ^-----------not_recovered-----'
 
-One operator at a time holds the lease, and keeps it by signs of life; only the holder arms and begins, anybody may
+One operator at a time holds the lease, and keeps it by signs of life; only the holder arms and begins; each operator may
 disarm, stop and ask for a recovery. Who loses the lease disarms, and a motion without its operator has to stop. A
 recovery is asked for in a fault and at no other time, so that none waits for the next error; it never leads to motion.
 """
@@ -35,7 +35,7 @@ class Permit:
         self.phase = Phase.DISARMED
         self.reason: str | None = None  # of the fault, until it is recovered
         self.holder: str | None = None
-        self.running = False  # a motion has begun, and nobody has said that the arms are at rest again
+        self.running = False  # a motion has begun, and the arms are not yet reported at rest
         self.stop_wanted = False  # that motion has to stop: its operator has gone, or a fault has come
         self._lease_s = lease_s
         self._alive_s = 0.0
@@ -43,14 +43,14 @@ class Permit:
     # the lease
 
     def take(self, operator: str, now_s: float) -> None:
-        """Give the lease to an operator. Raises Refused while somebody else holds it."""
+        """Give the lease to an operator. Raises Refused while another operator holds it."""
         self.watch(now_s)
         if self.holder not in (None, operator):
             raise Refused(f"{self.holder} has the robot; ask them to release it")
         self.holder, self._alive_s = operator, now_s
 
     def beat(self, operator: str, now_s: float) -> None:
-        """Take the holder's sign of life; anybody else's counts for nothing, and so does one that comes too late."""
+        """Take the holder's sign of life; another operator's, or a late one, has no effect."""
         self.watch(now_s)
         if operator == self.holder:
             self._alive_s = now_s
@@ -83,7 +83,7 @@ class Permit:
         self.phase = Phase.ARMED
 
     def disarm(self) -> None:
-        """Allow no motion any more; one that runs has to stop. Anybody may."""
+        """Allow no motion any more; a running one has to stop. Needs no lease."""
         if self.phase is Phase.ARMED:
             self.phase = Phase.DISARMED
         self.stop_wanted = self.running
@@ -130,5 +130,5 @@ class Permit:
     def _check_holder(self, operator: str, now_s: float) -> None:
         self.watch(now_s)
         if self.holder != operator:
-            held = "nobody has" if self.holder is None else f"{self.holder} has"
+            held = "no operator has" if self.holder is None else f"{self.holder} has"
             raise Refused(f"{held} the robot; take control first")

@@ -1,1 +1,1 @@
-"""A person moves the arms: what is asked for, how it is filtered, and what ends it when nobody holds the clutch."""
+"""Teleoperation in the loop: the requested poses, their filter, and the stop when the clutch is not held."""

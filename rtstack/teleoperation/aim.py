@@ -46,7 +46,7 @@ def _usable(pose):
 def aim(poses, followers, aims, lower, upper):
     """Make the poses (2, 7) of (left, right) the followers' goals, inside of the box; return how many were not taken.
 
-    A pose that is no pose, or is further ahead of its arm's command than anybody's hand, leaves the goal as it is.
+    A pose that is no pose, or is further ahead of its arm's command than AHEAD_M, leaves the goal as it is.
     """
     missed = 0
     for side in range(2):

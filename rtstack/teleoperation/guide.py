@@ -40,7 +40,7 @@ class TeleoperationGuide:
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:  # fmt: skip
         self.points = np.zeros((2, 1), POINT)
-        self.moved = False  # whether anybody has held the clutch
+        self.moved = False  # whether the clutch was held
         self._mailbox = mailbox
         self._job = job
         self._reach = reach

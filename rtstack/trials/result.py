@@ -82,7 +82,7 @@ class DemonstrationResult(Result):
 class TeleoperationResult(Result):
     """What came out of a teleoperation. success: it ended as the operator wanted it, and the judge changed no torque.
 
-    recorded: it was meant as a recording, moved: somebody held the clutch. Whether a reference can be made from it is
+    recorded: it was meant as a recording, moved: the clutch was held. Whether a reference can be made from it is
     found when it is read.
     """
 

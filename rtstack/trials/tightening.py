@@ -1,6 +1,6 @@
 """The judge's limits of one trial: the hardware's, tightened by the cell, tightened by the trial, and never widened.
 
-They come from files of whoever starts the program. No request that arrives over a socket has a field for them.
+They come from files that are named when the program starts. No request that arrives over a socket has a field for them.
 """
 
 from pathlib import Path

@@ -48,7 +48,7 @@ class PreparedTrial:
 
     @property
     def unwatched(self) -> str | None:
-        """Why nobody judges the impact, and what to do about it; None where the monitor does."""
+        """Why the impact is not monitored, and what to do about it; None where the monitor does."""
         if self.reference.motion is not Motion.GRAB:
             return f"it follows a {self.reference.motion}, and the monitor judges what both arms do to one object"
         if self.reference.impact is None:
@@ -102,7 +102,7 @@ def prepare_trial(
 
 
 def _watched(prepared: PreparedTrial) -> Watched | None:
-    """What the trial's monitor needs; None where nobody knows what to expect."""
+    """What the trial's monitor needs; None where no impact is expected."""
     reference, tuning = prepared.reference, prepared.monitor
     if tuning is None or reference.impact is None:
         return None

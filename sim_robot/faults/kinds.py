@@ -166,7 +166,7 @@ class ObjectTilted:
 
 @dataclass(frozen=True, slots=True)
 class UserStop:
-    """Somebody presses the external activation device."""
+    """The external activation device is pressed."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -66,7 +66,7 @@ class DrivenBox(ControlBox):
         return self._tau if client else None
 
     def _begin(self, on_time: bool) -> None:
-        if self._motion["asynchronous"] and self.mode == RobotMode.MOVE:  # nobody owes it a command each ms
+        if self._motion["asynchronous"] and self.mode == RobotMode.MOVE:  # it needs no command each ms
             generators.approach_target(self._motion)
             self._waiting = on_time = True
         super().begin_millisecond(on_time)

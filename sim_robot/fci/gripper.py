@@ -70,7 +70,7 @@ class GripperPort:
             return
         tcp.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _RESET)
         if len(self._inboxes) >= MOST_CLIENTS:
-            # who has been silent for longest, if anybody: a client says Connect at once
+            # who has been silent for longest, if any: a client says Connect at once
             silent = next((one for one in self._inboxes if one not in self._targets), None)
             if silent is None:
                 tcp.close()

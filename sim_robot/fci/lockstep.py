@@ -1,7 +1,7 @@
 """The pace of tests and batch work: the plant goes on when every moving arm has answered.
 
 Deterministic for a client program, whatever the machine does:
-- The plant stands still while nobody moves. States go on at 1 kHz of wall-clock time under rising message ids, so an
+- The plant stands still while no client moves an arm. States go on at 1 kHz of wall-clock time under rising message ids, so an
   idle server sleeps most of the time, and without any client it only wakes up for new connections.
 - After Move, states go on (slower and slower) and the plant stands still until each moving arm has answered once.
 - Then a state is shown to all at once, idle arms first, and the plant waits for every moving arm's answer, idle ones
@@ -40,7 +40,7 @@ class Lockstep:
     def __init__(self, server: Server, longest_wait_s: float = LONGEST_WAIT_S) -> None:
         """A client that moves an arm is waited for so long at most."""
         self._server, self._longest_wait_s = server, longest_wait_s
-        self._heard_s = time.monotonic()  # since when somebody who is waited for owes an answer
+        self._heard_s = time.monotonic()  # since when an awaited client owes an answer
         self._hung: list[Station] = []
         self._in_step: list[Station] = []  # whose clients have answered: their time goes on by 1 ms a state
         for station in server.stations:
@@ -70,7 +70,7 @@ class Lockstep:
             self._repeat(time.monotonic())
 
     def _waits(self, moving: list[Station]) -> bool:
-        """True while somebody who does not hang owes an answer."""
+        """True while a responsive client owes an answer."""
         now = time.monotonic()
         if self._hung:
             self._server.poller.serve(0.0)  # an answer after all
@@ -84,7 +84,7 @@ class Lockstep:
         return bool(awaited)
 
     def _due(self, moving: list[Station]) -> bool:
-        """True unless nobody's answers set the pace and the ms is not over yet."""
+        """True if answers set the pace, or the ms is over."""
         return not all(station.asynchronous for station in moving) or time.monotonic() >= self._idle_due_s
 
     def _note_changes(self) -> None:
@@ -100,7 +100,7 @@ class Lockstep:
             if now != before:
                 self._in_step = [other for other in self._in_step if other is not station]
             if now and not before:
-                self._heard_s = time.monotonic()  # nobody owed an answer before
+                self._heard_s = time.monotonic()  # no client owed an answer before
                 others = [other for other in self._server.stations if other.moving and other is not station]
                 jump = 0 if others else JUMP
                 station.message_id = max(

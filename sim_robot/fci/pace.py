@@ -6,7 +6,7 @@
    last answer came late, the plant's step came late too. This delays a millisecond by one period at most, and so an
    answer later than 1 ms is lost.
 3. Where the server itself is late by more than a period (its host took the CPU away), the clock stands still for as
-   long, and nobody loses packets, unless everybody who is awaited has been silent for LONGEST_SILENCE states already:
+   long, and no client loses packets, unless all awaited clients have been silent for LONGEST_SILENCE states already:
    who is silent gains no time by it. That time is made up for while everybody who is awaited has answered; beyond
    LARGEST_LAG_NS it is given up.
 4. An answer counts that the kernel got before the window's end, and one that came while the server was stalled, if it
@@ -34,7 +34,7 @@ class Pace:
 
     @property
     def deadline_ns(self) -> int:
-        """When the next millisecond begins, whoever has not answered."""
+        """When the next millisecond begins, with or without answers."""
         return self._scheduled_ns + self.lag_ns
 
     @property
@@ -45,7 +45,7 @@ class Pace:
     def end_ns(self, awaited: bool, punctual: bool) -> int:
         """Return when the present millisecond ends.
 
-        awaited: somebody has not answered yet; punctual: one of those had answered the last state.
+        awaited: a client has not answered yet; punctual: one of those had answered the last state.
         """
         if not awaited:
             return self._scheduled_ns  # what the clock stood still is made up for

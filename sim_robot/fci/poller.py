@@ -47,7 +47,7 @@ class Poller:
             self._epoll.unregister(sock.fileno())
 
     def serve(self, timeout_s: float) -> bool:
-        """Wait up to `timeout_s`, call who is ready once each, and return whether anybody was."""
+        """Wait up to `timeout_s`, call each ready one once, and return whether there was any."""
         if self._resting:
             rest_s = self._wake()
             timeout_s = min(timeout_s, rest_s) if self._resting else timeout_s

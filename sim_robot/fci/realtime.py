@@ -19,7 +19,7 @@ from sim_robot.model import SIDES
 
 # of each ms, so that states go out on time: what timers and wake-ups may take
 AWAKE_NS = 120_000
-# the plant is not advanced before its time when somebody's states are due sooner than this
+# the plant is not advanced before its time when a client's states are due sooner than this
 LONGEST_ADVANCE_NS = 300_000
 STALLS_SAID = 20
 

@@ -125,7 +125,7 @@ class Server:
         self._publish_pose()
 
     def tidy(self, elapsed_s: float) -> None:
-        """Put the object back once nobody has been connected for TIDY_AFTER_S, as a person would between two trials."""
+        """Put the object back once no client has been connected for TIDY_AFTER_S, as a person would between two trials."""
         if self.hands_in_use or any(station.link.client is not None for station in self.stations):
             self._alone_s, self._tidy = 0.0, False
         elif not self._tidy:
@@ -144,7 +144,7 @@ class Server:
             self._feed.publish(self._next_stamp_ns())
 
     def repeat_pose(self) -> None:
-        """Send the last pose again, while the plant stands still and somebody may begin to listen."""
+        """Send the last pose again, while the plant stands still and a program may begin to listen."""
         if self._feed is not None:
             self._feed.repeat(self._next_stamp_ns())
 

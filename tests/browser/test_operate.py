@@ -74,7 +74,7 @@ def test_what_cannot_act_says_why_until_somebody_has_armed(console):
     page = console.page
     phase, holder, why = page.locator("#control-light .word"), page.locator("#holder"), "#demonstration [data-why]"
     expect(phase).to_have_text("disarmed")
-    expect(holder).to_have_text("nobody has the robot")
+    expect(holder).to_have_text("no operator has control")
     expect(page.locator("#demonstration button[type=submit]")).to_be_disabled()
     expect(page.locator(why)).to_contain_text("take control first")
     for name, reason in (("release", "You do not have the robot"), ("arm", "Take control first")):
@@ -91,7 +91,7 @@ def test_what_cannot_act_says_why_until_somebody_has_armed(console):
     page.click("#disarm")
     expect(phase).to_have_text("disarmed")
     page.click("#release")
-    expect(holder).to_have_text("nobody has the robot")
+    expect(holder).to_have_text("no operator has control")
     expect(page.locator("#event")).to_contain_text("anna released control")
     if page.locator("#logs tbody tr").count() == 0:
         console.arm()
@@ -111,7 +111,7 @@ def test_a_page_that_is_open_keeps_control_and_a_closed_one_loses_it(console, pr
         time.sleep(0.05)
     assert program.robot.status().phase == "disarmed"
     console.page.goto(console.address.split("?")[0])
-    expect(console.page.locator("#holder")).to_have_text("nobody has the robot")
+    expect(console.page.locator("#holder")).to_have_text("no operator has control")
 
 
 def test_another_operator_is_named_and_can_be_taken_over_from_while_nothing_moves(console, program):

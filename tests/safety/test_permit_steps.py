@@ -64,7 +64,7 @@ def test_what_the_lease_has_ended_needs_control_anew(action):
     """Even where nobody has called watch meanwhile."""
     for who, now_s, said in (
         (OTHER, 0.0, "anna has the robot; take control first"),
-        (OPERATOR, nextafter(LEASE_S, 99.0), "nobody has the robot; take control first"),
+        (OPERATOR, nextafter(LEASE_S, 99.0), "no operator has control; take control first"),
     ):
         permit = _permit(Phase.ARMED)
         with pytest.raises(Refused) as refused:

@@ -19,7 +19,7 @@ function button(text, act) {
   return element;
 }
 
-// A secret that nobody can see again, and a button that copies it.
+// A secret that is shown once, and a button that copies it.
 function showOnce(place, secret, note) {
   const said = document.createElement("p");
   said.textContent = note;
@@ -42,7 +42,7 @@ class Page {
   constructor() {
     this.shown = { tokens: "", audit: "" };
     $("sign-out").addEventListener("click", () => this.signOut());
-    $("invite").addEventListener("submit", (event) => this.order(event, "/api/invitations", "Nobody was invited", ({ address, seconds }) =>
+    $("invite").addEventListener("submit", (event) => this.order(event, "/api/invitations", "No invitation was made", ({ address, seconds }) =>
       showOnce($("invited"), address, `Works once, within ${Math.round(seconds / 60)} min, and is not shown again.`)));
     $("token").addEventListener("submit", (event) => this.order(event, "/api/tokens", "No token was made", ({ row, word }) => {
       showOnce($("made"), word, `The token of ${row.name}. It is not shown again.`);
@@ -108,13 +108,13 @@ class Page {
       cell(row, token.used_s === null ? "not since this console started" : when(token.used_s));
       const revoke = button("Revoke", () => this.revoke(token));
       revoke.setAttribute("aria-label", `Revoke the token of ${token.name}`);
-      revoke.title = "Its program is nobody from then on; this cannot be taken back";
+      revoke.title = "Its program is refused from then on; this cannot be undone";
       row.insertCell().append(revoke);
     });
   }
 
   async revoke(token) {
-    if (!confirm(`Revoke the token of ${token.name}? Its program is nobody from then on.`)) return;
+    if (!confirm(`Revoke the token of ${token.name}? Its program is refused from then on.`)) return;
     try {
       await remove(`/api/tokens/${token.id}`);
     } catch (error) {

@@ -48,7 +48,7 @@ function showHolder({ status, you }) {
   figure.dataset.phase = phase;
   write(figure.querySelector(".word"), phase === "unknown" ? "waiting" : phase);
   const holder = status?.holder ?? null;
-  write(document.getElementById("holder"), holder === null ? "nobody has the robot" : holder === you ? `you, ${holder}` : holder);
+  write(document.getElementById("holder"), holder === null ? "no operator has control" : holder === you ? `you, ${holder}` : holder);
 }
 
 export function startBar(live) {

@@ -81,7 +81,7 @@ export class Control {
     button("take").dataset.from = from;
     write(button("take"), from ? `Take over from ${from}` : "Take control");
     allow("take", LOOKS ? LOOKS : mine ? "You have the robot" : from && phase === "moving" ? `Take over once nothing moves: ${busy}` : null,
-      from ? `${from} loses control, and the arms are disarmed` : "While you have it nobody else can start anything");
+      from ? `${from} loses control, and the arms are disarmed` : "While you have it no other operator can start a motion");
     allow("release", mine ? null : "You do not have the robot", "Give control back; the arms are disarmed, and what moves stops");
     allow("arm", !mine ? "Take control first" : phase === "fault" ? "Recover first" : phase === "armed" ? "Armed" : busy,
       "Allow motion until you disarm, release or press STOP");

@@ -1,4 +1,4 @@
-// The live state: one WebSocket, and an honest age that goes on counting when nothing arrives. Whoever has the robot
+// The live state: one WebSocket, and an honest age that goes on counting when nothing arrives. The operator who has control
 // answers each view once it is shown: a page that is closed, frozen or broken gives no sign of life.
 
 const RETRY_MS = 1000;

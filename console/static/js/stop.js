@@ -22,7 +22,7 @@ export async function stop() {
   }
 }
 
-// Captured before anybody else sees it: a focused button must not take the space bar for itself.
+// Captured before other listeners: a focused button must not take the space bar for itself.
 export function listenForSpace(target) {
   const swallow = (event) => {
     if (event.code !== "Space" || isTextField(event.target)) return;

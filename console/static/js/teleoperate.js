@@ -140,7 +140,7 @@ export class Teleoperate {
 
   hint(active, held, mine, why) {
     if (!active) return why ?? "";
-    if (!mine) return "Somebody else moves the arms.";
+    if (!mine) return "Another operator moves the arms.";
     if (held) return "The arms follow. Let go of C to stop them.";
     return this.hand.usable ? "Hold C and drag an arrow in the scene, or jog with W A S D Q E." : "The arms are being made ready.";
   }

@@ -38,7 +38,7 @@ def host_setup(
     root: Annotated[Path, typer.Option(metavar="DIR", help="Another machine's files.", readable=False)] = Path("/"),
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Show every change, and make none.")] = False,
     undo: Annotated[bool, typer.Option("--undo", help="Put back exactly what was there.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Undo also what somebody has changed since.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Undo also what was changed since.")] = False,
 ) -> None:
     """Set this PC up for two arms: limits, CPU isolation, governor, network; as root."""
     from rtstack.cli.host_setup import host_setup as run

@@ -33,7 +33,7 @@ def logs_prune(
     ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="List what would go.")] = False,
 ) -> None:
-    """Remove reviewed logs by age and budget; never one that nobody has reviewed, nor an accepted reference."""
+    """Remove reviewed logs by age and budget; never one that was not reviewed, nor an accepted reference."""
     from rtstack.log.catalogue import Catalogue
     from rtstack.log.errors import LogError
     from rtstack.retention.policy import DAY_S, plan_pruning

@@ -68,7 +68,7 @@ def robot(
     cell_kind: LiveCellKind = None,
     cell: OldCellFile = None,
 ) -> None:
-    """Run the robot process alone, as a service does: cell, loop and logs; disarmed, until somebody arms."""
+    """Run the robot process alone, as a service does: cell, loop and logs; disarmed, until an operator arms."""
     from rtstack.cli.service import robot as run
     from rtstack.cli.stack import chosen_kind
 

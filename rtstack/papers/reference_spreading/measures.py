@@ -1,7 +1,7 @@
 """What a report needs beside a trial's result, from the samples of the trial: contacts, delay, peaks, steps, swing.
 
 Everything here is seen in the log alone. Where the pads touch is geometry: the measured pad (O_T_EE) and the tracked
-object; the plant's own contacts are nobody's to know.
+object; the plant's own contacts are not used.
 """
 
 from dataclasses import dataclass

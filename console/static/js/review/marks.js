@@ -1,7 +1,7 @@
 // The list of events: by severity, a click goes there; [ and ] go to the previous and the next one.
 
 const LEVELS = ["DEBUG", "INFO", "WARNING", "ERROR", "FATAL"];
-const MOST = 500; // rows: a browser lays out ten thousand slowly, and nobody reads them
+const MOST = 500; // rows: a browser lays out ten thousand slowly 
 const SAME_S = 5e-4;
 
 export class Marks {

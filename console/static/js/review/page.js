@@ -36,7 +36,7 @@ function showReading(document, sinceMs) {
   element("reading-line").textContent = `Reading this log for the first time: ${Math.round(document.share * 100)} % after ${seconds.toFixed(0)} s. What has been read is shown; leave this page whenever you like.`;
 }
 
-export let plots = null; // for whoever wants to know what is drawn
+export let plots = null; // for readers of what is drawn
 
 async function start() {
   const live = startFrame();

@@ -1,5 +1,5 @@
 // The cursor on the server: it moves the arms of this page's own scene, and tells what the signals are there.
-// One question at a time, always the newest one: whoever drags is never behind.
+// One question at a time, always the newest one: a drag is never behind.
 
 const RETRY_MS = 1000;
 

@@ -42,7 +42,7 @@ export class View {
   }
 
   setCursor(t) {
-    if (!this.known) return; // nobody can move about in what has no length yet
+    if (!this.known) return; // no movement before the length is known
     this.t = Math.min(Math.max(t, 0), this.end);
     this.tell("cursor");
   }

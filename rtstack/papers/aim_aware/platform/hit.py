@@ -54,7 +54,7 @@ class HitGains:
 
 @dataclass(frozen=True, slots=True)
 class Hit:
-    """ticks (n,) of TICK; stopped: why the robot or the safety judge has ended it, empty where nobody has."""
+    """ticks (n,) of TICK; stopped: why the robot or the safety judge has ended it, empty where it was not stopped."""
 
     ticks: NDArray[np.void]
     stopped: str = ""
