@@ -15,7 +15,7 @@ ROOM_TEMPERATURE = 25  # deg C, and it stays so
 
 
 class SimulatedGripper:
-    """The hand of arm 0 (left) or 1 (right). Commands are for arms that hold: their states are not answered meanwhile."""
+    """The hand of arm 0 (left) or 1 (right). Commands are for arms that hold, whose states are not answered."""
 
     def __init__(self, cell: "SimulatedCell", side: int) -> None:
         """Raises NoGripper."""

@@ -98,7 +98,7 @@ def campaigns(parts: NeedsParts) -> CampaignsView:
 
 @router.post("", status_code=201, responses=problems(503))
 def start(order: CampaignOrder, session: NeedsSession, parts: NeedsParts) -> CampaignView:
-    """Start a campaign here. Refused while another operator has control, and without `nice` while its arms are armed."""
+    """Start a campaign here. Refused while another operator has control, or, without `nice`, with armed arms."""
     known = [plan.name for plan in _plans()]
     if order.name not in known:
         raise HTTPException(404, f"name: there is no such campaign; there are {', '.join(known)}")

@@ -17,8 +17,8 @@ what the law bounds is Lambda, so lambda = Lambda - P e is free in sign, at the 
 this for lambda, with the law itself at all other contacts (no support ever pulls), and tells as `pressing_ns` a
 P that suffices for Lambda to be within the friction cone: the least one for the lambda of least norm; where lambda is
 not unique, less may do. P = 0: a single step ends there by itself. The assumptions, then:
-  - the bodies are pressed together at least that much while the sequence lasts: P over the clamping force is the time that it takes,
-    and the map means nothing where that is not short (some 10 ms);
+  - the bodies are pressed together at least that much while the sequence lasts: P over the clamping force is the time
+    that it takes, and the map is valid only where that is short (some 10 ms);
   - what the pressing does to the motion of both bodies together is not part of the impact. Two pads that clamp a box
     cancel. A pad that pushes a box along adds its force times the time: that belongs to the motion after the impact;
   - it is even over the patch, and goes on until slip has ended, too. Where it is known to end earlier, `pressed` gives

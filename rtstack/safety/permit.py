@@ -4,7 +4,7 @@
        any --fault--> FAULT --recover--> RECOVERING --recovered--> DISARMED
                         ^-----------not_recovered-----'
 
-One operator at a time holds the lease, and keeps it by signs of life; only the holder arms and begins; each operator may
+One operator at a time holds the lease, and keeps it by signs of life; only the holder arms and begins; each may
 disarm, stop and ask for a recovery. Who loses the lease disarms, and a motion without its operator has to stop. A
 recovery is asked for in a fault and at no other time, so that none waits for the next error; it never leads to motion.
 """

@@ -1,8 +1,8 @@
 """The pace of tests and batch work: the plant goes on when every moving arm has answered.
 
 Deterministic for a client program, whatever the machine does:
-- The plant stands still while no client moves an arm. States go on at 1 kHz of wall-clock time under rising message ids, so an
-  idle server sleeps most of the time, and without any client it only wakes up for new connections.
+- The plant stands still while no client moves an arm. States go on at 1 kHz of wall-clock time under rising message
+  ids, so an idle server sleeps most of the time, and without any client it only wakes up for new connections.
 - After Move, states go on (slower and slower) and the plant stands still until each moving arm has answered once.
 - Then a state is shown to all at once, idle arms first, and the plant waits for every moving arm's answer, idle ones
   never. A moving arm whose client has gone, or has not answered for LONGEST_WAIT_S, is not waited for: it loses

@@ -125,7 +125,7 @@ class Server:
         self._publish_pose()
 
     def tidy(self, elapsed_s: float) -> None:
-        """Put the object back once no client has been connected for TIDY_AFTER_S, as a person would between two trials."""
+        """Put the object back once no client was connected for TIDY_AFTER_S, as a person does between two trials."""
         if self.hands_in_use or any(station.link.client is not None for station in self.stations):
             self._alone_s, self._tidy = 0.0, False
         elif not self._tidy:

@@ -72,7 +72,7 @@ def compile_hit(run: ArmRun, case: Case) -> None:
 
 
 def run_hits(run: ArmRun, cases: Sequence[Case]) -> list[Row]:
-    """Return a row for each case. stopped: why the robot or the judge has ended the hit, empty where it was not stopped."""
+    """Return a row for each case. stopped: why the robot or the judge ended the hit, else empty."""
     began_s = time.process_time()
     rows: list[Row] = []
     for case in cases:
