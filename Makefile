@@ -37,7 +37,7 @@ check: setup  ## lint, types, import rules
 bench: setup  ## the tick, measured beside its plain numpy version
 	$(BIN)/rtstack bench tick
 
-coverage: setup  ## the judge and the permit: every branch run by their tests
+coverage: setup  ## the judge and the arming state machine: every branch run by their tests
 	NUMBA_DISABLE_JIT=1 $(BIN)/coverage run --branch --source=rtstack/safety -m pytest -q -p no:cacheprovider $(SAFETY_TESTS)
 	$(BIN)/coverage report --show-missing --fail-under=100
 
@@ -45,7 +45,7 @@ mutate: setup  ## change the judge in one place at a time: do its tests notice? 
 	@$(BIN)/python tests/safety/mutate.py --minutes 120 --jobs 2
 
 explore: setup  ## 10000 sequences of events: no motion without arming, no way out of a fault but recovery
-	RTSTACK_SEQUENCES=10000 $(BIN)/python -m pytest --timeout=0 --hypothesis-show-statistics tests/safety/test_permit.py
+	RTSTACK_SEQUENCES=10000 $(BIN)/python -m pytest --timeout=0 --hypothesis-show-statistics tests/safety/test_arming.py
 
 faults: setup  ## each fault at each moment, kill -9 of each process: what happens, in a table (resumes, out/faults/)
 	@status=0; $(BIN)/python tests/faults/matrix.py || status=$$?; $(BIN)/python tests/faults/kills.py && exit $$status

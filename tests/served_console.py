@@ -98,7 +98,7 @@ def serve_console(logs: Path) -> Iterator[ServedConsole]:
         audit = AuditTrail(logs / FILE_NAME)
         stack.callback(audit.close)
         job_manager = JobManager(live_source(CELL), mailbox, audit)
-        job_manager.authority._permit._lease_s = LEASE_S
+        job_manager.authority._arming._lease_s = LEASE_S
         service = Service(job_manager, folder / "robot.sock")
         stack.callback(service.close)
         cell = load_cell_description(CELL)

@@ -9,9 +9,9 @@ from rtstack.log.sink import FLUSH_NS
 from rtstack.loop.end import End
 from rtstack.loop.standstill import STOP_TICKS
 from rtstack.loop.watchdogs import CLUTCH_S, CONSOLE_S, OPERATOR_S, OVERRUN_TICKS
+from rtstack.safety.arming import LEASE_S
 from rtstack.safety.judge import LIMITED_TICKS
 from rtstack.safety.limits import LARGEST_GAP_S
-from rtstack.safety.permit import LEASE_S
 from rtstack.safety.reasons import Reason
 from rtstack.trials.record import FULL_SHARE, HANG_S
 from rtstack.trials.run import ROOM_TICKS

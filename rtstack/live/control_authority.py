@@ -1,6 +1,6 @@
 """The control authority: which operator has the lease, and whether the arms may move.
 
-It owns the arming state machine (rtstack.safety.permit), which takes every decision about motion in the robot process,
+It owns the arming state machine (rtstack.safety.arming), which takes every decision about motion in the robot process,
 and adds a clock, a lock and an audit trail. Each action of an operator becomes a line of the audit trail and a
 RunEvent, which the loop's thread publishes. A STOP disarms; only arming resets the request.
 """
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from rtstack.live.audit import AuditTrail
 from rtstack.loop.mailbox import Mailbox
-from rtstack.safety.permit import LEASE_S, Permit, Phase, Refused
+from rtstack.safety.arming import LEASE_S, ArmingStateMachine, Phase, Refused
 from rtstack.samples import Level
 from rtstack.trials.run_observer import RunEvent
 
@@ -25,7 +25,7 @@ _RUN_EVENTS = 256  # not yet published
 
 @dataclass(frozen=True, slots=True)
 class AuthorityView:
-    """What the permit says. `since_s`: Unix time of the last change of phase; `refusal`: why nothing may begin."""
+    """The state of the arming. `since_s`: Unix time of the last change of phase; `refusal`: why nothing may begin."""
 
     phase: Phase
     reason: str | None
@@ -35,14 +35,14 @@ class AuthorityView:
 
 
 class ControlAuthority:
-    """Owns the permit. All methods may be called from any thread; they raise Refused with one line.
+    """Owns the arming state machine. All methods may be called from any thread; they raise Refused with one line.
 
     clock: the host's monotonic time, s, as the mailbox has it.
     """
 
     def __init__(self, mailbox: Mailbox, audit: AuditTrail, clock: Callable[[], float] = time.monotonic) -> None:
         self._lock = threading.Lock()
-        self._permit = Permit()
+        self._arming = ArmingStateMachine()
         self._mailbox = mailbox
         self._audit = audit
         self._clock = clock
@@ -55,13 +55,13 @@ class ControlAuthority:
     def take(self, operator: str, over_from: str | None = None) -> None:
         """Give the lease to an operator; where `over_from` still has it, and nothing moves, from them."""
         with self._acting() as now_s:
-            permit, before = self._permit, self._permit.holder
+            arming, before = self._arming, self._arming.holder
             takeover = over_from is not None and before == over_from != operator
-            if takeover and permit.running:
+            if takeover and arming.running:
                 raise Refused(f"the arms are moving: take over from {before} once they are at rest")
             if takeover and before is not None:
-                permit.release(before)
-            permit.take(operator, now_s)
+                arming.release(before)
+            arming.take(operator, now_s)
             self._alive()
             if takeover:
                 self._note("takeover", operator, f"{operator} took over from {before}", Level.WARNING)
@@ -71,25 +71,25 @@ class ControlAuthority:
     def release(self, operator: str) -> None:
         """Give the lease back; a motion that still runs stops."""
         with self._acting():
-            if self._permit.holder != operator:
-                raise Refused(f"{self._permit.holder or 'no operator'} has control, not {operator}")
-            self._permit.release(operator)
+            if self._arming.holder != operator:
+                raise Refused(f"{self._arming.holder or 'no operator'} has control, not {operator}")
+            self._arming.release(operator)
             self._stop_at_once()
             self._note("release", operator, f"{operator} released control")
 
     def beat(self, operator: str) -> None:
         """Take a sign of life; only the holder's counts."""
         with self._acting() as now_s:
-            self._permit.beat(operator, now_s)
-            if operator == self._permit.holder:
+            self._arming.beat(operator, now_s)
+            if operator == self._arming.holder:
                 self._alive()
 
     def watch(self) -> None:
         """Check for a holder without signs of life and for a STOP in the mailbox. To be called regularly."""
         with self._acting() as now_s:
             if self._mailbox.stop_requested:
-                self._permit.disarm()
-            if not self._permit.stop_wanted:
+                self._arming.disarm()
+            if not self._arming.stop_wanted:
                 self._stop_due_s = None
             elif self._stop_due_s is None:
                 self._stop_due_s = now_s + _LOOP_FIRST_S
@@ -101,11 +101,11 @@ class ControlAuthority:
     def arm(self, operator: str) -> None:
         """Allow motion."""
         with self._acting() as now_s:
-            before = self._permit.phase
+            before = self._arming.phase
             if before is Phase.ARMED and self._mailbox.stop_requested:
-                self._permit.disarm()
+                self._arming.disarm()
                 raise Refused("STOP was pressed a moment ago; arm again if that is what you want")
-            self._permit.arm(operator, now_s)
+            self._arming.arm(operator, now_s)
             self._mailbox.clear_stop()
             if before is not Phase.ARMED:
                 self._note("arm", operator, f"{operator} armed both arms")
@@ -113,7 +113,7 @@ class ControlAuthority:
     def disarm(self, operator: str) -> None:
         """Allow no motion any more; a running motion stops. Needs no lease."""
         with self._acting():
-            self._permit.disarm()
+            self._arming.disarm()
             self._stop_at_once()
             self._note("disarm", operator, f"{operator} disarmed both arms")
 
@@ -121,48 +121,48 @@ class ControlAuthority:
         """Stop all motion, and disarm. Needs no lease."""
         self._mailbox.request_stop()  # before any lock
         with self._acting():
-            self._permit.disarm()
+            self._arming.disarm()
             self._note("stop", operator, f"{operator} pressed STOP", Level.WARNING)
 
     def begin(self, operator: str, what: str) -> None:
         """Begin a motion of the operator's; `what`: for the record."""
         with self._acting() as now_s:
             if self._mailbox.stop_requested:  # since it was armed
-                self._permit.disarm()
-            self._permit.begin(operator, now_s)
+                self._arming.disarm()
+            self._arming.begin(operator, now_s)
             self._note("begin", operator, f"{operator} ordered {what}")
 
     def end(self) -> None:
         """The motion is over, and both arms are at rest."""
         with self._acting():
-            self._permit.end()
+            self._arming.end()
 
     # faults
 
     def fault(self, reason: str) -> None:
         """Latch a fault; the first reason stays."""
         with self._acting():
-            new = self._permit.phase is not Phase.FAULT
-            self._permit.fault(reason)
+            new = self._arming.phase is not Phase.FAULT
+            self._arming.fault(reason)
             if new:
                 self._audit.note("fault", None, reason)
 
     def recover(self, operator: str) -> None:
         """Begin a recovery. Only in a fault, and once the arms are at rest."""
         with self._acting():
-            self._permit.recover()
+            self._arming.recover()
             self._note("recover", operator, f"{operator} asked for a recovery")
 
     def recovered(self) -> None:
         """Both arms have recovered; they are disarmed."""
         with self._acting():
-            self._permit.recovered()
+            self._arming.recovered()
             self._note("recovered", None, "both arms have recovered: disarmed")
 
     def not_recovered(self, reason: str) -> None:
         """The recovery was refused: the fault stays, with what the robot said."""
         with self._acting():
-            self._permit.not_recovered(reason)
+            self._arming.not_recovered(reason)
             self._note("not recovered", None, f"recovery refused: {reason}", Level.ERROR)
 
     # what others see
@@ -170,8 +170,8 @@ class ControlAuthority:
     def view(self) -> AuthorityView:
         """Return how things are now."""
         with self._acting():
-            permit = self._permit
-            return AuthorityView(permit.phase, permit.reason, permit.holder, self._since_s, self._refusal())
+            arming = self._arming
+            return AuthorityView(arming.phase, arming.reason, arming.holder, self._since_s, self._refusal())
 
     def run_events(self) -> Iterable[RunEvent]:
         """Return what was done since the last call, oldest first. Never waits: for the loop's thread."""
@@ -182,22 +182,22 @@ class ControlAuthority:
     def _acting(self) -> Iterator[float]:
         """Hold the lock, notice a holder who has gone, give the time, and keep the books on the phase."""
         with self._lock:
-            phase, holder, now_s = self._permit.phase, self._permit.holder, self._clock()
-            self._permit.watch(now_s)
-            if holder is not None and self._permit.holder is None:
+            phase, holder, now_s = self._arming.phase, self._arming.holder, self._clock()
+            self._arming.watch(now_s)
+            if holder is not None and self._arming.holder is None:
                 text = f"{holder} gave no sign of life for {LEASE_S:g} s and lost control"
                 self._note("lost", holder, text, Level.WARNING)
             try:
                 yield now_s
             finally:
-                if self._permit.phase is not phase:
+                if self._arming.phase is not phase:
                     self._since_s = time.time()
 
     def _alive(self) -> None:
         self._mailbox.operator_beat(round(1e9 * self._clock()))
 
     def _stop_at_once(self) -> None:
-        if self._permit.stop_wanted:
+        if self._arming.stop_wanted:
             self._mailbox.request_stop()
 
     def _note(self, action: str, operator: str | None, text: str, level: Level = Level.INFO) -> None:
@@ -205,11 +205,11 @@ class ControlAuthority:
         self._run_events.append(RunEvent(level, "operator" if operator is not None else "robot", text))
 
     def _refusal(self) -> str | None:
-        permit = self._permit
-        if permit.phase is Phase.FAULT:
-            return f"there is a fault: {permit.reason}; recover first"
-        if permit.phase is Phase.RECOVERING:
+        arming = self._arming
+        if arming.phase is Phase.FAULT:
+            return f"there is a fault: {arming.reason}; recover first"
+        if arming.phase is Phase.RECOVERING:
             return "the arms are recovering; wait for the end"
-        if permit.holder is None:
+        if arming.holder is None:
             return "no operator has control; take control first"
-        return "the arms are disarmed; arm them first" if permit.phase is Phase.DISARMED else None
+        return "the arms are disarmed; arm them first" if arming.phase is Phase.DISARMED else None

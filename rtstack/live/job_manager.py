@@ -27,7 +27,7 @@ from rtstack.live.source import CellSource
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox
 from rtstack.loop.watchdogs import Trip
-from rtstack.safety.permit import Refused
+from rtstack.safety.arming import Refused
 from rtstack.samples import Level
 
 

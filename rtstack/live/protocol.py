@@ -14,7 +14,7 @@ from pydantic.dataclasses import dataclass as checked
 
 from rtstack.messages import MESSAGE, NUMBER, StrictBool, StrictFloat
 from rtstack.playback.pace import FASTEST, SLOWEST
-from rtstack.safety.permit import Phase
+from rtstack.safety.arming import Phase
 from rtstack.samples import Reaction
 from rtstack.trials.controllers import DEFAULT, ControllerName
 from rtstack.trials.specification import (

@@ -34,7 +34,7 @@ from rtstack.live.protocol import (
     decode_request,
     encode,
 )
-from rtstack.safety.permit import Refused
+from rtstack.safety.arming import Refused
 
 _RECOVERY_TIMEOUT_S = 10.0  # libfranka's automatic recovery takes a few seconds on a real arm
 _WATCH_S = 0.05  # period of the calls to the control authority

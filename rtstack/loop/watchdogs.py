@@ -13,8 +13,8 @@ from typing import Protocol
 
 from hal.limits import CONTROL_PERIOD_S
 from rtstack.loop.end import End
+from rtstack.safety.arming import LEASE_S
 from rtstack.safety.limits import LARGEST_GAP_S
-from rtstack.safety.permit import LEASE_S
 from rtstack.samples import Level
 
 CONSOLE_S = 1.0  # the console beats ten times a second; a page that it renders may keep it busy for some tenths

@@ -48,7 +48,7 @@ from websockets.sync.client import connect
 from console.tokens import Scope, Tokens
 from hal.realtime import scheduling
 from rtstack.log.ring import RingReader, Rings
-from rtstack.safety.permit import Phase
+from rtstack.safety.arming import Phase
 from rtstack.samples import Mode
 
 sys.path.insert(0, str(Path(__file__).parents[2]))

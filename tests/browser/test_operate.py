@@ -11,7 +11,7 @@ from playwright.sync_api import expect
 
 from rtstack.live.protocol import DemonstrationRequest
 from rtstack.log.reader import read_log
-from rtstack.safety.permit import LEASE_S
+from rtstack.safety.arming import LEASE_S
 
 pytestmark = [pytest.mark.browser, pytest.mark.alone]
 FINISHED_MS = 120_000

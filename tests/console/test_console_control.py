@@ -10,7 +10,7 @@ from websockets.sync.client import connect
 
 from rtstack.live.client import RobotClient
 from rtstack.live.protocol import JobState
-from rtstack.safety.permit import LEASE_S
+from rtstack.safety.arming import LEASE_S
 from tests.console.test_console_jobs import arm
 from tests.console.test_console_watch import wait_for
 
@@ -19,8 +19,8 @@ class Clock:
     """the control authority's clock, which only the test moves; s."""
 
     def __init__(self, served):
-        self.now_s, self._permit = time.monotonic(), served.job_manager.authority._permit
-        self._permit._lease_s = LEASE_S
+        self.now_s, self._arming = time.monotonic(), served.job_manager.authority._arming
+        self._arming._lease_s = LEASE_S
         served.job_manager.authority._clock = lambda: self.now_s
 
     def pass_without_a_sign(self):
@@ -31,7 +31,7 @@ class Clock:
         """Go on for nearly a lease, and wait until the operator's sign of life has come."""
         self.now_s += 0.9 * LEASE_S
         sign()
-        wait_for(lambda: self._permit._alive_s == self.now_s)
+        wait_for(lambda: self._arming._alive_s == self.now_s)
 
 
 @pytest.fixture

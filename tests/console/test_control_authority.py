@@ -16,7 +16,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 from rtstack.live.audit import AuditTrail
 from rtstack.live.control_authority import ControlAuthority
 from rtstack.loop.mailbox import Mailbox, remove_mailbox
-from rtstack.safety.permit import LEASE_S, Phase, Refused
+from rtstack.safety.arming import LEASE_S, Phase, Refused
 from rtstack.samples import Level
 
 operators = st.sampled_from(["anna", "ben"])

@@ -28,7 +28,7 @@ from rtstack.log.reader import read_log
 from rtstack.log.ring import Rings
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox
-from rtstack.safety.permit import Phase, Refused
+from rtstack.safety.arming import Phase, Refused
 from rtstack.trials.errors import TrialError
 from rtstack.trials.followed import followed_file
 from sim_robot.cell import SimulatedCell, simulated_cell

@@ -11,7 +11,7 @@ from hal.robot_errors import ROBOT_ERRORS
 from rtstack.cli.app import app
 from rtstack.loop.end import End
 from rtstack.palette import MODE_STYLES
-from rtstack.safety.permit import Phase
+from rtstack.safety.arming import Phase
 from rtstack.safety.reasons import Reason
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -1,11 +1,11 @@
-"""Which version of judge and permit a result belongs to."""
+"""Which version of judge and arming state machine a result belongs to."""
 
 import hashlib
 from collections.abc import Iterable
 from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parents[2] / "rtstack" / "safety"
-MODULES = ("stop", "checks", "judge", "geometry", "limits", "records", "body", "reasons", "permit")
+MODULES = ("stop", "checks", "judge", "geometry", "limits", "records", "body", "reasons", "arming")
 
 
 def digest(*more: Path, modules: Iterable[str] = MODULES) -> str:

@@ -1,4 +1,4 @@
-"""Mutation testing of the judge and the permit: change one thing, run the tests, see whether they notice.
+"""Mutation testing of the judge and the arming state machine: change one thing, run the tests, see whether they notice.
 
     .venv/bin/python tests/safety/mutate.py [--minutes 60] [--jobs 1] [--module stop]
 
@@ -6,7 +6,7 @@ Own code, because the known tools cannot see it: mutmut leaves decorated functio
 under `njit`; cosmic-ray rewrites the sources in place, under a stack that may be running them. Here the compiled
 functions run as the plain Python that they are (NUMBA_DISABLE_JIT), and a mutant is a forked process.
 
-What became of each mutant is kept in .mutants/, in a file a version of judge and permit: the next run goes on from
+What became of each mutant is kept in .mutants/, in a file for each version of the two: the next run goes on from
 there. Survivors that nobody has listed are run again where the tests have changed. Prints killed / total; exit status
 1 where a survivor is not listed in mutation_survivors.txt, or not all have been run; 2 where the tests fail on the
 judge as it is.
@@ -114,7 +114,7 @@ def report(names: list[str], results: Results) -> int:
 
 def main() -> int:
     """Run what has not been run yet, within the time; return the exit status."""
-    arguments = argparse.ArgumentParser(description="Mutation testing of the safety judge and the permit.")
+    arguments = argparse.ArgumentParser(description="Mutation testing of judge and arming state machine.")
     arguments.add_argument("--minutes", type=float, default=60.0, help="stop after this long; the next run goes on")
     arguments.add_argument("--jobs", type=int, default=1)
     arguments.add_argument("--module", choices=MODULES, action="append")

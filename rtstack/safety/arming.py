@@ -1,4 +1,4 @@
-"""Whether the arms may move, and on whose word. A small machine without clock, thread or I/O: its callers bring those.
+"""Whether the arms may move, and for which operator. A state machine without clock, thread or I/O, which callers bring.
 
     DISARMED --arm--> ARMED --begin--> MOVING --end--> ARMED
        any --fault--> FAULT --recover--> RECOVERING --recovered--> DISARMED
@@ -28,8 +28,8 @@ class Refused(Exception):
     """What was asked for is not allowed now. The message is one line that says why, and what to do."""
 
 
-class Permit:
-    """The permit of one cell. Times are seconds of one monotonic clock, the caller's."""
+class ArmingStateMachine:
+    """The arming of one cell: lease, phase, fault, recovery. Times are seconds of one monotonic clock, the caller's."""
 
     def __init__(self, lease_s: float = LEASE_S) -> None:
         self.phase = Phase.DISARMED

@@ -1,6 +1,6 @@
 """No sequence of events reaches motion without arming, or leaves a fault without a recovery.
 
-The machine beside the permit keeps its own, simpler books: who was last heard of when, whether anybody has armed since
+The machine beside the arming keeps its own, simpler books: who was last heard of when, whether anybody has armed since
 the last reason to disarm, whether a fault is open. `RTSTACK_SEQUENCES=10000` explores as many sequences.
 """
 
@@ -11,7 +11,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from rtstack.safety.permit import LEASE_S, Permit, Phase, Refused
+from rtstack.safety.arming import LEASE_S, ArmingStateMachine, Phase, Refused
 
 OPERATORS = ("anna", "ben")
 operators = st.sampled_from(OPERATORS)
@@ -20,11 +20,11 @@ waits = st.sampled_from([0.0, LEASE_S, LEASE_S * 1.001, LEASE_S / 2, 0.1, 100.0]
 
 
 class PermitMachine(RuleBasedStateMachine):
-    """Everything that can happen to a permit, in any order."""
+    """Everything that can happen to it, in any order."""
 
     @initialize()
     def start(self) -> None:
-        self.permit, self.now_s = Permit(), 0.0
+        self.arming, self.now_s = ArmingStateMachine(), 0.0
         self.holder: str | None = None
         self.heard_s = 0.0
         self.armed = self.faulty = self.recovering = self.moving = self.must_stop = False
@@ -51,27 +51,27 @@ class PermitMachine(RuleBasedStateMachine):
 
     @rule()
     def somebody_watches(self) -> None:
-        self.permit.watch(self.now_s)
+        self.arming.watch(self.now_s)
         self._forget_the_gone()
 
     @rule(who=operators)
     def takes_control(self, who: str) -> None:
         self._forget_the_gone()
         allowed = self.holder in (None, who)
-        self._tries(lambda: self.permit.take(who, self.now_s), allowed)
+        self._tries(lambda: self.arming.take(who, self.now_s), allowed)
         if allowed:
             self.holder, self.heard_s = who, self.now_s
 
     @rule(who=operators)
     def gives_a_sign_of_life(self, who: str) -> None:
-        self.permit.beat(who, self.now_s)
+        self.arming.beat(who, self.now_s)
         self._forget_the_gone()
         if who == self.holder:
             self.heard_s = self.now_s
 
     @rule(who=operators)
     def releases(self, who: str) -> None:
-        self.permit.release(who)
+        self.arming.release(who)
         if who == self.holder:
             self._nobody_holds()
 
@@ -79,12 +79,12 @@ class PermitMachine(RuleBasedStateMachine):
     def arms(self, who: str) -> None:
         self._forget_the_gone()
         allowed = who == self.holder and not (self.faulty or self.recovering or self.moving)
-        self._tries(lambda: self.permit.arm(who, self.now_s), allowed)
+        self._tries(lambda: self.arming.arm(who, self.now_s), allowed)
         self.armed = self.armed or allowed
 
     @rule()
     def disarms(self) -> None:
-        self.permit.disarm()
+        self.arming.disarm()
         self.armed = False
         self.must_stop = self.must_stop or self.moving
 
@@ -92,7 +92,7 @@ class PermitMachine(RuleBasedStateMachine):
     def begins(self, who: str) -> None:
         self._forget_the_gone()
         allowed = who == self.holder and self.armed and not (self.faulty or self.recovering or self.moving)
-        self._tries(lambda: self.permit.begin(who, self.now_s), allowed)
+        self._tries(lambda: self.arming.begin(who, self.now_s), allowed)
         self.moving = self.moving or allowed
         if allowed:
             self.must_stop = False
@@ -118,51 +118,51 @@ class PermitMachine(RuleBasedStateMachine):
 
     @rule()
     def the_motion_ends(self) -> None:
-        self.permit.end()
+        self.arming.end()
         self.moving = self.must_stop = False
 
     @rule(reason=st.sampled_from(["reflex", "lost"]))
     def a_fault_comes(self, reason: str) -> None:
-        self.permit.fault(reason)
+        self.arming.fault(reason)
         self.must_stop = self.must_stop or self.moving
         self.faulty, self.recovering, self.armed = True, False, False
 
     @rule()
     def somebody_recovers(self) -> None:
         allowed = self.faulty and not self.recovering and not self.moving
-        self._tries(self.permit.recover, allowed)
+        self._tries(self.arming.recover, allowed)
         if allowed:
             self.faulty, self.recovering = False, True
 
     @rule()
     def the_robot_has_recovered(self) -> None:
-        self.permit.recovered()
+        self.arming.recovered()
         self.recovering = False
 
     @rule()
     def the_robot_refuses_the_recovery(self) -> None:
-        self.permit.not_recovered("persists")
+        self.arming.not_recovered("persists")
         if self.recovering:
             self.faulty, self.recovering = True, False
 
     @invariant()
     def motion_needs_arming_and_no_fault(self) -> None:
-        phase = self.permit.phase
+        phase = self.arming.phase
         if phase is Phase.MOVING:
             assert self.moving
             assert not self.faulty
             assert not self.recovering
         assert (phase is Phase.FAULT) == self.faulty
         assert (phase is Phase.RECOVERING) == self.recovering
-        assert (self.permit.reason is not None) == (self.faulty or self.recovering)
+        assert (self.arming.reason is not None) == (self.faulty or self.recovering)
         if phase is Phase.ARMED:
             assert self.armed
-            assert self.permit.holder is not None
+            assert self.arming.holder is not None
 
     @invariant()
     def a_motion_that_must_stop_says_so(self) -> None:
         if self.moving:
-            assert self.permit.stop_wanted == self.must_stop
+            assert self.arming.stop_wanted == self.must_stop
 
 
 PermitMachine.TestCase.settings = settings(
