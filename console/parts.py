@@ -61,7 +61,7 @@ def _get_session(request: Request) -> UserSession:
 
 
 def _get_holder(request: Request) -> UserSession:
-    """Return the session that has the robot now, as the robot process says. Raises RobotRefused, RobotUnreachable."""
+    """Return the session that has control now, as the robot process says. Raises RobotRefused, RobotUnreachable."""
     session, holder = _get_session(request), parts_of(request).client.status().holder
     if holder != session.operator:
         raise RobotRefused(f"{holder or 'no operator'} has control; take control first")

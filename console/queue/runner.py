@@ -1,7 +1,7 @@
 """Orders the queue's trials one after the other, on the word of who has started it, and pauses it when in doubt.
 
 What may move is decided in the robot process alone: an order here carries the operator's name, as a page's does, and
-is refused there without lease and arming. This thread only stops asking: when its operator no longer has the robot,
+is refused there without lease and arming. This thread only stops asking: when its operator no longer has control,
 when the arms are not armed, after a fault, a STOP, a failed trial, and where the robot process does not answer.
 """
 
@@ -70,7 +70,7 @@ class QueueRunner:
             queue.pause(str(error))
             return
         if queue.operator is not None and status.holder != queue.operator:
-            queue.pause(f"{queue.operator} no longer has the robot")
+            queue.pause(f"{queue.operator} no longer has control")
         if running is not None:
             self._follow(running, status)
         elif queue.operator is not None:

@@ -194,7 +194,7 @@ def _check(nice: bool, session: UserSession, parts: Parts) -> None:
     """Raise RobotRefused where a campaign would disturb the operator who has control."""
     status = parts.client.status()
     if status.holder not in (None, session.operator):
-        raise RobotRefused(f"{status.holder} has the robot: a campaign would take this machine's time; ask them")
+        raise RobotRefused(f"{status.holder} has control: a campaign would take this machine's time; ask them")
     if status.phase in (Phase.ARMED, Phase.MOVING) and not nice:
         raise RobotRefused(
             f"the arms are {status.phase}: a campaign takes this machine's time; disarm them, or start it with `nice`"

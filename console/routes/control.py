@@ -39,7 +39,7 @@ def take(order: TakeOrder, session: NeedsSession, parts: NeedsParts) -> Status:
     try:
         if named.operator != session.operator and parts.client.status().holder == named.operator:
             # a program without a session, or what is left of one: its name is free, its lease is not
-            raise RobotRefused(f"{named.operator} has the robot; choose another name, or take over")
+            raise RobotRefused(f"{named.operator} has control; choose another name, or take over")
         return _learn(parts, parts.client.take(named.operator, order.over_from))
     except (RobotRefused, RobotUnreachable):
         parts.sign_in.rename(session, session.operator)

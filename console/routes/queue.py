@@ -55,7 +55,7 @@ def queue(parts: NeedsParts) -> QueueView:
 
 @router.post("", status_code=201, responses=problems(404))
 def add(order: QueueOrder, holder: NeedsHolder, parts: NeedsParts) -> QueueView:
-    """Append a trial so many times, each with the next seed. Only who has the robot."""
+    """Append a trial so many times, each with the next seed. Only the operator with control."""
     trial = order.trial
     if trial.object not in parts.cell.objects:
         known = ", ".join(parts.cell.objects)
@@ -67,7 +67,7 @@ def add(order: QueueOrder, holder: NeedsHolder, parts: NeedsParts) -> QueueView:
 
 @router.post("/start")
 def start(order: StartOrder, holder: NeedsHolder, parts: NeedsParts) -> QueueView:
-    """Let the queue run on this operator's word. Only who has the robot, with armed arms."""
+    """Let the queue run on this operator's word. Only the operator with control, with armed arms."""
     status = parts.client.status()
     if status.refusal is not None and (status.job is None or not status.job.active):
         raise RobotRefused(status.refusal)
@@ -94,27 +94,27 @@ async def cancel_running(session: NeedsSession, parts: NeedsParts, afterwards: B
 
 @router.post("/clear")
 def clear(order: ClearOrder, holder: NeedsHolder, parts: NeedsParts) -> QueueView:
-    """Take what is finished off the list, or everything but what runs. Only who has the robot."""
+    """Take what is finished off the list, or everything but what runs. Only the operator with control."""
     parts.queue.clear(order.finished_only)
     return parts.queue.view()
 
 
 @router.post("/{entry_id}/move", responses=problems(404))
 def move(entry_id: EntryId, order: MoveOrder, holder: NeedsHolder, parts: NeedsParts) -> QueueView:
-    """Move an entry that waits. Only who has the robot."""
+    """Move an entry that waits. Only the operator with control."""
     parts.queue.move(entry_id, order.to)
     return parts.queue.view()
 
 
 @router.post("/{entry_id}/remove", responses=problems(404))
 def remove(entry_id: EntryId, holder: NeedsHolder, parts: NeedsParts) -> QueueView:
-    """Take an entry that does not run off the list. Only who has the robot."""
+    """Take an entry that does not run off the list. Only the operator with control."""
     parts.queue.remove(entry_id)
     return parts.queue.view()
 
 
 @router.post("/{entry_id}/cancel", responses=problems(404))
 def cancel(entry_id: EntryId, holder: NeedsHolder, parts: NeedsParts) -> QueueView:
-    """Cancel an entry that waits; it stays in the list. Only who has the robot."""
+    """Cancel an entry that waits; it stays in the list. Only the operator with control."""
     parts.queue.cancel(entry_id)
     return parts.queue.view()

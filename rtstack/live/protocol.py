@@ -250,7 +250,7 @@ class Status:
     """How the robot process is. `job` is the running job or the last one; `refusal` says why no job is accepted now.
 
     `object` is what the open cell holds. `phase` says whether the arms may move, since the Unix time `since_s`;
-    `reason` is the fault's, until it is recovered from; `holder` is the operator who has the robot.
+    `reason` is the fault's, until it is recovered from; `holder` is the operator who has control.
     `scheduler` is how the system schedules the loop's thread now: fifo while it is a real-time one, or other.
     """
 

@@ -102,7 +102,7 @@ class Mailbox:
         self._words[_Word.CONSOLE_BEAT] = now_ns
 
     def operator_beat(self, now_ns: int) -> None:
-        """Pass on a sign of life of the operator who has the robot. now_ns: time.monotonic_ns() of this host."""
+        """Pass on a sign of life of the operator who has control. now_ns: time.monotonic_ns() of this host."""
         self._words[_Word.OPERATOR_BEAT] = now_ns
 
     @property

@@ -46,7 +46,7 @@ class ArmingStateMachine:
         """Give the lease to an operator. Raises Refused while another operator holds it."""
         self.watch(now_s)
         if self.holder not in (None, operator):
-            raise Refused(f"{self.holder} has the robot; ask them to release it")
+            raise Refused(f"{self.holder} has control; ask them to release it")
         self.holder, self._alive_s = operator, now_s
 
     def beat(self, operator: str, now_s: float) -> None:

@@ -77,7 +77,7 @@ def test_what_cannot_act_says_why_until_somebody_has_armed(console):
     expect(holder).to_have_text("no operator has control")
     expect(page.locator("#demonstration button[type=submit]")).to_be_disabled()
     expect(page.locator(why)).to_contain_text("take control first")
-    for name, reason in (("release", "You do not have the robot"), ("arm", "Take control first")):
+    for name, reason in (("release", "You do not have control"), ("arm", "Take control first")):
         expect(page.locator(f"#{name}")).to_be_disabled()
         expect(page.locator(f"#{name}")).to_have_attribute("title", reason)
     expect(page.locator("#recover")).to_be_hidden()
@@ -120,7 +120,7 @@ def test_another_operator_is_named_and_can_be_taken_over_from_while_nothing_move
     program.robot.take("ben", over_from="anna")
     expect(page.locator("#holder")).to_have_text("ben")
     expect(take).to_have_text("Take over from ben")
-    expect(page.locator("#demonstration [data-why]")).to_contain_text("ben has the robot")
+    expect(page.locator("#demonstration [data-why]")).to_contain_text("ben has control")
     page.fill("#operator", "anna")
     take.click()
     expect(page.locator("#holder")).to_have_text("you, anna")

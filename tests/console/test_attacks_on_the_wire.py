@@ -214,6 +214,6 @@ def test_of_two_who_take_over_at_once_one_has_the_robot_and_nobody_takes_a_name(
         assert [operator for action, operator in served.trail() if action == "takeover"] == [winner]
         served.parts.client.take("carla", winner)  # a program without a session: her name looks free, and is hers
         answer = client.post("/api/take", json={"operator": "carla"}, headers=words)
-        assert (answer.status_code, answer.json()["error"].split(";")[0]) == (409, "carla has the robot")
+        assert (answer.status_code, answer.json()["error"].split(";")[0]) == (409, "carla has control")
         over.set()
         threads[0].join()

@@ -126,7 +126,7 @@ def test_it_is_no_way_to_disturb_who_has_the_robot(served):
         robot = RobotClient(served.parts.client._path)
         robot.take("ben", over_from="operator 1")
         answer = client.post("/api/campaigns", json={**order, "nice": True}, headers=headers)
-        assert (answer.status_code, answer.json()["error"].split(":")[0]) == (409, "ben has the robot")
+        assert (answer.status_code, answer.json()["error"].split(":")[0]) == (409, "ben has control")
         robot.close()
         assert client.post("/api/campaigns", json=order).status_code == 403
         wrong = ({"name": "../etc"}, 404, "name: there is no"), ({**order, "workers": 0}, 422, "workers")

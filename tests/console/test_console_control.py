@@ -76,11 +76,11 @@ def test_a_second_operator_is_refused_with_the_name_and_may_take_over(served):
         with httpx.Client(base_url=served.base, cookies=cookies, trust_env=False, timeout=60.0) as second:
             answer = post(second, others, "take", operator="ben")
             assert answer.status_code == 409
-            assert answer.json()["error"].startswith("anna has the robot")
+            assert answer.json()["error"].startswith("anna has control")
             for verb in ("arm", "release", "beat"):
                 answer = post(second, others, verb)
                 assert answer.status_code == 409
-                assert "anna has the robot" in answer.json()["error"]
+                assert "anna has control" in answer.json()["error"]
             answer = post(second, others, "take", operator="anna")
             assert answer.status_code == 409
             assert "another session calls itself anna" in answer.json()["error"]
@@ -90,7 +90,7 @@ def test_a_second_operator_is_refused_with_the_name_and_may_take_over(served):
             wait_for(lambda: client.get("/api/status").json()["holder"] == "ben")
             answer = post(client, headers, "arm")
             assert answer.status_code == 409
-            assert "ben has the robot" in answer.json()["error"]
+            assert "ben has control" in answer.json()["error"]
     assert ("takeover", "ben") in served.trail()
 
 

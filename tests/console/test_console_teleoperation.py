@@ -94,7 +94,7 @@ def test_a_viewer_moves_nothing_by_any_way(running):
         assert viewer.post("/api/teleoperation/finish", json={}, headers=others).status_code == 409
     with hand_socket(served, cookie_of(cookies)) as page:
         page.send(json.dumps({"clutch": True}))
-        assert "has the robot" in json.loads(page.recv(timeout=60))["error"]
+        assert "has control" in json.loads(page.recv(timeout=60))["error"]
     assert served.mailbox.target_sequence == before
 
 

@@ -268,7 +268,7 @@ def test_a_stop_counts_at_once_for_the_next_order(bench):
 
 def test_nobody_takes_over_from_a_motion_or_from_somebody_else_than_named(bench):
     bench.authority.take("anna")
-    with pytest.raises(Refused, match="anna has the robot"):
+    with pytest.raises(Refused, match="anna has control"):
         bench.authority.take("ben", over_from="carl")
     bench.authority.arm("anna")
     bench.authority.begin("anna", "a trial")

@@ -21,7 +21,7 @@ from tests.console.test_console_watch import wait_for
 
 
 class Operator:
-    """A program that has the robot."""
+    """A program that has control."""
 
     def __init__(self, served, client, headers):
         self.served, self.client, self.headers = served, client, headers
@@ -156,7 +156,7 @@ def test_it_pauses_where_its_operator_no_longer_has_the_armed_robot(operator, re
     time.sleep(0.3)
     assert operator.served.job_manager.collect()[0] is None
     if how == "takeover":
-        assert operator.served.parts.queue.view().reason == "operator 1 no longer has the robot"
+        assert operator.served.parts.queue.view().reason == "operator 1 no longer has control"
 
 
 def test_only_who_has_the_armed_robot_fills_and_starts_it_and_who_may_operate_pauses_and_stops_it(operator, reference):

@@ -63,7 +63,7 @@ def test_a_beat_that_comes_too_late_or_from_somebody_else_counts_for_nothing():
 def test_what_the_lease_has_ended_needs_control_anew(action):
     """Even where nobody has called watch meanwhile."""
     for who, now_s, said in (
-        (OTHER, 0.0, "anna has the robot; take control first"),
+        (OTHER, 0.0, "anna has control; take control first"),
         (OPERATOR, nextafter(LEASE_S, 99.0), "no operator has control; take control first"),
     ):
         arming = _arming(Phase.ARMED)
@@ -77,7 +77,7 @@ def test_control_is_taken_from_nobody_and_only_kept_by_its_holder():
     arming = _arming(Phase.ARMED)
     with pytest.raises(Refused) as refused:
         arming.take(OTHER, LEASE_S)
-    assert str(refused.value) == "anna has the robot; ask them to release it"
+    assert str(refused.value) == "anna has control; ask them to release it"
     assert (arming.holder, arming.phase) == (OPERATOR, Phase.ARMED)
     arming.take(OTHER, nextafter(LEASE_S, 99.0))
     assert (arming.holder, arming.phase) == (OTHER, Phase.DISARMED)

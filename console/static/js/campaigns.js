@@ -103,7 +103,7 @@ class Page {
     if (this.campaigns.some((campaign) => BUSY.has(campaign.state))) return "a campaign is running: wait for its end, or cancel it";
     const { status, you } = this.view ?? {};
     if (!status) return "the robot process has not answered yet";
-    if (status.holder !== null && status.holder !== you) return `${status.holder} has the robot: ask them`;
+    if (status.holder !== null && status.holder !== you) return `${status.holder} has control: ask them`;
     if (["armed", "moving"].includes(status.phase) && !this.form.elements.nice.checked) return `the arms are ${status.phase}: disarm them, or tick the box above`;
     return null;
   }

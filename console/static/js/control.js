@@ -25,7 +25,7 @@ export function whyNot(view) {
   if (unreachable) return unreachable;
   if (status === null) return "the robot process has not answered yet";
   const other = status.holder !== null && status.holder !== you;
-  if (other && (status.phase === "disarmed" || status.phase === "armed")) return `${status.holder} has the robot; take over first`;
+  if (other && (status.phase === "disarmed" || status.phase === "armed")) return `${status.holder} has control; take over first`;
   return status.refusal;
 }
 
@@ -80,9 +80,9 @@ export class Control {
     this.name.placeholder = you;
     button("take").dataset.from = from;
     write(button("take"), from ? `Take over from ${from}` : "Take control");
-    allow("take", LOOKS ? LOOKS : mine ? "You have the robot" : from && phase === "moving" ? `Take over once nothing moves: ${busy}` : null,
+    allow("take", LOOKS ? LOOKS : mine ? "You have control" : from && phase === "moving" ? `Take over once nothing moves: ${busy}` : null,
       from ? `${from} loses control, and the arms are disarmed` : "While you have it no other operator can start a motion");
-    allow("release", mine ? null : "You do not have the robot", "Give control back; the arms are disarmed, and what moves stops");
+    allow("release", mine ? null : "You do not have control", "Give control back; the arms are disarmed, and what moves stops");
     allow("arm", !mine ? "Take control first" : phase === "fault" ? "Recover first" : phase === "armed" ? "Armed" : busy,
       "Allow motion until you disarm, release or press STOP");
     allow("disarm", phase === "armed" || phase === "moving" ? null : "The arms are not armed", "Allow no motion; what moves stops");
@@ -102,7 +102,7 @@ export class Control {
   hint(phase, mine, holder) {
     if (phase === "fault") return "Mend the cause, then recover.";
     if (holder === null) return "Take control, then arm.";
-    if (!mine) return `${holder} has the robot.`;
-    return { disarmed: "You have the robot. Arm to start.", armed: "Armed: you can start.", moving: "The arms move." }[phase] ?? "";
+    if (!mine) return `${holder} has control.`;
+    return { disarmed: "You have control. Arm to start.", armed: "Armed: you can start.", moving: "The arms move." }[phase] ?? "";
   }
 }

@@ -116,7 +116,7 @@ export class Teleoperate {
     $("finish").hidden = !active;
     allow($("practise"), why, "Move the arms by hand; it is logged, and no reference");
     allow($("record"), why, "Record a reference by hand, from the arms' home (R)");
-    allow($("finish"), !mine ? "Only who has the robot" : job?.state === "running" ? null : "Wait a moment", "Stop the arms and finish the log (R)");
+    allow($("finish"), !mine ? "Only the operator with control" : job?.state === "running" ? null : "Wait a moment", "Stop the arms and finish the log (R)");
     for (const input of document.querySelectorAll("input[name=release], #hand-object")) input.disabled = active;
     for (const input of document.querySelectorAll("input[name=coupling], #speed, #stiffness")) input.disabled = active && !mine;
     this.showClutch(view, active, mine, why);

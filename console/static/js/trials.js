@@ -31,6 +31,6 @@ form.addEventListener("submit", (event) => {
   queue.add(bodyOf(form));
 });
 live.onView(({ status, you }) => {
-  const lease = status?.holder === you ? null : "take control first: only who has the robot fills its queue";
+  const lease = status?.holder === you ? null : "take control first: only the operator with control fills its queue";
   showWhy(form, lease ?? (references.count ? null : "no reference yet: record and accept one, or plan one with rtstack plan"));
 });
