@@ -35,7 +35,7 @@ _TAGS = {
     "robot": "What the robot says.",
     "control": "The lease, arming, STOP, recovery.",
     "jobs": "What the robot is asked to carry out.",
-    "queue": "Trials that wait for their turn, on the word of who has control.",
+    "queue": "Trials that wait, in the name of the operator who has control.",
     "campaigns": "The papers' campaigns on simulated arms: progress, results, figures, reports.",
     "teleoperation": "Teleoperation of both arms.",
     "recordings": "Demonstrations: extracted, accepted, thrown away.",

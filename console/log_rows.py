@@ -10,7 +10,7 @@ from typing import Any
 
 from rtstack.log.catalogue import Catalogue, LogCondition, LogEntry
 from rtstack.log.errors import LogError
-from rtstack.references.acceptance import Acceptance, AcceptanceError, load_acceptance
+from rtstack.references.acceptance import Acceptance, AcceptanceError, AcceptanceState, load_acceptance
 
 BY_HAND = "recording"
 RECORDINGS = ("demonstration", BY_HAND)
@@ -110,8 +110,8 @@ def _may_be_followed(kind: str, acceptance: Acceptance | None) -> bool:
     if acceptance is None:
         return False
     if kind == BY_HAND:
-        return acceptance.verdict is Acceptance.ACCEPTED
-    return acceptance.verdict is not Acceptance.REJECTED
+        return acceptance.verdict is AcceptanceState.ACCEPTED
+    return acceptance.verdict is not AcceptanceState.REJECTED
 
 
 def _is_plan(entry: LogEntry) -> bool:

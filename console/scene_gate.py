@@ -1,4 +1,4 @@
-"""Which of a page's messages reach the scene's server: cameras from everybody, hands from who has control.
+"""Which of a page's messages reach the scene's server: cameras from all sessions, gizmos from the holder of control.
 
 viser would take any message from any page. Here, in front of it, a page is a session, and a session a name.
 """
@@ -19,7 +19,7 @@ _decoder = msgspec.msgpack.Decoder(_Kind)
 
 
 def lets_through(message: bytes, holder: bool) -> bool:
-    """Whether a message of viser's client may pass; holder: whether its session has control. What is odd may not."""
+    """Whether a message of viser's client may pass; holder: whether its session has control. Others may not."""
     try:
         kind = _decoder.decode(message).type
     except msgspec.MsgspecError:

@@ -41,7 +41,7 @@ WATCHDOGS = (
     Entry("stop", "STOP of the console, Ctrl-C, SIGTERM", 1, "tick", End.STOP_REQUESTED, _STOP, "loop"),
     Entry("controller exception", "whatever the controller raises", 1, "tick", End.CONTROLLER_EXCEPTION, _ALONE,
           "loop"),
-    Entry("unexpected impact", "something that is hit when or where nothing should be", 1, "tick", End.CRASH,
+    Entry("unexpected impact", "an impact when or where none is planned", 1, "tick", End.CRASH,
           "the trial's `--reaction`, then the judge's stop; with `continue` a mark in log and result", "loop"),
     Entry("QP not solved", "INFEASIBLE, ITERATIONS_EXHAUSTED, WRONG_ANSWER (KKT residual)", 1, "tick", End.QP, _STOP,
           "loop"),

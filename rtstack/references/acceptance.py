@@ -23,7 +23,7 @@ class AcceptanceError(Exception):
     """The file beside a recording cannot be read or written. The message is one line."""
 
 
-class Acceptance(StrEnum):
+class AcceptanceState(StrEnum):
     """Whether a recording may be followed."""
 
     OPEN = "open"
@@ -37,7 +37,7 @@ class Acceptance:
 
     name: Annotated[str, Field(max_length=80, pattern=r"^\P{C}*$")] = ""
     note: Annotated[str, Field(max_length=2000)] = ""
-    verdict: Acceptance = Acceptance.OPEN
+    verdict: AcceptanceState = AcceptanceState.OPEN
     nominal_impact_s: Annotated[StrictFloat, Field(ge=0.0, le=3600.0, allow_inf_nan=False)] | None = None
 
 

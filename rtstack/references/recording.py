@@ -13,7 +13,7 @@ from rtstack.control.tick import ArmController
 from rtstack.log.errors import LogError
 from rtstack.log.reader import Log, read_log
 from rtstack.monitor.expected import ExpectedImpact
-from rtstack.references.acceptance import Acceptance, AcceptanceError, load_acceptance
+from rtstack.references.acceptance import Acceptance, AcceptanceError, AcceptanceState, load_acceptance
 from rtstack.references.impact import demonstrated_impact, planned_impact
 from rtstack.references.motion import Motion
 from rtstack.samples import SIDES, Mode
@@ -152,7 +152,7 @@ def recording_of(
         problem = "no impact was found in the demonstration: record one that hits the object"
     elif impact >= n:
         problem = f"its impact was set to {impact * period_s:g} s by hand, past its end at {n * period_s:g} s"
-    elif accepted.verdict is Acceptance.REJECTED and not patient:
+    elif accepted.verdict is AcceptanceState.REJECTED and not patient:
         problem = "this recording was rejected: follow another one"
     if problem is not None and not patient:
         raise ReferenceError(f"{path}: {problem}")

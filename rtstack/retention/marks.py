@@ -7,7 +7,7 @@ from pathlib import Path
 from hal.files import write_whole
 from rtstack.log.errors import LogError
 from rtstack.references.acceptance import SUFFIX as ACCEPTANCE
-from rtstack.references.acceptance import Acceptance, AcceptanceError, load_acceptance
+from rtstack.references.acceptance import AcceptanceError, AcceptanceState, load_acceptance
 
 REVIEWED = ".reviewed.json"
 SIDECARS = (REVIEWED, ACCEPTANCE)
@@ -30,8 +30,8 @@ def may_go(log: Path) -> bool:
         verdict = load_acceptance(log).verdict
     except AcceptanceError:
         return False
-    reviewed = log.with_name(log.name + REVIEWED).is_file() or verdict is Acceptance.REJECTED
-    return reviewed and verdict is not Acceptance.ACCEPTED
+    reviewed = log.with_name(log.name + REVIEWED).is_file() or verdict is AcceptanceState.REJECTED
+    return reviewed and verdict is not AcceptanceState.ACCEPTED
 
 
 def sidecars(log: Path) -> list[Path]:

@@ -131,4 +131,4 @@ class ArmingStateMachine:
         self.watch(now_s)
         if self.holder != operator:
             held = "no operator has" if self.holder is None else f"{self.holder} has"
-            raise Refused(f"{held} the robot; take control first")
+            raise Refused(f"{held} control; take control first")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from rtstack.log.catalogue import Catalogue, LogCondition, LogEntry
 from rtstack.log.errors import LogError
-from rtstack.references.acceptance import Acceptance, save_acceptance
+from rtstack.references.acceptance import Acceptance, AcceptanceState, save_acceptance
 from rtstack.retention import policy
 from rtstack.retention.marks import mark_reviewed, may_go
 
@@ -62,8 +62,8 @@ def test_who_may_go(tmp_path):
     )
     for path in (seen, accepted, unclear):
         mark_reviewed(path, "anna")
-    save_acceptance(rejected, Acceptance(verdict=Acceptance.REJECTED))
-    save_acceptance(accepted, Acceptance(verdict=Acceptance.ACCEPTED))
+    save_acceptance(rejected, Acceptance(verdict=AcceptanceState.REJECTED))
+    save_acceptance(accepted, Acceptance(verdict=AcceptanceState.ACCEPTED))
     unclear.with_name(unclear.name + ".accepted.json").write_text("{")
     assert [may_go(path) for path in (seen, new, rejected, accepted, unclear)] == [True, False, True, False, False]
     with pytest.raises(LogError, match="no such log"):

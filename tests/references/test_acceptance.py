@@ -7,6 +7,7 @@ import pytest
 from rtstack.references.acceptance import (
     Acceptance,
     AcceptanceError,
+    AcceptanceState,
     acceptance_file,
     load_acceptance,
     save_acceptance,
@@ -30,13 +31,13 @@ def nominal_s(recording, cell):
 
 def test_an_impact_that_is_set_by_hand_is_the_trials_nominal_one(recording, cell):
     detected_s = nominal_s(recording, cell)
-    save_acceptance(recording, Acceptance("grab", "late", Acceptance.ACCEPTED, detected_s + 0.05))
+    save_acceptance(recording, Acceptance("grab", "late", AcceptanceState.ACCEPTED, detected_s + 0.05))
     assert nominal_s(recording, cell) == pytest.approx(detected_s + 0.05, abs=1e-9)
     assert load_acceptance(recording).note == "late"
 
 
 def test_a_rejected_recording_is_not_followed_and_an_impossible_time_is_named(recording, cell):
-    save_acceptance(recording, Acceptance(verdict=Acceptance.REJECTED))
+    save_acceptance(recording, Acceptance(verdict=AcceptanceState.REJECTED))
     with pytest.raises(TrialError, match="rejected"):
         nominal_s(recording, cell)
     save_acceptance(recording, Acceptance(nominal_impact_s=500.0))

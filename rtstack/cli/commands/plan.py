@@ -59,7 +59,7 @@ def plan(
 ) -> None:
     """Plan a reference without a demonstration: paths before and after the impact, joined by the impact map.
 
-    What an option is by default stands behind its colon.
+    The default of an option follows its colon.
     """
     from rtstack.cli.plan import run
 
