@@ -7,9 +7,9 @@ from pathlib import Path
 
 from rtstack.cells import load_description, open_cell
 from rtstack.log.writer import check_log_path
-from rtstack.trials.company import Company
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.record import open_log
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
 
@@ -24,7 +24,7 @@ def record(path: Path) -> None:
     cell = open_cell("direct", asked.object, 0.0, asked.seed, description)  # "fci:LEFT,RIGHT": two robots
     try:
         log = open_log(path, asked, description, "direct", source)
-        result = run_demonstration(asked, description, cell, Company(log))
+        result = run_demonstration(asked, description, cell, RunContext(log))
     finally:
         cell.close()
     print(f"recorded {path}: impact at {result.detected_impact_time_s:.3f} s")
@@ -38,7 +38,7 @@ def follow(reference: Path, path: Path) -> None:
     cell = open_cell("direct", asked.object, DISPLACEMENT_MM * 1e-3, asked.seed, description)
     try:
         log = open_log(path, asked, description, "direct", source, reference=prepared.reference)
-        result = run_trial(prepared, cell, Company(log))
+        result = run_trial(prepared, cell, RunContext(log))
     finally:
         cell.close()
     outcome = "success" if result.success else f"failed: {result.failure_reason}"

@@ -17,11 +17,11 @@ from hal import extensions
 from rtstack.cells import default_cell_file, open_cell
 from rtstack.cli.app import main
 from rtstack.model.cell_description import CellDescription, load_cell_description
-from rtstack.trials.company import Company
 from rtstack.trials.controllers import DEFAULT
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.record import open_log
 from rtstack.trials.result import DemonstrationResult, TrialResult
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
 
@@ -61,7 +61,7 @@ def demonstration(cell: CellDescription, tmp_path_factory: pytest.TempPathFactor
     specification = DemonstrationSpecification()
     simulated = open_cell("direct", specification.object, 0.0, specification.seed)
     log = open_log(path, specification, cell, "direct", default_cell_file())
-    result = run_demonstration(specification, cell, simulated, Company(log))
+    result = run_demonstration(specification, cell, simulated, RunContext(log))
     simulated.close()
     return Demonstration(path, result)
 
@@ -81,7 +81,7 @@ class Runner:
         log: Path | None = None,
         **around: Any,
     ) -> TrialResult:
-        """Run one trial in the direct cell, in the company of what `around` names."""
+        """Run one trial in the direct cell, in the context of what `around` names."""
         specification = TrialSpecification(str(self.reference), controller, "rice_box", displacement_mm, seed)
         prepared = prepare_trial(specification, self.cell)
         simulated = open_cell("direct", "rice_box", displacement_mm * 1e-3, seed)
@@ -91,7 +91,7 @@ class Runner:
                 log, specification, self.cell, "direct", default_cell_file(), reference=prepared.reference
             )
         try:
-            return run_trial(prepared, simulated, Company(opened, **around))
+            return run_trial(prepared, simulated, RunContext(opened, **around))
         finally:
             simulated.close()
 

@@ -4,9 +4,9 @@ from pathlib import Path
 
 from rtstack.cells import load_description, open_cell
 from rtstack.log.reader import Log, read_log
-from rtstack.trials.company import Company
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.record import open_log
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
 
@@ -17,7 +17,7 @@ def demonstrate(path: Path) -> None:
     asked = DemonstrationSpecification()
     cell = open_cell("direct", asked.object, 0.0, asked.seed, description)
     try:
-        run_demonstration(asked, description, cell, Company(open_log(path, asked, description, "direct", source)))
+        run_demonstration(asked, description, cell, RunContext(open_log(path, asked, description, "direct", source)))
     finally:
         cell.close()
 
@@ -31,7 +31,7 @@ def follow(reference: Path, controller: str, object_name: str, displacement_mm: 
     cell = open_cell("direct", object_name, displacement_mm * 1e-3, asked.seed, description)
     try:
         log = open_log(path, asked, description, "direct", source, reference=prepared.reference)
-        run_trial(prepared, cell, Company(log))
+        run_trial(prepared, cell, RunContext(log))
     finally:
         cell.close()
     return read_log(path)

@@ -39,7 +39,7 @@ def _check(argument: str, _description: CellDescription, _file: Path | None) -> 
 
 
 def _simulated(argument: str, description: CellDescription) -> bool:
-    """Nobody may be told that a real arm is a simulated one: only arms on this machine can be."""
+    """A real arm must never be reported as simulated: only arms on this machine can be."""
     return description.simulated and all(address.startswith("127.") for address in argument.split(","))
 
 
@@ -65,8 +65,8 @@ def _listen(tracker: TrackerAddress) -> ClosableTracker:
     except (OSError, OverflowError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise HardwareError(
-            f"cannot listen for the object's poses at {tracker.address}: {reason}; end whoever listens there, or give "
-            "the cell's file another address under [tracker]"
+            f"cannot listen for the object's poses at {tracker.address}: {reason}; end the program that listens "
+            "there, or give the cell's file another address under [tracker]"
         ) from None
 
 

@@ -1,4 +1,4 @@
-"""The simulated robot in a process of its own, at loopback addresses that nobody else has."""
+"""The simulated robot in a process of its own, at loopback addresses of its own."""
 
 import contextlib
 import ctypes

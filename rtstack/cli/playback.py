@@ -10,9 +10,9 @@ from rtstack.cli.progress import progress_bar
 from rtstack.log.writer import check_log_path
 from rtstack.loop.watchdogs import Parent
 from rtstack.playback.run import NO_OBJECT, prepare_playback, run_playback, way_to_start
-from rtstack.trials.company import Company
 from rtstack.trials.record import open_log
 from rtstack.trials.result import PlaybackResult
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import PlaybackSpecification
 
 FAILED = 1
@@ -48,8 +48,8 @@ def play(
             log = None
             if log_path is not None:
                 log = open_log(log_path, prepared.specification, description, cell_kind, description_file, cell=cell)
-            company = Company(log, progress=progress, watchdogs=(Parent(),))
-            result = run_playback(prepared, cell, company, soft_stop=_Softly(stop), way=way)
+            context = RunContext(log, progress=progress, watchdogs=(Parent(),))
+            result = run_playback(prepared, cell, context, soft_stop=_Softly(stop), way=way)
     finally:
         cell.close()
     typer.echo(result.as_json() if json else _line(result))

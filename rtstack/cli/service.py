@@ -6,9 +6,9 @@ from pathlib import Path
 
 from rtstack.cells import load_description
 from rtstack.cli.stack import make_log_folder
-from rtstack.live.alone import MAILBOX, find_rings
 from rtstack.live.source import described_as
 from rtstack.live.stack import StackError, listen
+from rtstack.live.standalone import MAILBOX, find_rings
 from rtstack.trials.errors import TrialError
 
 

@@ -14,13 +14,13 @@ from rtstack.cli.progress import progress_bar
 from rtstack.log.writer import check_log_path
 from rtstack.loop.watchdogs import Parent
 from rtstack.samples import Reaction
-from rtstack.trials.company import Company
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.followed import Followed
 from rtstack.trials.monitoring import load_tuning
 from rtstack.trials.object import check_object, object_of
 from rtstack.trials.record import open_log
 from rtstack.trials.result import DemonstrationResult, TrialResult
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 from rtstack.trials.start_motion import start_motion
 from rtstack.trials.tightening import load_tightening
@@ -44,8 +44,8 @@ def teach(
         way = start_motion(cell, description, object_name)
         with interruptible() as stop, progress_bar("demonstration", not json and not cell.own_clocks) as progress:
             log = open_log(output, specification, description, cell_kind, source, cell=cell)
-            company = Company(log, stop=stop, progress=progress, watchdogs=(Parent(),))
-            result = run_demonstration(specification, description, cell, company, way=way)
+            context = RunContext(log, stop=stop, progress=progress, watchdogs=(Parent(),))
+            result = run_demonstration(specification, description, cell, context, way=way)
     finally:
         cell.close()
     _report(result, json, _demonstration_line(result))
@@ -94,8 +94,8 @@ def trial(
                     log_path, specification, description, cell_kind, source, reference=prepared.reference,
                     followed=Followed(reference, whole_reference), cell=cell,
                 )  # fmt: skip
-            company = Company(log, stop=stop, progress=progress, watchdogs=(Parent(),))
-            result = run_trial(prepared, cell, company, way=way)
+            context = RunContext(log, stop=stop, progress=progress, watchdogs=(Parent(),))
+            result = run_trial(prepared, cell, context, way=way)
     finally:
         cell.close()
     _report(result, json, _trial_line(result))

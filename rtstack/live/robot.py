@@ -27,16 +27,16 @@ from hal.errors import HardwareError, ObjectOutOfReach, RecoveryRefused, Unknown
 from hal.realtime import beside_realtime
 from hal.state import ARM_STATE
 from rtstack.configuration import ConfigurationError
-from rtstack.live.alone import claim, publish_rings, withdraw_rings
 from rtstack.live.audit import FILE_NAME, AuditTrail
 from rtstack.live.client import SOCKET_NAME
-from rtstack.live.desk import Desk
 from rtstack.live.idle import IdleView
-from rtstack.live.lifeline import hold_lifeline
+from rtstack.live.job_manager import JobManager
 from rtstack.live.notify import Notifier, Pulse
+from rtstack.live.parent_watch import watch_parent
 from rtstack.live.protocol import JobRequest, JobState, PlaybackRequest, TeleoperationRequest, TrialRequest
 from rtstack.live.service import Service
 from rtstack.live.source import CellSource, live_source
+from rtstack.live.standalone import claim, publish_rings, withdraw_rings
 from rtstack.log.errors import LogError
 from rtstack.log.ring import Rings
 from rtstack.loop.end import End
@@ -47,13 +47,13 @@ from rtstack.playback.run import NO_OBJECT, prepare_playback, run_playback, way_
 from rtstack.safety.judge import Reason
 from rtstack.samples import ARM_SAMPLE, SIDES, Level
 from rtstack.trials.assembly import safety_judges
-from rtstack.trials.attendant import Remark
-from rtstack.trials.company import Company
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.errors import TrialError
 from rtstack.trials.followed import Followed
 from rtstack.trials.record import TrialLog, open_log
 from rtstack.trials.result import PlaybackResult, Result
+from rtstack.trials.run_context import RunContext
+from rtstack.trials.run_observer import RunEvent
 from rtstack.trials.specification import DemonstrationSpecification, TeleoperationSpecification
 from rtstack.trials.start_motion import start_motion
 from rtstack.trials.teleoperation import run_teleoperation
@@ -70,13 +70,19 @@ _NOT_PLACED = (UnknownObject, ObjectOutOfReach)  # refused before anything moves
 
 
 class Robot:
-    """The main thread: idles, carries out orders, recovers. The attendant (rtstack.trials.attendant) of its runs."""
+    """The main thread: idles, runs jobs, recovers. It is the RunObserver of its runs."""
 
     def __init__(
-        self, source: CellSource, desk: Desk, rings: Rings, mailbox: Mailbox, logs: Path, pulse: Pulse | None = None
+        self,
+        source: CellSource,
+        job_manager: JobManager,
+        rings: Rings,
+        mailbox: Mailbox,
+        logs: Path,
+        pulse: Pulse | None = None,
     ) -> None:
         self._source = source
-        self._desk = desk
+        self._job_manager = job_manager
         self._rings = rings
         self._mailbox = mailbox
         self._logs = logs
@@ -86,49 +92,49 @@ class Robot:
         self._end: End | None = None  # of the last session
         self._pulse = pulse or Pulse(Notifier())
         self._watchdogs = (
-            desk,
+            job_manager,
             self._pulse,
             Heartbeat(lambda: mailbox.console_beat_ns, CONSOLE_S, End.CONSOLE_GONE),
             Heartbeat(lambda: mailbox.operator_beat_ns, OPERATOR_S, End.OPERATOR_GONE),
         )
 
     def run(self) -> None:
-        """Work until the desk says that it ends; leave both arms stopped."""
+        """Work until the job_manager says that it ends; leave both arms stopped."""
         self._open(self._first_object, Displacement(), 0)
         try:
-            while not self._desk.ending:
+            while not self._job_manager.ending:
                 self._watch()
-                order, recovery = self._desk.collect()
+                order, recovery = self._job_manager.collect()
                 if recovery is not None:
                     self._recover(recovery)
-                if order is not None and not self._desk.ending:
+                if order is not None and not self._job_manager.ending:
                     self._carry_out(order)
         finally:
             self._close()
 
-    def remarks(self) -> Iterable[Remark]:
-        """See Attendant."""
+    def run_events(self) -> Iterable[RunEvent]:
+        """See RunObserver."""
         self._pulse.beat()
-        return self._desk.helm.remarks()
+        return self._job_manager.authority.run_events()
 
     def ended(self, end: End, detail: str) -> None:
-        """See Attendant. A stop that somebody asked for is no fault, nor is a grab that did not succeed."""
+        """See RunObserver. A requested stop is no fault, nor is a grab that did not succeed."""
         self._end = end
-        if end.is_fault:  # somebody has to look
-            self._desk.helm.fault(f"{end}: {detail}" if detail else str(end))
+        if end.is_fault:  # an operator must look
+            self._job_manager.authority.fault(f"{end}: {detail}" if detail else str(end))
 
     def _watch(self) -> None:
         if self._cell is None:
-            self._desk.wait(_RETRY_S)
-            self._idle.publish(self.remarks())
-            if not self._desk.has_news:
+            self._job_manager.wait(_RETRY_S)
+            self._idle.publish(self.run_events())
+            if not self._job_manager.has_news:
                 self._reopen()
             return
         try:
-            self._idle.watch(self._cell, lambda: self._desk.has_news, self._desk.refused, self.remarks)
+            self._idle.watch(self._cell, lambda: self._job_manager.has_news, self._job_manager.refused, self.run_events)
         except HardwareError as error:
             self._close()
-            self._desk.helm.fault(str(error))
+            self._job_manager.authority.fault(str(error))
 
     def _reopen(self) -> None:
         """Try again to reach a cell that was lost: it is read and shown, and the fault stays until it is recovered."""
@@ -137,21 +143,21 @@ class Robot:
             self._idle.tell(Level.INFO, "the cell answers again")
 
     def _recover(self, recovery: "Future[None]") -> None:
-        helm = self._desk.helm
+        authority = self._job_manager.authority
         try:
             cell = self._cell or self._open_or_raise(self._first_object, Displacement(), 0)
             _recover_both(cell)
             self._look_for_causes(cell)
         except HardwareError as error:
             reason = str(error)
-            if self._source.kind == "direct" and self._cell is not None:  # nobody can move these arms by hand
+            if self._source.kind == "direct" and self._cell is not None:  # these arms cannot be moved by hand
                 self._close()
                 self._open(self._first_object, Displacement(), 0)
                 reason += "; the simulated cell was set up anew: recover once more"
-            helm.not_recovered(reason)
+            authority.not_recovered(reason)
             recovery.set_exception(RecoveryRefused(reason))
         else:
-            helm.recovered()
+            authority.recovered()
             recovery.set_result(None)
 
     def _look_for_causes(self, cell: Cell) -> None:
@@ -174,24 +180,24 @@ class Robot:
         except (TrialError, LogError, *_NOT_PLACED) as error:
             self._failed(order, str(error), log)
         except HardwareError as error:
-            self._desk.helm.fault(str(error))
+            self._job_manager.authority.fault(str(error))
             self._failed(order, str(error), log)
         except Exception as error:  # a defect of ours ends the job, not the stack: both arms are stopped by then
             traceback.print_exc()
-            self._desk.helm.fault(f"internal error: {error}")
+            self._job_manager.authority.fault(f"internal error: {error}")
             self._failed(order, f"internal error, see the terminal: {error}", log)
         else:
             reason = result.failure_reason
             state = JobState.STOPPED if self._end is End.STOP_REQUESTED else JobState.DONE
-            self._desk.finished(state, reason, result.success, _name_if_there(log))
+            self._job_manager.finished(state, reason, result.success, _name_if_there(log))
             level = Level.INFO if result.success else Level.WARNING
             self._idle.tell(level, f"{order.verb} {state}: {reason or 'success'}")
-        if self._cell is None and not self._desk.ending:
+        if self._cell is None and not self._job_manager.ending:
             self._open(self._first_object, Displacement(), 0)
 
     def _failed(self, order: JobRequest, reason: str, log: Path) -> None:
         stopped = self._mailbox.stop_requested
-        self._desk.finished(JobState.STOPPED if stopped else JobState.FAILED, reason, None, _name_if_there(log))
+        self._job_manager.finished(JobState.STOPPED if stopped else JobState.FAILED, reason, None, _name_if_there(log))
         self._idle.tell(Level.ERROR, f"{order.verb} failed: {reason}")
 
     def _job(self, order: JobRequest, log: Path) -> Result:
@@ -211,20 +217,20 @@ class Robot:
         followed = None if prepared is None else Followed(Path(prepared.specification.reference))
         reference = prepared.reference if prepared is not None else None
         by_hand = isinstance(order, TeleoperationRequest)
-        specification = order.specification(self._desk.job_number) if by_hand else order.specification()
+        specification = order.specification(self._job_manager.job_number) if by_hand else order.specification()
         opened = open_log(
             log, specification, description, cell.name, self._source.file, reference=reference, followed=followed,
             cell=cell,
         )  # fmt: skip
-        self._desk.started(log.name)
+        self._job_manager.started(log.name)
         self._idle.tell(Level.INFO, f"{order.verb} started: {log.name}")
-        company = self._company(opened)
+        context = self._context(opened)
         if prepared is not None:
-            return run_trial(prepared, cell, company, way=way)
+            return run_trial(prepared, cell, context, way=way)
         if isinstance(specification, TeleoperationSpecification):
-            return run_teleoperation(specification, description, cell, self._mailbox, company, way=way)
+            return run_teleoperation(specification, description, cell, self._mailbox, context, way=way)
         assert isinstance(specification, DemonstrationSpecification)
-        return run_demonstration(specification, description, cell, company, way=way)
+        return run_demonstration(specification, description, cell, context, way=way)
 
     def _playback(self, order: PlaybackRequest, log: Path) -> PlaybackResult:
         """Read the log, open a cell without an object, play."""
@@ -236,23 +242,25 @@ class Robot:
         if self._mailbox.stop_requested:
             raise TrialError("stopped by the operator before it began")
         opened = open_log(log, prepared.specification, description, cell.name, self._source.file, cell=cell)
-        self._desk.started(log.name)
+        self._job_manager.started(log.name)
         self._idle.tell(Level.INFO, f"{order.verb} started: {log.name}")
-        finish = Finish(self._mailbox, self._desk.job_number)
-        return run_playback(prepared, cell, self._company(opened), soft_stop=finish, way=way)
+        finish = Finish(self._mailbox, self._job_manager.job_number)
+        return run_playback(prepared, cell, self._context(opened), soft_stop=finish, way=way)
 
-    def _company(self, log: TrialLog) -> Company:
-        return Company(log, self._rings, self._mailbox, self._desk.progress, self._watchdogs, attendant=self)
+    def _context(self, log: TrialLog) -> RunContext:
+        return RunContext(
+            log, self._rings, self._mailbox, self._job_manager.progress, self._watchdogs, run_observer=self
+        )
 
     def _open(self, object_name: str, displacement: Displacement, seed: int) -> None:
         try:
             self._open_or_raise(object_name, displacement, seed)
         except HardwareError as error:
-            self._desk.helm.fault(str(error))
+            self._job_manager.authority.fault(str(error))
 
     def _open_or_raise(self, object_name: str, displacement: Displacement, seed: int) -> Cell:
         self._cell = self._source.open_cell(object_name, displacement, seed)
-        self._desk.opened(object_name)
+        self._job_manager.opened(object_name)
         return self._cell
 
     def _close(self) -> None:
@@ -293,16 +301,16 @@ def _free_name(logs: Path, order: JobRequest) -> Path:
     return path
 
 
-def _end_by_signal(desk: Desk) -> None:
-    """Have the desk end by the signals of the supervisor, in their order: the first says why."""
+def _end_by_signal(job_manager: JobManager) -> None:
+    """Have the job_manager end by the signals of the supervisor, in their order: the first says why."""
     told: SimpleQueue[int] = SimpleQueue()
 
     def pass_on() -> None:
         beside_realtime()
         while True:
-            desk.end(*_ENDS[told.get()])
+            job_manager.end(*_ENDS[told.get()])
 
-    # in a thread: a signal may come while the main thread holds one of the desk's locks
+    # in a thread: a signal may come while the main thread holds one of the job manager's locks
     threading.Thread(target=pass_on, daemon=True, name="signals").start()
     for number in _ENDS:
         signal.signal(number, lambda number, _: told.put(number))
@@ -332,21 +340,21 @@ def main(arguments: list[str] | None = None) -> int:
     except (ConfigurationError, MailboxError, LogError, TrialError, OSError) as error:
         print(f"robot process: {error}", file=sys.stderr)
         return 2
-    desk = Desk(source, mailbox, audit)
-    _end_by_signal(desk)
+    job_manager = JobManager(source, mailbox, audit)
+    _end_by_signal(job_manager)
     if not asked.alone:
-        hold_lifeline(lambda: desk.end(End.PARENT_GONE, "the supervisor has died"))
+        watch_parent(lambda: job_manager.end(End.PARENT_GONE, "the supervisor has died"))
     rings = Rings.create()
     notifier = Notifier()
     pulse = Pulse(notifier)
     try:
-        service = Service(desk, asked.run / SOCKET_NAME, pulse)
+        service = Service(job_manager, asked.run / SOCKET_NAME, pulse)
         try:
             if asked.alone:
                 publish_rings(asked.run, rings.name)
             else:
                 print(rings.name, flush=True)  # the supervisor waits for this line
-            Robot(source, desk, rings, mailbox, asked.logs, pulse).run()
+            Robot(source, job_manager, rings, mailbox, asked.logs, pulse).run()
         finally:
             service.close()
     finally:

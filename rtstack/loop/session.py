@@ -17,13 +17,13 @@ from hal.errors import HardwareError
 from hal.state import ARM_STATE
 from rtstack.control.controller import Controller, ObservedArm
 from rtstack.control.records import WORKSPACE
-from rtstack.loop.echo import Echo
+from rtstack.loop.command_echo import CommandEcho
 from rtstack.loop.end import End
+from rtstack.loop.event_reporter import EventReporter
 from rtstack.loop.fault import Fault, FaultNotes
 from rtstack.loop.low_pass import low_pass, low_pass_share
-from rtstack.loop.narrator import Narrator
 from rtstack.loop.publisher import Publisher
-from rtstack.loop.rest import REST_DQ, STOP_TICKS, Rest
+from rtstack.loop.standstill import REST_DQ, STOP_TICKS, StandstillDetector
 from rtstack.loop.timeline import TICK_NS, Timeline
 from rtstack.loop.watchdogs import TickOverrun, Trip, Watchdog
 from rtstack.safety.judge import Reason, SafetyJudge
@@ -137,7 +137,7 @@ class Session:
         self._shown_bytes: list[NDArray[np.uint8]] = list(self._states)  # and its bytes
         self._stamps = tuple(a.sample["t_ns"] for a in controller.arms)
         self._torques = tuple(a.sample["tau_applied"][0] for a in controller.arms)
-        self._echoes = tuple(Echo(judge, arm) for judge, arm in zip(judges, controller.arms, strict=True))
+        self._echoes = tuple(CommandEcho(judge, arm) for judge, arm in zip(judges, controller.arms, strict=True))
         self._records = tuple((a.sample, a.control) for a in controller.arms)
         self._residuals = tuple(a.control["momentum_residual"][0] for a in controller.arms)
         # views of single fields: what is looked up once costs a tick nothing
@@ -152,10 +152,10 @@ class Session:
         self._overrun = TickOverrun()
         self._watchdogs = (*watchdogs, self._overrun) if cell.own_clocks else tuple(watchdogs)
         self._notes = FaultNotes()
-        self._narrator = Narrator(publisher, controller, self._time, self._notes)
+        self._reporter = EventReporter(publisher, controller, self._time, self._notes)
         self._alone = False  # the controller is not asked any more
         self._unpublished = 0
-        self._rest = Rest([a.sample["dq"][0] for a in controller.arms])
+        self._rest = StandstillDetector([a.sample["dq"][0] for a in controller.arms])
 
     def run(self) -> SessionOutcome:
         """Follow the plan to its end, brake, and leave torque control. Never raises for what a robot or a controller
@@ -167,20 +167,20 @@ class Session:
             while self._tick():
                 self._pause()
         except HardwareError as error:
-            self._narrator.end()
+            self._reporter.end()
             self._end(Trip(End.HARDWARE, str(error)))
-            self._narrator.robot(error)
+            self._reporter.robot(error)
         finally:
             # whose state stands still may take its time to say that it has stopped
             for k in sorted((0, 1), key=lambda k: self._judges[k].blind):
                 self._arms[k].stop()
             if collecting:
                 gc.enable()
-        self._narrator.end()
+        self._reporter.end()
         self._machine.rest()
-        self._narrator.mode()
+        self._reporter.mode()
         if self._own_clocks:
-            self._narrator.link(sum(echo.lost for echo in self._echoes))
+            self._reporter.link(sum(echo.lost for echo in self._echoes))
         trip = self._notes.trip
         return SessionOutcome(
             end=trip.end,
@@ -205,9 +205,9 @@ class Session:
             self._arms[k].write(self._torques[k])
         self._look_at_judges(status)
         try:
-            self._narrator.tick()
+            self._reporter.tick()
             self._publish(sides, (time.perf_counter_ns() - began_ns) * 1e-3)
-            self._narrator.end()
+            self._reporter.end()
         except Exception as error:
             self._go_on_alone(error)
         if self._own_clocks:
@@ -331,7 +331,7 @@ class Session:
     def _end(self, trip: Trip, speaker: str = "") -> None:
         """Stop from now on, for this reason unless there was one before."""
         if self._notes.take(trip, self._time.t_ns, self._time.now_ns):
-            self._narrator.let_speak(speaker)
+            self._reporter.let_speak(speaker)
         self._machine.stop()
 
     def _judge(self, sides: tuple[int, ...], status: QpStatus) -> None:

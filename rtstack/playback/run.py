@@ -23,10 +23,10 @@ from rtstack.playback.path import arm_path
 from rtstack.safety.limits import SafetyLimits
 from rtstack.samples import SIDES
 from rtstack.trials.assembly import Parameters, arm_controllers, cell_parameters, following
-from rtstack.trials.company import NOBODY, Company
 from rtstack.trials.errors import TrialError
 from rtstack.trials.result import PlaybackResult
 from rtstack.trials.run import Run
+from rtstack.trials.run_context import NO_CONTEXT, RunContext
 from rtstack.trials.scoring import failure_reason
 from rtstack.trials.specification import PlaybackSpecification
 from rtstack.trials.start_motion import StartMotion, start_motion
@@ -119,21 +119,21 @@ def _look_for_objects(prepared: PreparedPlayback, cell: Cell) -> None:
 def run_playback(
     prepared: PreparedPlayback,
     cell: Cell,
-    company: Company = NOBODY,
+    context: RunContext = NO_CONTEXT,
     *,
     soft_stop: SoftStop | None = None,
     way: StartMotion | None = None,
 ) -> PlaybackResult:
     """Play a prepared log on an open cell. Closes the log, not the cell.
 
-    soft_stop: along the path, within a ramp, where the company's stop is the judge's, at once. way: to where the log
+    soft_stop: along the path, within a ramp, where the context's stop is the judge's, at once. way: to where the log
     begins, gone before its first tick.
     """
     specification, control = prepared.specification, prepared.parameters.control
     guide = PlaybackGuide(prepared.stations, pace(prepared.duration_s, specification.speed), soft_stop)
     plan = Plan.guided(guide, control.stiffness, control.period_s)
-    company = company.joined_by(guide)
-    with Run(prepared.description, prepared.parameters, plan, prepared.limits, company, way) as run:
+    context = context.with_watchdog(guide)
+    with Run(prepared.description, prepared.parameters, plan, prepared.limits, context, way) as run:
         run.share = lambda: guide.share
         outcome = run.follow(cell, following(Strategy.PROPOSED), 0.0)
         reason = failure_reason(outcome.end, outcome.detail, outcome.safety_interventions)

@@ -9,10 +9,10 @@ from rtstack.model.cell_description import CellDescription
 from rtstack.references.demonstration import Grab, grab, scripted_targets
 from rtstack.samples import Mode
 from rtstack.trials.assembly import Parameters, arm_controllers, cell_parameters, following
-from rtstack.trials.company import NOBODY, Company
 from rtstack.trials.object import check_object
 from rtstack.trials.result import DemonstrationResult
 from rtstack.trials.run import Run
+from rtstack.trials.run_context import NO_CONTEXT, RunContext
 from rtstack.trials.scoring import SuccessCriterion, failure_reason, score
 from rtstack.trials.specification import DemonstrationSpecification
 from rtstack.trials.start_motion import StartMotion
@@ -23,7 +23,7 @@ def run_demonstration(
     specification: DemonstrationSpecification,
     description: CellDescription,
     cell: Cell,
-    company: Company = NOBODY,
+    context: RunContext = NO_CONTEXT,
     *,
     parameters: Parameters | None = None,
     script: Grab | None = None,
@@ -46,7 +46,7 @@ def run_demonstration(
         period_s,
     )
     plan = Plan(targets, targets, Mode.TELEOPERATION, parameters.control.stiffness_teleoperation, period_s)
-    with Run(description, parameters, plan, safety_limits(description), company, way) as run:
+    with Run(description, parameters, plan, safety_limits(description), context, way) as run:
         outcome = run.follow(cell, following(Strategy.PROPOSED), 0.0)
         return run.finished(_result(specification, cell.name, outcome, run))
 

@@ -6,8 +6,8 @@ from rtstack.loop.history import Columns
 from rtstack.loop.session import Plan
 from rtstack.model.cell_description import CellDescription
 from rtstack.trials.assembly import Parameters, following
-from rtstack.trials.company import NOBODY, Company
 from rtstack.trials.run import Run
+from rtstack.trials.run_context import NO_CONTEXT, RunContext
 from rtstack.trials.scoring import failure_reason
 from rtstack.trials.start_motion import StartMotion
 from rtstack.trials.tightening import safety_limits
@@ -18,7 +18,7 @@ def run_motion(
     description: CellDescription,
     parameters: Parameters,
     cell: Cell,
-    company: Company = NOBODY,
+    context: RunContext = NO_CONTEXT,
     *,
     way: StartMotion | None = None,
 ) -> tuple[str | None, Columns]:
@@ -26,7 +26,7 @@ def run_motion(
 
     Returns why it failed, None for a success, and the samples.
     """
-    with Run(description, parameters, plan, safety_limits(description), company, way) as run:
+    with Run(description, parameters, plan, safety_limits(description), context, way) as run:
         outcome = run.follow(cell, following(Strategy.PROPOSED), 0.0)
         reason = failure_reason(outcome.end, outcome.detail, outcome.safety_interventions)
         incomplete = run.close({"success": reason is None, "failure_reason": reason})

@@ -10,13 +10,13 @@ from rtstack.loop.mailbox import Mailbox
 from rtstack.loop.session import Plan
 from rtstack.loop.timeline import TICK_NS
 from rtstack.model.cell_description import CellDescription
-from rtstack.teleoperation.guide import Guide
+from rtstack.teleoperation.guide import TeleoperationGuide
 from rtstack.teleoperation.reach import Reach
 from rtstack.trials.assembly import Parameters, cell_parameters, following
-from rtstack.trials.company import NOBODY, Company
 from rtstack.trials.object import check_object
 from rtstack.trials.result import TeleoperationResult
 from rtstack.trials.run import Run
+from rtstack.trials.run_context import NO_CONTEXT, RunContext
 from rtstack.trials.scoring import failure_reason
 from rtstack.trials.specification import TeleoperationSpecification
 from rtstack.trials.start_motion import StartMotion
@@ -30,7 +30,7 @@ def run_teleoperation(
     description: CellDescription,
     cell: Cell,
     mailbox: Mailbox,
-    company: Company = NOBODY,
+    context: RunContext = NO_CONTEXT,
     *,
     parameters: Parameters | None = None,
     way: StartMotion | None = None,
@@ -44,10 +44,10 @@ def run_teleoperation(
     parameters = parameters or cell_parameters(description)
     check_object(specification.object, description)
     limits = safety_limits(description)
-    guide = Guide(mailbox, specification.job, Reach.within(limits), specification.stop_on_release, clock)
+    guide = TeleoperationGuide(mailbox, specification.job, Reach.within(limits), specification.stop_on_release, clock)
     control = parameters.control
     plan = Plan.guided(guide, control.stiffness_teleoperation, control.period_s)
-    with Run(description, parameters, plan, limits, company.joined_by(guide), way) as run:
+    with Run(description, parameters, plan, limits, context.with_watchdog(guide), way) as run:
         outcome = run.follow(cell, following(Strategy.PROPOSED), 0.0)
         interventions = outcome.safety_interventions
         end = End.COMPLETED if outcome.end in _AS_WANTED else outcome.end

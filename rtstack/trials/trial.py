@@ -17,14 +17,14 @@ from rtstack.references.spreading import ExtendedReference
 from rtstack.safety.limits import SafetyLimits
 from rtstack.samples import Level, Mode, Reaction
 from rtstack.trials.assembly import Parameters, Watched, arm_controllers, cell_parameters
-from rtstack.trials.attendant import Remark
-from rtstack.trials.company import NOBODY, Company
 from rtstack.trials.controllers import controller_factory
 from rtstack.trials.errors import TrialError
 from rtstack.trials.monitoring import tuning_file, tuning_folder, tuning_in, tuning_of
 from rtstack.trials.object import check_object
 from rtstack.trials.result import TrialResult
 from rtstack.trials.run import Run
+from rtstack.trials.run_context import NO_CONTEXT, RunContext
+from rtstack.trials.run_observer import RunEvent
 from rtstack.trials.scoring import Score, SuccessCriterion, failure_reason, score
 from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.start_motion import StartMotion
@@ -115,23 +115,23 @@ def _watched(prepared: PreparedTrial) -> Watched | None:
 def run_trial(
     prepared: PreparedTrial,
     cell: Cell,
-    company: Company = NOBODY,
+    context: RunContext = NO_CONTEXT,
     *,
     way: StartMotion | None = None,
     criterion: SuccessCriterion | None = None,
 ) -> TrialResult:
-    """Run a prepared trial on an open cell. The caller closes the cell; the company's log is closed here.
+    """Run a prepared trial on an open cell. The caller closes the cell; the context's log is closed here.
 
     way: to where the reference begins, gone before its first tick.
     """
     specification, reference = prepared.specification, prepared.reference
     control = prepared.parameters.control
     plan = Plan(reference.ante, reference.post, Mode.ANTE_IMPACT, control.stiffness, reference.period_s)
-    with Run(prepared.description, prepared.parameters, plan, prepared.limits, company, way) as run:
+    with Run(prepared.description, prepared.parameters, plan, prepared.limits, context, way) as run:
         if prepared.unwatched is not None:
-            run.remark(Remark(Level.INFO, "verdict", f"not watched: {prepared.unwatched}"))
+            run.run_event(RunEvent(Level.INFO, "verdict", f"not watched: {prepared.unwatched}"))
         elif prepared.tuned_by is not None:
-            run.remark(Remark(Level.INFO, "verdict", f"watched as {prepared.tuned_by} says"))
+            run.run_event(RunEvent(Level.INFO, "verdict", f"watched as {prepared.tuned_by} says"))
         factory = controller_factory(specification.controller)
         outcome = run.follow(cell, factory, reference.nominal_impact_s, _watched(prepared))
         values = score(

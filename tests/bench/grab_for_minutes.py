@@ -12,9 +12,9 @@ from tempfile import TemporaryDirectory
 
 from rtstack.cells import load_description, open_cell
 from rtstack.papers.reference_spreading.controllers import Controller
-from rtstack.trials.company import Company
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.record import open_log
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
 
@@ -35,7 +35,7 @@ def main() -> int:
         specification = DemonstrationSpecification()
         cell = open_cell("direct", specification.object, 0.0, specification.seed, description)
         log = open_log(recording, specification, description, "direct", source)
-        run_demonstration(specification, description, cell, Company(log))
+        run_demonstration(specification, description, cell, RunContext(log))
         cell.close()
         for seed, displacement_mm, controller in kinds:
             if seconds >= 60.0 * options.minutes:

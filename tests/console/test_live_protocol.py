@@ -28,7 +28,7 @@ from rtstack.live.protocol import (
 )
 from rtstack.loop.mailbox import Mailbox, MailboxError, remove_mailbox
 from rtstack.papers.reference_spreading.controllers import Controller
-from rtstack.safety.permit import Phase
+from rtstack.safety.arming import Phase
 
 REQUESTS = [
     StatusRequest(),

@@ -13,10 +13,10 @@ from rtstack.log.reader import read_log
 from rtstack.model.cell_description import CellDescription
 from rtstack.papers.reference_spreading.controllers import Controller
 from rtstack.samples import SIDES
-from rtstack.trials.company import Company
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.record import open_log
 from rtstack.trials.result import TrialResult
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
 
@@ -33,7 +33,7 @@ def run(cell: CellDescription, demonstration):
             specification = TrialSpecification(str(demonstration.path), Controller.PROPOSED, "rice_box", -30.0, 1)
             prepared = prepare_trial(specification, cell)
             log = open_log(log_path, specification, cell, "lockstep", default_cell_file(), reference=prepared.reference)
-            return run_trial(prepared, opened, Company(log))
+            return run_trial(prepared, opened, RunContext(log))
         finally:
             opened.close()
 
@@ -89,7 +89,7 @@ def test_a_grab_trips_nothing_with_the_robots_own_thresholds(
     opened = open_cell("lockstep", specification.object, 0.0, specification.seed)
     try:
         log = open_log(path, specification, cell, "lockstep", default_cell_file())
-        result = run_demonstration(specification, cell, opened, Company(log))
+        result = run_demonstration(specification, cell, opened, RunContext(log))
     finally:
         opened.close()
     assert result.success, result.failure_reason

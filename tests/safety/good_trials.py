@@ -36,9 +36,9 @@ from rtstack.cells import default_cell_file, open_cell
 from rtstack.model.cell_description import CellDescription, load_cell_description
 from rtstack.papers.reference_spreading.controllers import Controller
 from rtstack.safety.limits import HARDWARE
-from rtstack.trials.company import Company
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.record import open_log
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
 
@@ -108,7 +108,7 @@ class Recorder:
             if grab.controller is None:
                 specification = DemonstrationSpecification(grab.object)
                 writing = open_log(part, specification, self._cell, "direct", default_cell_file(), overwrite=True)
-                result = run_demonstration(specification, self._cell, opened, Company(writing, stop=self))
+                result = run_demonstration(specification, self._cell, opened, RunContext(writing, stop=self))
             else:
                 reference = str(self._folder / f"{Grab(grab.object).name}.mcap")
                 specification = TrialSpecification(
@@ -116,7 +116,7 @@ class Recorder:
                 )
                 prepared = prepare_trial(specification, self._cell)
                 writing = open_log(part, specification, self._cell, "direct", default_cell_file(), overwrite=True)
-                result = run_trial(prepared, opened, Company(writing, stop=self))
+                result = run_trial(prepared, opened, RunContext(writing, stop=self))
         finally:
             opened.close()
         if self.stop_requested:

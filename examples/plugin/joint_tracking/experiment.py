@@ -17,8 +17,8 @@ from rtstack.configuration import STRICT, load_toml
 from rtstack.experiments.experiment import Experiment, Request, Results, Row, Stage, Stages, Task
 from rtstack.experiments.generic import mean_figure, mean_table
 from rtstack.experiments.report import Part, Report
-from rtstack.trials.company import Company
 from rtstack.trials.controllers import ControllerName
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 
 COLUMNS = {"controller": str, "seed": int, "success": bool, "error_mm": float}
@@ -101,7 +101,7 @@ def record(path: Path) -> str | None:
     cell = open_cell("direct", asked.object, 0.0, asked.seed, description)
     try:
         log = open_log(path, asked, description, cell.name, file, overwrite=True)
-        return run_demonstration(asked, description, cell, Company(log)).failure_reason
+        return run_demonstration(asked, description, cell, RunContext(log)).failure_reason
     finally:
         cell.close()
 
@@ -118,7 +118,7 @@ def run(reference: Path, case: Case) -> list[Row]:
     path = reference.parent / f"{case.id}.mcap"
     try:
         log = open_log(path, asked, description, cell.name, file, reference=prepared.reference, overwrite=True)
-        result = run_trial(prepared, cell, Company(log))
+        result = run_trial(prepared, cell, RunContext(log))
     finally:
         cell.close()
     error_m = _error_m(path, prepared.reference.nominal_impact_s)

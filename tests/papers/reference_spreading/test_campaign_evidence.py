@@ -23,8 +23,8 @@ from rtstack.papers.reference_spreading.plan import load_plan
 from rtstack.papers.simulated_cell import open_conditioned_cell
 from rtstack.samples import Mode
 from rtstack.topics import TOPICS
-from rtstack.trials.company import Company
 from rtstack.trials.record import frames, open_log
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
 from rtstack.trials.whole_run_log import WholeRunLog
@@ -83,7 +83,7 @@ def test_the_log_is_the_one_that_the_log_process_writes(finished, command, cell,
     opened = open_conditioned_cell(
         row["object"], 1e-3 * specification.displacement_mm, specification.seed, plan.conditions["nominal"]
     )
-    assert run_trial(prepared, opened, Company(log), criterion=plan.criterion).success
+    assert run_trial(prepared, opened, RunContext(log), criterion=plan.criterion).success
     opened.close()
     theirs, ours = read_log(path), read_log(finished.out / row["log"])
     assert ours.topics == theirs.topics
@@ -105,7 +105,7 @@ def test_a_trial_that_the_judge_ends_leaves_its_evidence_in_the_log(finished, ce
         specification.object, 0.0, 1, load_plan(plan_file("reference-spreading").path).conditions["nominal"]
     )
     try:
-        assert not run_trial(prepared, opened, Company(log)).success
+        assert not run_trial(prepared, opened, RunContext(log)).success
     finally:
         opened.close()
     left = read_log(log.path)
