@@ -49,7 +49,7 @@ class Cell:
     link: None where arms start with their first torque. own_clocks: the arms' states do not arrive together, and
     each has to be answered when its own arrives; otherwise `read` gives both arms' states of one time stamp.
     paced: arms that wait, but keep the pace of the host's clock: it depends on who serves them.
-    warning: what whoever runs on it has to know, in one line; empty for nothing. sensors: of no topic twice.
+    warning: what its user must know, in one line; empty for nothing. sensors: of no topic twice.
     """
 
     name: str

@@ -19,8 +19,8 @@ from rtstack.model.cell_description import CellDescription
 from rtstack.planning import PlanError, PlannedMotion
 from rtstack.references.motion import Motion
 from rtstack.trials.assembly import cell_parameters
-from rtstack.trials.company import Company
 from rtstack.trials.record import RunSamples
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.tightening import safety_limits
 from rtstack.trials.trial import PreparedTrial, run_trial
@@ -82,7 +82,7 @@ def _run(
     cell = open_cell("direct", thing, place_mm * 1e-3, seed, description, cell_file=cell_file)
     try:
         with interruptible() as stop:
-            result = run_trial(prepared, cell, Company(log, stop=stop, watchdogs=(Parent(),)))
+            result = run_trial(prepared, cell, RunContext(log, stop=stop, watchdogs=(Parent(),)))
     finally:
         cell.close()
     if stop.stop_requested:

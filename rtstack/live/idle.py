@@ -15,7 +15,7 @@ from rtstack.log.ring import Rings
 from rtstack.loop.publisher import Publisher
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, Level, Mode
 from rtstack.topics import ARM_TOPICS, OBJECT_TOPIC
-from rtstack.trials.attendant import Remark
+from rtstack.trials.run_observer import RunEvent
 
 _PERIOD_NS = round(CONTROL_PERIOD_S * 1e9)
 
@@ -78,9 +78,9 @@ class IdleView:
         cell: Cell,
         interrupted: Callable[[], bool],
         refused: Callable[[str], None],
-        remarks: Callable[[], Iterable[Remark]],
+        run_events: Callable[[], Iterable[RunEvent]],
     ) -> None:
-        """Read and show both arms until `interrupted`, and publish remarks.
+        """Read and show both arms until `interrupted`, and publish run_events.
 
         `refused` is told once for each new reason not to move. Raises hal.errors.HardwareError when an arm is lost.
         """
@@ -103,7 +103,7 @@ class IdleView:
                         self.tell(Level.ERROR, refusal)
                         refused(refusal)
                 told = list(refusals)
-            self.publish(remarks())
+            self.publish(run_events())
             if None not in refusals and not cell.own_clocks:
                 time.sleep(CONTROL_PERIOD_S)  # no arm is the clock any more
             now_ns = time.perf_counter_ns()
@@ -129,10 +129,10 @@ class IdleView:
             refusals[1] = self._arms[1].show(cell.right)
         return mask
 
-    def publish(self, remarks: Iterable[Remark]) -> None:
+    def publish(self, run_events: Iterable[RunEvent]) -> None:
         """Publish what operators did, as events."""
-        for remark in remarks:
-            self.tell(remark.level, remark.text, remark.name)
+        for run_event in run_events:
+            self.tell(run_event.level, run_event.text, run_event.name)
 
     def tell(self, level: Level, text: str, name: str = "robot") -> None:
         """Publish an event of the robot process, at the time of the last state that was shown, by whomever."""

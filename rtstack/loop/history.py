@@ -46,7 +46,7 @@ class _Samples:
 
     def __init__(self, shape: tuple[int, ...], record: np.dtype, endless: bool) -> None:
         self.memory = np.zeros(shape, record)
-        # zeros that nobody has touched are no memory yet: the kernel would clear 2 MB in the middle of a tick (8 ms)
+        # zeros that were never accessed are no memory yet: the kernel would clear 2 MB in the middle of a tick (8 ms)
         self.memory.view(np.uint8).fill(0)
         self._endless = endless
         self._count = 0

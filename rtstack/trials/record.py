@@ -89,7 +89,7 @@ class RunSamples:
 
     @property
     def listening(self) -> tuple[Rings, ...]:
-        """See RunLog: none, nobody reads while the run goes on."""
+        """See RunLog: none, there are no readers during the run."""
         return ()
 
     def take_from(self, history: History) -> None:

@@ -1,4 +1,4 @@
-"""A run: one session on a cell, with its history, its log, and whoever accompanies it."""
+"""A run: one session on a cell, with its history, its log, and its context."""
 
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -19,10 +19,10 @@ from rtstack.model.cell_description import CellDescription
 from rtstack.safety.limits import SafetyLimits
 from rtstack.samples import Level
 from rtstack.trials.assembly import ControllerFactory, Parameters, Watched, dual_arm_controller, safety_judges
-from rtstack.trials.attendant import Remark
-from rtstack.trials.company import Company
 from rtstack.trials.evidence import evidence_of
 from rtstack.trials.result import Result
+from rtstack.trials.run_context import RunContext
+from rtstack.trials.run_observer import RunEvent
 from rtstack.trials.start_motion import StartMotion
 from rtstack.trials.unexpected import Unexpected, classify
 
@@ -39,32 +39,32 @@ class Run:
 
     Left by an exception, it finishes its log without a result.
 
-    share: how much of a run is over whose plan is written as it goes, None where nobody knows.
+    share: how much of a run is over whose plan is written as it goes, None where not known.
     """
 
     share: Callable[[], float] | None = None
 
     def __init__(
-        self, description: CellDescription, parameters: Parameters, plan: Plan, limits: SafetyLimits, company: Company,
-        way: StartMotion | None,
+        self, description: CellDescription, parameters: Parameters, plan: Plan, limits: SafetyLimits,
+        context: RunContext, way: StartMotion | None,
     ) -> None:  # fmt: skip
         self._description = description
         self._parameters = parameters
         self._plan = plan
         self._limits = limits
-        self._company, self._log = company, company.log
+        self._context, self._log = context, context.log
         self._way = way
-        self._watchdogs = (*company.watchdogs, *([company.log] if company.log is not None else []))
+        self._watchdogs = (*context.watchdogs, *([context.log] if context.log is not None else []))
         self._publisher: Publisher | None = None
         endless = plan.guide is not None
         self.history = History(NEWEST_TICKS if endless else plan.ticks + SPARE_TICKS, endless)
-        if company.log is not None:
-            company.log.take_from(self.history)
-        self.log_name = company.log_name
+        if context.log is not None:
+            context.log.take_from(self.history)
+        self.log_name = context.log_name
         self.first_impact_s: float | None = None
         self.monitor: TrialMonitor | None = None
         self.kind: Unexpected | None = None
-        self._remarks: list[Remark] = []
+        self._run_events: list[RunEvent] = []
 
     def __enter__(self) -> Self:
         return self
@@ -82,9 +82,9 @@ class Run:
         """Close the log with these values. Returns None, or in one line why the log is not complete."""
         return self._log.close(result) if self._log is not None else None
 
-    def remark(self, remark: Remark) -> None:
-        """Have an event in the log and in front of whoever watches, from the first tick on."""
-        self._remarks.append(remark)
+    def run_event(self, run_event: RunEvent) -> None:
+        """Publish an event in the log and to live viewers, from the first tick on."""
+        self._run_events.append(run_event)
 
     def follow(
         self, cell: Cell, factory: ControllerFactory, nominal_impact_s: float, watched: Watched | None = None
@@ -94,14 +94,14 @@ class Run:
             self._description, self._parameters, factory, nominal_impact_s, watched, self._limits
         )
         self.monitor = controller.monitor
-        publisher = self._publisher = Publisher(self._company.listening, self.history, cell.sensors)
+        publisher = self._publisher = Publisher(self._context.listening, self.history, cell.sensors)
         judges = safety_judges(self._description, self._limits)
         session = Session(
-            cell, controller, judges, publisher, self._plan, self._company.stop, self._between_ticks,
+            cell, controller, judges, publisher, self._plan, self._context.stop, self._between_ticks,
             self._description.torque_filter.cutoff_hz, self._watchdogs,
         )  # fmt: skip
         if cell.warning:
-            self.remark(Remark(Level.WARNING, "cell", cell.warning))
+            self.run_event(RunEvent(Level.WARNING, "cell", cell.warning))
         if self._log is not None:
             self._log.wait_ready()
         with realtime_thread() if cell.own_clocks or cell.paced else nullcontext():
@@ -111,9 +111,9 @@ class Run:
         self._say_kind(outcome)
         if controller.first_impact_s >= 0.0:
             self.first_impact_s = controller.first_impact_s
-        self._pass_on_remarks()
-        if self._company.attendant is not None:
-            self._company.attendant.ended(outcome.end, outcome.detail)
+        self._pass_on_run_events()
+        if self._context.run_observer is not None:
+            self._context.run_observer.ended(outcome.end, outcome.detail)
         return outcome
 
     def _say_kind(self, outcome: SessionOutcome) -> None:
@@ -142,7 +142,7 @@ class Run:
             if self._log is not None:
                 self._log.wait_for_room()
             found.extend(filter(None, (watchdog.trip() for watchdog in self._watchdogs)))
-            return bool(found) or (self._company.stop is not None and self._company.stop.stop_requested)
+            return bool(found) or (self._context.stop is not None and self._context.stop.stop_requested)
 
         try:
             if cell.link.move(way.path.goal, way.limit, stop):
@@ -158,19 +158,19 @@ class Run:
     def _between_ticks(self, index: int) -> None:
         if index % ROOM_TICKS == 0 and self._log is not None:
             self._log.wait_for_room()
-        if self._company.progress is not None and index % PROGRESS_TICKS == 0:
+        if self._context.progress is not None and index % PROGRESS_TICKS == 0:
             if self._plan.guide is None:
-                self._company.progress(min(1.0, index / self._plan.ticks))
+                self._context.progress(min(1.0, index / self._plan.ticks))
             elif self.share is not None:
-                self._company.progress(self.share())
-        self._pass_on_remarks()
+                self._context.progress(self.share())
+        self._pass_on_run_events()
 
-    def _pass_on_remarks(self) -> None:
+    def _pass_on_run_events(self) -> None:
         if self._publisher is None:
             return
-        if self._company.attendant is not None:
-            self._remarks.extend(self._company.attendant.remarks())
-        while self._remarks:
-            remark = self._remarks.pop(0)
+        if self._context.run_observer is not None:
+            self._run_events.extend(self._context.run_observer.run_events())
+        while self._run_events:
+            run_event = self._run_events.pop(0)
             t_ns = int(self._publisher.timing["t_ns"][0])
-            self._publisher.event(t_ns, remark.level, remark.name, remark.text)
+            self._publisher.event(t_ns, run_event.level, run_event.name, run_event.text)

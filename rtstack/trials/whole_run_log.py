@@ -1,6 +1,6 @@
 """The log of a campaign's trial: the same file as any trial's, written in the worker once the arms are at rest.
 
-A lockstep run waits for nobody, so nothing can block it: the run's history has all samples, and neither rings nor
+A lockstep run has no deadline, so nothing can delay it: the run's history has all samples, and neither rings nor
 the log process, whose start costs as much as half a trial, are needed. The file gets its name when it is complete, so
 that a worker which is killed leaves no half log under a trial's id.
 """

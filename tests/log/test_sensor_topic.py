@@ -37,7 +37,7 @@ from console.review.signals import signals
 from docs.generate.log_topics import log_messages, topic_table
 from rtstack.cli.cells import default_cell_file, load_description
 from rtstack.log.reader import read_log
-from rtstack.trials.company import Company
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.record import RunSamples, open_log
 from rtstack.trials.specification import DemonstrationSpecification
@@ -79,7 +79,7 @@ description, source = load_description(None)
 def run(log):
     simulated = simulated_cell("rice_box", 0.0, 0)
     cell = replace(simulated.as_cell("direct"), sensors=(Wrist(simulated.states),))
-    run_demonstration(specification, description, cell, Company(log, stop=After(300)))
+    run_demonstration(specification, description, cell, RunContext(log, stop=After(300)))
     cell.close()
 
 

@@ -18,8 +18,8 @@ from rtstack.safety.limits import control_limits
 from rtstack.samples import Mode, QpStatus
 from rtstack.teleoperation.reach import FASTEST_M_S, HARDEST_N_M
 from rtstack.trials.assembly import arm_controllers, default_parameters
-from rtstack.trials.company import Company
 from rtstack.trials.record import open_log
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import TeleoperationSpecification, TrialSpecification
 from rtstack.trials.teleoperation import run_teleoperation
 from rtstack.trials.tightening import safety_limits
@@ -87,8 +87,8 @@ def teleoperate(cell, tmp_path):
         opened = open_cell("direct", "rice_box", 0.0, 0)
         log = open_log(path, specification, cell, "direct", default_cell_file(), overwrite=True)
         try:
-            company = Company(log, watchdogs=(hand,))
-            result = run_teleoperation(specification, described, opened, mailbox, company, clock=hand.clock)
+            context = RunContext(log, watchdogs=(hand,))
+            result = run_teleoperation(specification, described, opened, mailbox, context, clock=hand.clock)
         finally:
             opened.close()
         log = read_log(path)

@@ -24,10 +24,10 @@ from rtstack.model.rotation import exp_so3
 from rtstack.references.demonstration import end_effector_pose
 from rtstack.samples import Mode, QpStatus
 from rtstack.trials.assembly import arm_controllers, cell_parameters, safety_limits
-from rtstack.trials.company import Company
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.motion import run_motion
 from rtstack.trials.record import open_log
+from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import DemonstrationSpecification
 
 TOUCHES = 1e-5  # rad/s^2 and Nm: as near as the solvers come
@@ -144,7 +144,7 @@ def test_a_demonstration_along_a_limit_is_optimal_and_ends_without_an_interventi
     opened = open_cell("direct", specification.object, 0.0, specification.seed)
     try:
         log = open_log(tmp_path / "ref.mcap", specification, cell, "direct", default_cell_file())
-        result = run_demonstration(specification, cell, opened, Company(log))
+        result = run_demonstration(specification, cell, opened, RunContext(log))
     finally:
         opened.close()
     assert (result.success, result.failure_reason, result.safety_interventions) == (True, None, 0)
@@ -170,7 +170,7 @@ def test_a_motion_into_the_vendor_s_own_limit_stays_before_it(cell, tmp_path):
     opened = open_cell("direct", "", 0.0, 0)
     try:
         log = open_log(tmp_path / "turn.mcap", specification, cell, "direct", default_cell_file())
-        reason, _ = run_motion(plan, cell, parameters, opened, Company(log))
+        reason, _ = run_motion(plan, cell, parameters, opened, RunContext(log))
     finally:
         opened.close()
     assert reason is None
