@@ -29,6 +29,8 @@ from sim_robot.fci.settings import InvalidSetting, Settings
 from sim_robot.proximity import Proximity
 
 _NEVER_NS = 1 << 62
+# a recovery is answered once the arm stands, rad/s, and nothing pushes it; or so many ms after the reflex
+_STANDS, _LONGEST_BRAKING_MS = 0.02, 500
 JOINT_REFLEX, CARTESIAN_REFLEX = error_bit("joint_reflex"), error_bit("cartesian_reflex")
 
 
@@ -83,6 +85,8 @@ class Station:
         self._wire, self._bytes = wire, wire.view(np.uint8).data
         self._shown_errors = self._shown_reason = self._reason = 0
         self._move_id: int | None = None
+        self._recovery_id: int | None = None  # asked for while the arm still brakes
+        self._braking_ms = 0  # since the reflex
         self._mode_shown = (int(Controller.OTHER), GENERATOR_IDLE)
         self._tolerances = Tolerances.NONE
         self._rest()
@@ -166,7 +170,7 @@ class Station:
     def abandon(self) -> None:
         """Forget the client: its successor must not get its answers."""
         self._replies.clear()
-        self._move_id = None
+        self._move_id = self._recovery_id = None
 
     def _rest(self, keep_goal: bool = False) -> None:
         """Nothing is desired but to hold this place, or the motion's last goal."""
@@ -190,12 +194,16 @@ class Station:
         if errors and self.moving:
             self.box.trip(errors)
         self.settle_outcome()
+        self._braking_ms += 1
+        if self._recovery_id is not None:
+            self._recover_at_rest(self._recovery_id)
 
     def settle_outcome(self) -> None:
         """Answer the Move request of a motion that a reflex has ended."""
         if self.box.mode == RobotMode.REFLEX and self.box.errors != self._reason:
             if not self._reason:
                 self._rest()
+                self._braking_ms = 0
             self._reason = self.box.errors
             self._end_move(MoveStatus.REFLEX_ABORTED)
 
@@ -251,7 +259,7 @@ class Station:
         elif command == Command.GET_ROBOT_MODEL:
             self.link.reply(command, command_id, bytes((SetStatus.SUCCESS,)) + fr3_urdf().encode())
         elif command == Command.AUTOMATIC_ERROR_RECOVERY:
-            self._reply_later(command, command_id, self._recover())
+            self._recover_at_rest(command_id)
         else:
             self._reply_later(command, command_id, self._set(command, values))
 
@@ -280,6 +288,16 @@ class Station:
         self.box.begin(Controller(controller), Generator(generator), largest_velocity)
         self._tolerances = request.tolerances
         self._refresh()
+
+    def _recover_at_rest(self, command_id: int) -> None:
+        """Recover, and answer, where the arm has come to rest; else look again after the next ms of the plant."""
+        if self.box.mode == RobotMode.REFLEX and self._braking_ms < _LONGEST_BRAKING_MS:
+            moves = np.abs(self._cell.states[self._side]["dq"]).max() > _STANDS
+            if moves or self._pushed():
+                self._recovery_id = command_id
+                return
+        self._recovery_id = None
+        self._reply_later(Command.AUTOMATIC_ERROR_RECOVERY, command_id, self._recover())
 
     def _recover(self) -> RecoveryStatus:
         if self.proximity.too_near(self._side) or self._pushed():

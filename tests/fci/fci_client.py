@@ -41,15 +41,21 @@ def torque_control(
 
 
 def move_to(robot: franka.Robot, goal: np.ndarray, ticks: int = 3000) -> None:
-    """Move to a goal, (7,) rad, with the joint-position generator, at rest at both ends."""
+    """Move to a goal, (7,) rad, with the joint-position generator, at rest at both ends.
+
+    The path goes by the robot's time: a ms that was lost is one that the robot has bridged.
+    """
     control = robot.start_joint_position_control(franka.ControllerMode.JointImpedance)
-    start = None
-    for tick in range(ticks + 1):
-        state, _ = control.readOnce()
-        start = np.array(state.q_d) if start is None else start
-        command = franka.JointPositions(list(start + smooth(tick / ticks) * (goal - start)))
-        command.motion_finished = tick == ticks
+    state, _ = control.readOnce()
+    start, tick = np.array(state.q_d), 0
+    while True:
+        command = franka.JointPositions(list(start + smooth(min(tick / ticks, 1.0)) * (goal - start)))
+        command.motion_finished = tick >= ticks
         control.writeOnce(command)
+        if command.motion_finished:
+            return
+        _, period = control.readOnce()
+        tick += max(1, round(1e3 * period.to_sec()))
 
 
 def smooth(s: float) -> float:

@@ -16,7 +16,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 END_S = 30.0
@@ -25,12 +25,13 @@ _last_octet = itertools.cycle(range(1, 255))
 
 @dataclass(frozen=True, slots=True)
 class Served:
-    """A running server, by process id and descriptor, and where its arms are."""
+    """A running server, by process id and descriptor, and where its arms are. said: its last lines, at the end."""
 
     pid: int
     descriptor: int
     left: str
     right: str
+    said: list[str] = field(default_factory=list)
 
     @property
     def alive(self) -> bool:
@@ -92,4 +93,6 @@ def serve(*arguments: str) -> Iterator[Served]:
                 signal.pidfd_send_signal(served.descriptor, signal.SIGTERM)
             ended = _readable(served.descriptor, END_S)
             os.close(served.descriptor)
+            if ended:
+                served.said.extend(output.read().splitlines())
         assert ended, "the server did not end"

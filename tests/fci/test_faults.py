@@ -10,6 +10,7 @@ from fci_raw import RawClient
 from fci_server import Served
 
 from hal.robot_errors import ROBOT_ERRORS
+from hal.state import RobotMode
 from sim_robot.fci.protocol import Command, MoveStatus
 
 NAN, INF = float("nan"), float("inf")
@@ -92,6 +93,21 @@ def test_a_joint_that_is_too_fast(lockstep: Served) -> None:
     fail(robot, 2000, lambda tick, state: one(1, -min(0.2 * tick, 30.0)))
     assert_stopped_and_recover(robot, {"joint_velocity_violation"})
     go_home(robot)
+
+
+def test_a_recovery_is_answered_once_the_arm_stands(realtime: Served) -> None:
+    """A client that goes on at once, with a damping of its own, would otherwise begin in the middle of the braking."""
+    with RawClient(realtime.left) as raw:
+        raw.connect()
+        assert raw.move() == MoveStatus.MOTION_STARTED
+        while (state := raw.state())["robot_mode"] != RobotMode.REFLEX:
+            raw.command(state, tau_J_d=-np.eye(7)[0] * min(abs(float(state["tau_J_d"][0])) + 0.9, 30.0))
+        assert np.abs(state["dq"]).max() > 1.0
+        raw.answer()
+        raw.send(Command.AUTOMATIC_ERROR_RECOVERY)
+        assert raw.answer()[2] == b"\0"
+        raw.state()  # what has come meanwhile
+        assert np.abs(raw.next_state()["dq"]).max() < 0.03
 
 
 def test_a_joint_that_is_pushed_into_its_limit(lockstep: Served) -> None:
