@@ -3,8 +3,10 @@
 import hashlib
 from dataclasses import dataclass
 from functools import lru_cache
+from importlib.metadata import entry_points
 from pathlib import Path
 
+from rtstack.experiments.registry import GROUP
 from rtstack.trials.provenance import git_commit, package_versions
 
 _ROOT = Path(__file__).resolve().parents[2]
@@ -47,5 +49,6 @@ def present() -> Version:
         for path in sorted(path for path in (_ROOT / package).rglob("*") if path.suffix in _KINDS):
             digest.update(str(path.relative_to(_ROOT)).encode())
             digest.update(path.read_bytes())
-    packages = tuple(sorted(package_versions().items()))
+    plug_ins = {entry.dist.name: entry.dist.version for entry in entry_points(group=GROUP) if entry.dist is not None}
+    packages = tuple(sorted((package_versions() | plug_ins).items()))
     return Version(packages, git_commit().removesuffix(_CHANGED), digest.hexdigest()[:16])

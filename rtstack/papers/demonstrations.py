@@ -1,6 +1,6 @@
 """Demonstrations that the trials of a campaign follow: how a worker records them, and what all its trials share."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -15,6 +15,7 @@ from rtstack.log.job import Attachment
 from rtstack.model.cell_description import CellDescription, load_cell_description
 from rtstack.papers.conditions import Conditions
 from rtstack.papers.reference import Reference
+from rtstack.papers.simulated_cell import open_conditioned_cell
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.errors import TrialError
 from rtstack.trials.record import frames, trial_metadata
@@ -27,29 +28,31 @@ CELL = "direct"
 RECORDINGS = "references"
 LOGS = "logs"
 
-# object, displacement, seed, conditions -> cell
-OpenCell = Callable[[str, Displacement, int, Conditions], Cell]
-
 
 @dataclass(frozen=True, slots=True)
 class Bench:
     """What all trials of a campaign have in common, as it is sent to the workers.
 
     Paths are absolute: workers on other machines need the same folders. elsewhere: where recordings and logs are, if
-    not in `out`: an address that fsspec knows. digest: the campaign's, for the logs.
+    not in `out`: an address that fsspec knows. digest: the campaign's, for the logs. lab_file: a cell_file with objects
+    of its own.
     """
 
     out: Path
     cell_file: Path
-    open_cell: OpenCell
     criterion: SuccessCriterion
     digest: str
     elsewhere: str | None = None
+    lab_file: Path | None = None
 
     @property
     def archive(self) -> Archive:
         """Where recordings and logs are."""
         return Archive(self.elsewhere or str(self.out))
+
+    def open_cell(self, object_name: str, displacement: Displacement, seed: int, conditions: Conditions) -> Cell:
+        """Open the simulated cell of a trial."""
+        return open_conditioned_cell(object_name, displacement, seed, conditions, cell_file=self.lab_file)
 
     @property
     def description(self) -> CellDescription:

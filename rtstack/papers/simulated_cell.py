@@ -1,7 +1,7 @@
 """The simulated cell of a campaign: its scene as the campaign has fixed it, scattered by the seed."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -43,17 +43,6 @@ def open_conditioned_cell(
     parameters = replace(parameters, sensors=sensors)
     plant = Plant(scene, parameters, object_name, displacement, seed, tilt_deg=tilt_of(faults))
     return SimulatedCell(plant, scene, parameters, seed, faults=faults).as_cell("direct")
-
-
-@dataclass(frozen=True, slots=True)
-class LabCell:
-    """The conditioned cell with a lab's own objects; equal where the file is, so that a worker knows it again."""
-
-    cell_file: Path
-
-    def __call__(self, object_name: str, displacement: Displacement, seed: int, conditions: Conditions) -> Cell:
-        """See open_conditioned_cell."""
-        return open_conditioned_cell(object_name, displacement, seed, conditions, cell_file=self.cell_file)
 
 
 def plant_files() -> list[Path]:

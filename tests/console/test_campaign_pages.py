@@ -137,7 +137,7 @@ def test_it_is_no_way_to_disturb_who_has_the_robot(served):
         assert listed["campaigns"] == []
         sizes = {plan["name"]: (plan["trials"], plan["quick_trials"]) for plan in listed["plans"]}
         assert sizes["reference-spreading"] == (850, 90)
-        assert sizes["aim-aware-grab"] == (1230, 60)
+        assert sizes["aim-aware-grab"] == (1076, 63)
         assert sizes["impact-map-validation"][0] == 450
 
 

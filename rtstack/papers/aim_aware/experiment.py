@@ -16,19 +16,24 @@ from rtstack.papers.aim_aware.tuned import tuning_file
 P = TypeVar("P", bound=Portion[Any, Any])
 
 
+def run_once(run: Callable[[P, Sequence[Case]], list[Row]], portion: P, case: Case) -> None:
+    """Run a case, so that what is compiled is kept before the workers need it."""
+    run(portion, [case])
+
+
 class MonitorStudy(Experiment[P, Case]):
     """What both studies have in common."""
 
     unit = "simulations"
 
     @abstractmethod
-    def work(self) -> tuple[Callable[[P, Case], None], Callable[[P, Sequence[Case]], list[Row]]]:
-        """Return what compiles a case, and what runs cases of one batch."""
+    def work(self) -> Callable[[P, Sequence[Case]], list[Row]]:
+        """Return what runs cases of one batch."""
 
     def stages(self) -> Stages:
         """Run one case before the others: what is compiled, is compiled once."""
         first = next(self.specification.grid.cases())
-        yield Stage("compiling", [Task("compiling", self.work()[0], (self.specification, first))])
+        yield Stage("compiling", [Task("compiling", run_once, (self.work(), self.specification, first))])
 
     def cases(self, rows: Sequence[Row]) -> list[Case]:
         """Return the points of the grid."""
@@ -36,7 +41,7 @@ class MonitorStudy(Experiment[P, Case]):
 
     def tasks(self, cases: Sequence[Case]) -> Iterable[Task]:
         """Return a task for each batch."""
-        _, run = self.work()
+        run = self.work()
         for _, some in groupby(cases, self.specification.batch_of):
             batch = tuple(some)
             yield Task(batch[0].id, run, (self.specification, batch), batch)
@@ -60,11 +65,11 @@ class PlanarStudy(MonitorStudy[StudyRun]):
         """See Experiment."""
         return load_run(path, quick)
 
-    def work(self) -> tuple[Callable[[StudyRun, Case], None], Callable[[StudyRun, Sequence[Case]], list[Row]]]:
+    def work(self) -> Callable[[StudyRun, Sequence[Case]], list[Row]]:
         """See MonitorStudy."""
-        from rtstack.papers.aim_aware.worker import compile_case, run_cases
+        from rtstack.papers.aim_aware.worker import run_cases
 
-        return compile_case, run_cases
+        return run_cases
 
     def report(self, results: Results) -> Report:
         """See rtstack.papers.aim_aware.report."""

@@ -44,11 +44,6 @@ def verdicts(impact: Impact[Meant], monitors: Mapping[str, MonitorParameters]) -
     return row
 
 
-def compile_case(run: StudyRun, case: Case) -> None:
-    """Run a case, so that what is compiled is kept before the workers need it."""
-    run_cases(run, [case])
-
-
 def run_cases(run: StudyRun, cases: Sequence[Case]) -> list[Row]:
     """Return the rows of cases of one plan."""
     first = cases[0]

@@ -23,7 +23,6 @@ class Validation(Experiment[ValidationPlan, ValidationTrial]):
 
     def __init__(self, specification: ValidationPlan, request: Request) -> None:
         from rtstack.cells import load_description
-        from rtstack.papers.impact_maps.cell import open_validation_cell
         from rtstack.papers.impact_maps.worker import Measured, ValidationBench
         from rtstack.papers.simulated_cell import plant_files
         from rtstack.trials.object import check_object
@@ -35,9 +34,7 @@ class Validation(Experiment[ValidationPlan, ValidationTrial]):
         columns = columns_of(ValidationTrial, TrialResult, Measured)
         super().__init__(specification, request, columns, [request.file.path, cell_file, *plant_files()])
         nominal = next(iter(specification.conditions.values()))
-        self._bench = ValidationBench(
-            request.out, cell_file, open_validation_cell, specification.robot, nominal, self.digest
-        )
+        self._bench = ValidationBench(request.out, cell_file, specification.robot, nominal, self.digest)
         self.refused: dict[PlannedReference, str] = {}
 
     @classmethod

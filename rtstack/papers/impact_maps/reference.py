@@ -8,6 +8,7 @@ from hal.files import replacing
 from rtstack.experiments.seeds import seed_of
 from rtstack.identification.along import COORDINATES, FADE_S, average, residual
 from rtstack.papers.demonstrations import CELL, RECORDINGS, common_attachments
+from rtstack.papers.impact_maps.cell import open_validation_cell
 from rtstack.papers.impact_maps.feedback import AFTER_S
 from rtstack.papers.impact_maps.plan import DIRECTIONS, FreeRuns, JointFriction, PlannedReference, Scenario
 from rtstack.papers.impact_maps.prediction import predict
@@ -56,7 +57,7 @@ def identify_along(bench: ValidationBench, runs: FreeRuns, scenario: Scenario, c
             {"trial": trial_metadata(specification, CELL, None)}, common_attachments(bench.cell_file),
             frames(description, NO_OBJECT),
         )  # fmt: skip
-        cell = bench.open_cell(NO_OBJECT, seed, bench.robot, conditions)
+        cell = open_validation_cell(NO_OBJECT, seed, bench.robot, conditions)
         try:
             reason, columns = run_motion(free.plan, description, parameters, cell, RunContext(log))
         finally:

@@ -1,13 +1,11 @@
 """What a worker does: identify a joint's friction, or run a trial and write its log. References: see reference.py."""
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
-from hal.cell import Cell
 from rtstack.control.parameters import ControlParameters, FrictionParameters
 from rtstack.control.tick import ArmController
 from rtstack.experiments.experiment import Row
@@ -15,6 +13,7 @@ from rtstack.identification.procedure import Identification, SweepRun
 from rtstack.impact_map import ReflectedInertia
 from rtstack.model.cell_description import CellDescription, load_cell_description
 from rtstack.papers.demonstrations import CELL, LOGS, RECORDINGS, common_attachments
+from rtstack.papers.impact_maps.cell import open_validation_cell
 from rtstack.papers.impact_maps.feedback import feedback_signal
 from rtstack.papers.impact_maps.plan import (
     DIRECTIONS,
@@ -34,9 +33,6 @@ from rtstack.trials.whole_run_log import WholeRunLog
 
 SWEEPS = "identification"
 FRICTION = "friction.toml"
-
-# object, seed of noise and placement, seed of the arms, conditions -> cell
-OpenCell = Callable[[str, int, int, Conditions], Cell]
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +58,6 @@ class ValidationBench:
 
     out: Path
     cell_file: Path
-    open_cell: OpenCell
     robot: int
     nominal: Conditions
     digest: str
@@ -89,7 +84,7 @@ def identify(bench: ValidationBench, run: SweepRun) -> str | None:
         frames(description_of(bench), specification.object),
     )  # fmt: skip
     noise = 1000 * specification.run + specification.joint
-    cell = bench.open_cell(specification.object, noise, bench.robot, bench.nominal)
+    cell = open_validation_cell(specification.object, noise, bench.robot, bench.nominal)
     try:
         return identification.run(run, cell, RunContext(log))
     finally:
@@ -145,7 +140,7 @@ def run(
         path, metadata, common_attachments(bench.cell_file),
         frames(prepared.description, trial.object),
     )  # fmt: skip
-    cell = bench.open_cell(trial.object, trial.seed, bench.robot, conditions)
+    cell = open_validation_cell(trial.object, trial.seed, bench.robot, conditions)
     try:
         result = run_trial(prepared, cell, RunContext(log))
     finally:

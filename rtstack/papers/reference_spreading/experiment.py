@@ -23,7 +23,7 @@ class ControllerComparison(Experiment[Plan, Trial]):
         from rtstack.cells.simulated import plant_difference
         from rtstack.papers.demonstrations import Bench
         from rtstack.papers.reference_spreading.measures import Measures
-        from rtstack.papers.simulated_cell import LabCell, open_conditioned_cell, plant_files
+        from rtstack.papers.simulated_cell import plant_files
         from rtstack.trials.object import check_object
         from rtstack.trials.result import TrialResult
 
@@ -34,9 +34,9 @@ class ControllerComparison(Experiment[Plan, Trial]):
                 print(f"rtstack: warning: {other}", file=sys.stderr)
         sources = [request.file.path, cell_file, *plant_files()]
         super().__init__(specification, request, columns_of(Trial, TrialResult, Measures), sources)
-        open_cell = LabCell(cell_file) if request.cell_file is not None else open_conditioned_cell
-        criterion = specification.criterion
-        self._bench = Bench(request.out, cell_file, open_cell, criterion, self.digest, request.logs)
+        self._bench = Bench(
+            request.out, cell_file, specification.criterion, self.digest, request.logs, request.cell_file
+        )
         self._bench.archive.check()
 
     @classmethod

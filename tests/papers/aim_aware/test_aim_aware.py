@@ -112,7 +112,7 @@ def test_a_surface_that_is_inclined_is_hit_by_one_corner_first_and_by_both_in_th
     ("old", "new", "said"),
     [
         ("speed_m_s = 0.25", "speed_m_s = 0", "key task.speed_m_s: "),
-        ('study = "aim_aware_planar"', 'study = "other"', "key study: there is 'aim_aware_planar', not 'other'"),
+        ('kind = "aim-aware-planar"', 'kind = "other"', "key kind: there is 'aim-aware-planar', not 'other'"),
         ("gravity_m_s2 = 9.81", "gravity_m_s2 = 9.81\nwind = 1", "key arm.wind: "),
         ("last = 120.0, step = 10.0", "last = 121.0, step = 10.1666", "key coarse: .* is no point of the grid"),
         ("push_n = 60.0", "push_n = 61.0", "was found for another"),

@@ -26,11 +26,11 @@ class PlatformStudy(MonitorStudy[ArmRun]):
         """See Experiment."""
         return load_arm_run(path, quick)
 
-    def work(self) -> tuple[Callable[[ArmRun, Case], None], Callable[[ArmRun, Sequence[Case]], list[Row]]]:
+    def work(self) -> Callable[[ArmRun, Sequence[Case]], list[Row]]:
         """See MonitorStudy."""
-        from rtstack.papers.aim_aware.arm.worker import compile_hit, run_hits
+        from rtstack.papers.aim_aware.arm.worker import run_hits
 
-        return compile_hit, run_hits
+        return run_hits
 
     def report(self, results: Results) -> Report:
         """See rtstack.papers.aim_aware.arm.report."""

@@ -66,11 +66,6 @@ def judged_case(run: ArmRun, case: Case) -> tuple[Impact[HitPlan], Hit, int]:
     return Impact(case, plan, done.ticks), done, seed
 
 
-def compile_hit(run: ArmRun, case: Case) -> None:
-    """Run a hit, so that what is compiled is kept before the workers need it."""
-    run_hits(run, [case])
-
-
 def run_hits(run: ArmRun, cases: Sequence[Case]) -> list[Row]:
     """Return a row for each case. stopped: why the robot or the judge ended the hit, else empty."""
     began_s = time.process_time()

@@ -17,7 +17,7 @@ class GrabStudy(Experiment[Judged, Case]):
         from rtstack.cells import load_description
         from rtstack.papers.aim_aware.grab.worker import Finding, GrabBench
         from rtstack.papers.demonstrations import Bench
-        from rtstack.papers.simulated_cell import open_conditioned_cell, plant_files
+        from rtstack.papers.simulated_cell import plant_files
         from rtstack.trials.monitoring import tuning_of
         from rtstack.trials.scoring import SuccessCriterion
 
@@ -32,7 +32,7 @@ class GrabStudy(Experiment[Judged, Case]):
         cell_file = load_description(None)[1]
         sources = [request.file.path, cell_file, *plant_files()]
         super().__init__(specification, request, columns_of(Finding), sources, also=monitors)
-        bench = Bench(request.out, cell_file, open_conditioned_cell, SuccessCriterion(), self.digest)
+        bench = Bench(request.out, cell_file, SuccessCriterion(), self.digest)
         self._grab = GrabBench(bench, specification.conditions, specification.faults, monitors)
 
     @classmethod
