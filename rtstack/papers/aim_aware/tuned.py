@@ -1,6 +1,8 @@
 """The tuning in deploy/tunings that belongs to a study's file, and to no other state of it."""
 
 import hashlib
+import json
+import tomllib
 from collections.abc import Sequence
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -19,9 +21,10 @@ class OfAStudy(Protocol):
 T = TypeVar("T", bound=OfAStudy)
 
 
-def digest_of(*contents: bytes) -> str:
-    """Return the digest of files."""
-    return hashlib.sha256(b"".join(hashlib.sha256(content).digest() for content in contents)).hexdigest()[:16]
+def digest_of(*paths: Path) -> str:
+    """Return the digest of what TOML files say: a comment or the order of keys does not count."""
+    values = [tomllib.loads(path.read_text(encoding="utf-8")) for path in paths]
+    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def tuning_file(name: str) -> Path:
@@ -39,6 +42,6 @@ def tuned_for(path: Path, name: str, kind: type[T], command: str, further: Seque
     if not tuning.exists():
         raise ConfigurationError(f"{path}: there is no tuning for {name}: find it with `{command}`")
     tuned = load_toml(tuning, kind)
-    if tuned.study_digest != digest_of(*(each.read_bytes() for each in (path, *further))):
+    if tuned.study_digest != digest_of(path, *further):
         raise ConfigurationError(f"{tuning} was found for another {path.name}: find it again with `{command}`")
     return tuned

@@ -105,7 +105,7 @@ def tune(path: Path) -> Tuned:
     separations = {
         f"{rate:g}": [each.separation for each in found.values()] if found else [] for rate, found in candidates.items()
     }
-    return Tuned(digest_of(path.read_bytes()), best, good[best], separations)
+    return Tuned(digest_of(path), best, good[best], separations)
 
 
 def write_tuning(

@@ -142,3 +142,9 @@ def test_bad_input_writes_nothing(tmp_path, monkeypatch, capsys):
 def test_the_grid_is_the_papers(study):
     assert study.grid.size() == 7161
     assert study.coarse.size() == 231
+
+
+def test_a_comment_asks_for_no_new_tuning(tmp_path, study_text):
+    path = tmp_path / "study.toml"
+    path.write_text(f"# said in other words\n{study_text}")
+    assert load_run(path, quick=True).size() > 0

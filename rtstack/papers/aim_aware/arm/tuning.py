@@ -117,7 +117,7 @@ def tune(path: Path) -> ArmTuned:
     _, factor, mirrored, found = best
     rates = _rates(factor, quiet)
     learned = tuner.learn(tuner.nominal(study.grid.approach_deg.values()), rates)
-    digest = digest_of(*(each.read_bytes() for each in (path, *platform_files())))
+    digest = digest_of(path, *platform_files())
     return ArmTuned(digest, factor, _seven(quiet), rates, mirrored, learned, found, separations, left_out)
 
 
