@@ -34,8 +34,9 @@ def pad_tool(description: CellDescription) -> Tool:
     return Tool.pad(pad.size, pad.mass, pad.flange_to_face)
 
 
-def _check(argument: str, _description: CellDescription, _file: Path | None) -> None:
+def _check(argument: str, description: CellDescription, _file: Path | None) -> None:
     fci_addresses(f"fci:{argument}")
+    _tracker(description.tracker)
 
 
 def _simulated(argument: str, description: CellDescription) -> bool:
@@ -56,12 +57,18 @@ def _open(request: CellRequest) -> Cell:
     return Cell(request.kind, pair.left, pair.right, tracker, _TrackedLink(pair, tracker), own_clocks=True)
 
 
-def _listen(tracker: TrackerAddress) -> ClosableTracker:
-    """Listen for the object's poses. Raises HardwareError with one line, TrialError for an unknown tracker."""
+def _tracker(tracker: TrackerAddress) -> Callable[[str, int], ClosableTracker]:
     try:
-        return TRACKERS.load(tracker.kind)(*tracker.listener)
+        return TRACKERS.load(tracker.kind)
     except ExtensionError as error:
         raise TrialError(f"{error}; see [tracker] kind in the cell's file") from None
+
+
+def _listen(tracker: TrackerAddress) -> ClosableTracker:
+    """Listen for the object's poses. Raises HardwareError with one line, TrialError for an unknown tracker."""
+    factory = _tracker(tracker)
+    try:
+        return factory(*tracker.listener)
     except (OSError, OverflowError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise HardwareError(

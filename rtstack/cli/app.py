@@ -36,6 +36,7 @@ def main() -> None:
 def _explain(error: Exception) -> int:
     """Print the one line that an error deserves, and return the exit status."""
     from hal.errors import HardwareError
+    from hal.extensions import ExtensionError
     from rtstack.configuration import ConfigurationError
     from rtstack.log.errors import LogError
     from rtstack.trials.errors import TrialError
@@ -43,7 +44,7 @@ def _explain(error: Exception) -> int:
     usage = getattr(error, "format_message", None)  # what typer raises for a wrong option or argument
     if usage is not None:
         return _say(f"{usage()} (see --help)", BAD_INPUT)
-    if isinstance(error, TrialError | LogError | ConfigurationError | HardwareError):
+    if isinstance(error, TrialError | LogError | ConfigurationError | HardwareError | ExtensionError):
         return _say(str(error), BAD_INPUT)
     if os.environ.get("RTSTACK_TRACEBACK"):
         raise error

@@ -11,6 +11,7 @@ from rtstack.cells import default_cell_file, open_cell
 from rtstack.cells.fci import fci_addresses
 from rtstack.configuration import ConfigurationError
 from rtstack.live.source import live_source
+from rtstack.log.reader import read_log
 from rtstack.model.cell_description import load_cell_description
 from rtstack.trials.errors import TrialError
 
@@ -97,3 +98,58 @@ def test_bad_input_is_one_line_and_status_two(tmp_path, command_line, arguments,
     assert done.stderr.count("\n") == 1
     assert word in done.stderr
     assert not list(tmp_path.iterdir())
+
+
+BENCH = """
+from dataclasses import replace
+
+from rtstack.cells import CellKind, open_cell
+
+def open_bench(request):
+    assert request.argument == "table-2"
+    return replace(open_cell("direct", request.object_name, request.displacement, request.seed), name=request.kind)
+
+bench = CellKind(open_bench)
+"""
+STILL = """
+from hal.tracker_link import NoTracker
+
+class Still(NoTracker):
+    def __init__(self, host, port):
+        super().__init__()
+        self.listens_at = host, port
+
+    def close(self):
+        pass
+"""
+
+
+def test_a_cell_of_another_package_runs_a_demonstration_and_is_taken_for_a_real_one(install, command_line, tmp_path):
+    install("benches", BENCH, "rtstack.cells", bench="bench")
+    done = command_line("teach", "ref.mcap", "--cell", "bench:table-2", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert read_log(tmp_path / "ref.mcap").metadata["trial"]["cell"] == "bench:table-2"
+    assert not live_source(default_cell_file(), "bench:table-2").description.simulated
+
+
+def test_an_unknown_cell_is_refused_with_those_that_there_are(install, command_line, tmp_path):
+    install("benches", BENCH, "rtstack.cells", bench="bench")
+    for words in (("teach", "ref.mcap", "--cell", "bed"), ("up", "--cell-kind", "bed")):
+        refused = command_line(*words, cwd=tmp_path)
+        assert refused.returncode == 2
+        assert "unknown cell 'bed': choose one of bench, direct, fci, lockstep, realtime" in refused.stderr
+    assert not list(tmp_path.glob("*.mcap"))
+
+
+def test_a_tracker_of_another_package_is_opened_by_the_cells_file(install, tmp_path):
+    install("stills", STILL, "rtstack.trackers", still="Still")
+    described = load_cell_description(edited(tmp_path, "[tracker]\n", '[tracker]\nkind = "still"\n'))
+    assert described.tracker.kind == "still"
+    with pytest.raises(HardwareError, match="does not answer"):
+        open_cell(NOBODY, "rice_box", 0.0, 0, described)
+
+
+def test_an_unknown_tracker_is_refused_before_a_stack_starts(tmp_path):
+    file = edited(tmp_path, "[tracker]\n", '[tracker]\nkind = "camera"\n')
+    with pytest.raises(TrialError, match=r"unknown tracker 'camera': choose one of udp; see \[tracker\] kind"):
+        live_source(file, "fci:127.0.0.11,127.0.0.12")
