@@ -58,8 +58,13 @@ class Operator:
 
 
 def teleoperate(name: str, address: str, token: str, object_name: str, recorded: bool) -> None:
-    """Take control, arm, and let a device lead until it has finished or Ctrl-C. Raises TrialError."""
+    """Take control, arm, and let a device lead until it has finished or Ctrl-C. Raises TrialError.
+
+    A clutch that is let go holds the arms; a device that is silent stops them.
+    """
     name, _, argument = name.partition(":")
+    if not token.isascii() or not token.isprintable() or not token:
+        raise TrialError("--token is no token: make one with rtstack token create --scope operate")
     try:
         factory = DEVICES.load(name)
     except ExtensionError as error:
@@ -67,13 +72,16 @@ def teleoperate(name: str, address: str, token: str, object_name: str, recorded:
     with closing(Operator(address, token)) as operator, interruptible() as stop:
         operator.post("take")
         operator.post("arm")
-        job = operator.post("jobs/teleoperation", object=object_name, recorded=recorded)["job"]
+        asked = {"object": object_name, "recorded": recorded, "stop_on_release": False}
+        job = operator.post("jobs/teleoperation", **asked)["job"]
         while job["state"] == JobState.STARTING:
             time.sleep(PERIOD_S)
             job = operator.post("beat")["job"]
         if job["state"] == JobState.RUNNING:
-            with closing(factory(argument)) as device, operator.hand() as stream:
-                job = lead(operator, device, stream, lambda: stop.stop_requested)
+            with operator.hand() as stream:
+                hold(operator, stream)
+                with closing(factory(argument)) as device:
+                    job = lead(operator, device, stream, lambda: stop.stop_requested)
         while job["state"] in _ACTIVE:
             time.sleep(PERIOD_S)
             job = operator.post("beat")["job"]
@@ -81,6 +89,20 @@ def teleoperate(name: str, address: str, token: str, object_name: str, recorded:
     typer.echo(f"{job['state']}: {job['reason'] or 'success'}" + (f", {job['log']}" if job.get("log") else ""))
     if job["state"] != JobState.DONE:
         raise typer.Exit(FAILED)
+
+
+def hold(operator: Operator, stream: Connection) -> None:
+    """Hold the clutch as soon as the arms have said where they are: what a device says before that would be lost."""
+    until_s = time.monotonic() + TIMEOUT_S
+    while reason := _told(stream, {"clutch": True})["error"]:
+        if time.monotonic() > until_s or operator.post("beat")["job"]["state"] not in _ACTIVE:
+            raise TrialError(reason)
+        time.sleep(PERIOD_S)
+
+
+def _told(stream: Connection, message: dict[str, Any]) -> dict[str, Any]:
+    stream.send(json.dumps(message))
+    return json.loads(stream.recv(TIMEOUT_S))
 
 
 def lead(operator: Operator, device: InputDevice, stream: Connection, stop: Any) -> dict[str, Any]:
@@ -92,8 +114,7 @@ def lead(operator: Operator, device: InputDevice, stream: Connection, stop: Any)
         if said.finished or stop():
             operator.post("teleoperation/finish")
             return operator.post("beat")["job"]
-        stream.send(json.dumps(said.message()))
-        answer = json.loads(stream.recv(TIMEOUT_S))
+        answer = _told(stream, said.message())
         reason = answer["error"] or answer.get("refusal") or ""
         if reason != refused:
             refused = reason
