@@ -15,7 +15,7 @@ from rtstack.log.reader import read_log
 from rtstack.model.cell_description import load_cell_description
 from rtstack.trials.errors import TrialError
 
-NO_CONTEXT = "fci:127.0.99.97,127.0.99.98"
+NOWHERE = "fci:127.0.99.97,127.0.99.98"
 TRACKER = f"127.206.{os.getpid() // 250 % 250}.{1 + os.getpid() % 250}", 1341  # where nobody else binds meanwhile
 
 
@@ -33,13 +33,13 @@ def test_the_tracker_port_is_taken(tmp_path):
         taken.bind(TRACKER)
         description = load_cell_description(edited(tmp_path, "127.0.0.1:1341", "{}:{}".format(*TRACKER)))
         with pytest.raises(HardwareError, match=r"{}:{}: Address already in use; .*\[tracker\]".format(*TRACKER)):
-            open_cell(NO_CONTEXT, "rice_box", 0.0, 0, description)
+            open_cell(NOWHERE, "rice_box", 0.0, 0, description)
 
 
 def test_the_port_is_free_again_after_a_cell_that_did_not_open(tmp_path):
     description = load_cell_description(edited(tmp_path, "127.0.0.1:1341", "{}:{}".format(*TRACKER)))
     with pytest.raises(HardwareError, match="does not answer"):
-        open_cell(NO_CONTEXT, "rice_box", 0.0, 0, description)
+        open_cell(NOWHERE, "rice_box", 0.0, 0, description)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(TRACKER)
 
@@ -89,7 +89,7 @@ def test_an_arm_that_may_be_real_is_not_called_simulated(kind, simulated):
         (["up", "--right", "127.0.0.11"], "--left"),
         (["up", "--left", "127.0.0.11", "--right", "127.0.0.11"], "two addresses"),
         (["recover-arms", "--cell", "direct"], "fci:LEFT,RIGHT"),
-        (["recover-arms", "--cell", NO_CONTEXT], "does not answer"),
+        (["recover-arms", "--cell", NOWHERE], "does not answer"),
     ],
 )
 def test_bad_input_is_one_line_and_status_two(tmp_path, command_line, arguments, word):
@@ -146,7 +146,7 @@ def test_a_tracker_of_another_package_is_opened_by_the_cells_file(install, tmp_p
     described = load_cell_description(edited(tmp_path, "[tracker]\n", '[tracker]\nkind = "still"\n'))
     assert described.tracker.kind == "still"
     with pytest.raises(HardwareError, match="does not answer"):
-        open_cell(NOBODY, "rice_box", 0.0, 0, described)
+        open_cell(NOWHERE, "rice_box", 0.0, 0, described)
 
 
 def test_an_unknown_tracker_is_refused_before_a_stack_starts(tmp_path):
