@@ -1,6 +1,7 @@
 """Impact detector of Appendix B: three conditions on the estimated external force and the velocity a moment ago."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,14 @@ def impact_now(force, velocity, history, head, count, force_low, force_high, vel
     return hit
 
 
+class DetectorMemory(NamedTuple):
+    """History (window, 4) of |f| N and v m/s, the place of the oldest (1,), and how many there are (1,)."""
+
+    history: NDArray[np.float64]
+    head: NDArray[np.int64]
+    count: NDArray[np.int64]
+
+
 class ImpactDetector:
     """The detector of one arm. The same one runs online and on a recording."""
 
@@ -44,9 +53,9 @@ class ImpactDetector:
         self._count = np.zeros(1, np.int64)
 
     @property
-    def memory(self) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
-        """The history and its two counters, for compiled code that updates them itself."""
-        return self._history, self._head, self._count
+    def memory(self) -> DetectorMemory:
+        """For compiled code that updates it itself."""
+        return DetectorMemory(self._history, self._head, self._count)
 
     def reset(self) -> None:
         """Forget everything: nothing is detected before the window is full again."""

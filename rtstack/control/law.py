@@ -16,36 +16,39 @@ UNCONSTRAINED = int(QpStatus.UNCONSTRAINED)
 
 
 @compiled
-def observe(
-    samples, workspaces, controls, M, C, g, J0, dJ0, R7, p7, face, R_joint_ee, R_world_base, B_theta,
-    p1, p2, p3, friction_scale, gravity_share, observer_gain, dt, history, head, count, force_low, force_high,
-    velocity_bound,
-):  # fmt: skip
-    """Take the state in samples[0] and the model's arrays at it; return whether this arm was hit in this tick."""
+def observe(samples, workspaces, controls, model, parameters, memory):
+    """Take the state in samples[0] and the model at it; return whether this arm was hit in this tick.
+
+    model: ModelArrays; parameters (1,) of OBSERVER_PARAMETERS; memory: DetectorMemory.
+    """
     sample = samples[0]
     work = workspaces[0]
     control = controls[0]
-    end_effector(work, J0, dJ0, R7, p7, face, R_joint_ee, sample.dq)
+    p = parameters[0]
+    end_effector(work, model.J0, model.dJ0, model.R7, model.p7, p.face, p.R_joint_ee, sample.dq)
     for i in range(7):
         coriolis = 0.0
         for j in range(7):
-            coriolis += C[i, j] * sample.dq[j]
-            m = M[i, j] if j >= i else M[j, i]
-            work.M[i, j] = m + B_theta[i] if i == j else m
+            coriolis += model.C[i, j] * sample.dq[j]
+            m = model.M[i, j] if j >= i else model.M[j, i]
+            work.M[i, j] = m + p.B_theta[i] if i == j else m
         work.coriolis[i] = coriolis
-        work.gravity[i] = g[i]
-    friction_torque(sample.dq, p1, p2, p3, friction_scale, work.friction)
+        work.gravity[i] = model.g[i]
+    friction_torque(sample.dq, p.p1, p.p2, p.p3, p.friction_scale, work.friction)
     for i in range(7):
-        work.friction[i] += gravity_share[i] * g[i]
-    momentum_residual(work, M, C, sample.tau_J, sample.dq, observer_gain, dt, control)
+        work.friction[i] += p.gravity_share[i] * model.g[i]
+    momentum_residual(work, model.M, model.C, sample.tau_J, sample.dq, p.observer_gain_hz, p.period_s, control)
     for i in range(3):
         # O_F_ext_hat_K is what the robot does to its environment; the detector wants the opposite
         work.force_world[i] = -(
-            R_world_base[i, 0] * sample.O_F_ext_hat_K[0]
-            + R_world_base[i, 1] * sample.O_F_ext_hat_K[1]
-            + R_world_base[i, 2] * sample.O_F_ext_hat_K[2]
+            p.R_world_base[i, 0] * sample.O_F_ext_hat_K[0]
+            + p.R_world_base[i, 1] * sample.O_F_ext_hat_K[1]
+            + p.R_world_base[i, 2] * sample.O_F_ext_hat_K[2]
         )
-    return impact_now(work.force_world, work.twist, history, head, count, force_low, force_high, velocity_bound)
+    return impact_now(
+        work.force_world, work.twist, memory.history, memory.head, memory.count, p.force_low_n, p.force_high_n,
+        p.velocity_m_s,
+    )  # fmt: skip
 
 
 @compiled

@@ -29,6 +29,27 @@ SETPOINT = np.dtype(
     ],
 )
 
+# What observing an arm takes and no state changes: where the end effector is on the last joint (m) and the base
+# in the world, motor inertia kg m^2, friction (see FrictionParameters), the observer's gain, and the detector's bounds
+OBSERVER_PARAMETERS = np.dtype(
+    [
+        ("face", "f8", 3),
+        ("R_joint_ee", "f8", (3, 3)),
+        ("R_world_base", "f8", (3, 3)),
+        ("B_theta", "f8", 7),
+        ("p1", "f8", 7),
+        ("p2", "f8", 7),
+        ("p3", "f8", 7),
+        ("friction_scale", "f8"),
+        ("gravity_share", "f8", 7),
+        ("observer_gain_hz", "f8"),
+        ("period_s", "f8"),
+        ("force_low_n", "f8"),
+        ("force_high_n", "f8"),
+        ("velocity_m_s", "f8"),
+    ]
+)
+
 # What the tick of one arm works on. Names as in the papers; lower/upper bound ddq, tau_lower/tau_upper bound (14)
 WORKSPACE = np.dtype(
     [

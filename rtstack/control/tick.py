@@ -24,7 +24,7 @@ from rtstack.control.parameters import (
 )
 from rtstack.control.program import program
 from rtstack.control.reaction import ReactionMotion
-from rtstack.control.records import POINT, SETPOINT, WORKSPACE
+from rtstack.control.records import OBSERVER_PARAMETERS, POINT, SETPOINT, WORKSPACE
 from rtstack.control.setpoint import choose
 from rtstack.control.watch import TrialMonitor
 from rtstack.model.arm_model import ArmModel
@@ -47,6 +47,26 @@ _BLEND = tuple(
     }.get(mode, -1)
     for mode in Mode
 )
+
+
+def _observer_parameters(
+    model: ArmModel,
+    parameters: ControlParameters,
+    detector: DetectorParameters,
+    inertia: InertiaParameters,
+    friction: FrictionParameters,
+) -> NDArray[np.void]:
+    """Return the OBSERVER_PARAMETERS (1,)."""
+    record = np.zeros(1, OBSERVER_PARAMETERS)
+    p = record[0]
+    p["face"], p["R_joint_ee"], p["R_world_base"] = model.face, model.R_joint_ee, model.T_world_base[:3, :3]
+    p["B_theta"] = inertia.B_theta if inertia.include_B_theta else 0.0
+    p["p1"], p["p2"], p["p3"], p["friction_scale"] = friction.p1, friction.p2, friction.p3, friction.scale
+    p["gravity_share"], p["observer_gain_hz"] = friction.gravity_share, inertia.observer_gain_hz
+    p["period_s"] = parameters.period_s
+    for name in ("force_low_n", "force_high_n", "velocity_m_s"):
+        p[name] = getattr(detector, name)
+    return record
 
 
 class ArmController:
@@ -73,16 +93,8 @@ class ArmController:
         self.program = program(solver)
         self.limits = control_limits(limits, parameters.period_s)
         self.parameters = parameters
-        self._detector = detector
-        self._inertia = inertia
-        self._friction = friction
-        # writable copies: compiled code makes one specialisation for all arrays
-        self._p1, self._p2, self._p3 = (np.array(p) for p in (friction.p1, friction.p2, friction.p3))
-        self._gravity_share = np.array(friction.gravity_share)
-        self._B_theta = np.array(inertia.B_theta) if inertia.include_B_theta else np.zeros(7)
-        self._R_world_base = np.ascontiguousarray(model.T_world_base[:3, :3])
-        history = ImpactDetector(detector, parameters.period_s)
-        self._history, self._head, self._count = history.memory
+        self._observer = _observer_parameters(model, parameters, detector, inertia, friction)
+        self._memory = ImpactDetector(detector, parameters.period_s).memory
         self.completion = CompletionDetector(completion or CompletionParameters())
         self._blend_interim = parameters.blend_interim
         self._stiffness_after = parameters.stiffness_after_impact
@@ -105,14 +117,10 @@ class ArmController:
 
     def _bind(self) -> None:
         """Compile the tick, and look up once what it works on."""
-        model, d, p = self.model, self._detector, self.parameters
+        p = self.parameters
         self._observe = bound(
-            observe,
-            self.sample, self.workspace, self.control, model.M, model.C, model.g, model.J0, model.dJ0, model.R7,
-            model.p7, model.face, model.R_joint_ee, self._R_world_base, self._B_theta, self._p1, self._p2, self._p3,
-            self._friction.scale, self._gravity_share, self._inertia.observer_gain_hz, p.period_s,
-            self._history, self._head, self._count, d.force_low_n, d.force_high_n, d.velocity_m_s,
-        )  # fmt: skip
+            observe, self.sample, self.workspace, self.control, self.model.arrays, self._observer, self._memory
+        )
         self._pose_problem = bound(
             pose_problem,
             self.sample, self.workspace, self.setpoint, self.control, p.posture_joint, p.weight_impedance,

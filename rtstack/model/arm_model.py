@@ -1,6 +1,7 @@
 """Rigid-body model of one arm, by Pinocchio, in the world frame and without allocation in `update`."""
 
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -26,6 +27,18 @@ def build_model(mounting: ArmMounting, pad: Pad) -> pin.Model:
     centre = flange.placement * pin.SE3(np.eye(3), np.array([0.0, 0.0, pad.flange_to_face - pad.size[2] / 2]))
     model.appendBodyToJoint(flange.parentJoint, pin.Inertia.FromBox(pad.mass, *pad.size), centre)
     return model
+
+
+class ModelArrays(NamedTuple):
+    """What compiled code reads of an ArmModel, by the names of its attributes."""
+
+    M: Array
+    C: Array
+    g: Array
+    J0: Array
+    dJ0: Array
+    R7: Array
+    p7: Array
 
 
 class ArmModel:
@@ -55,6 +68,11 @@ class ArmModel:
         self.dJ0: Array = self._data.dJ
         self.R7: Array = self._data.oMi[7].rotation
         self.p7: Array = self._data.oMi[7].translation
+
+    @property
+    def arrays(self) -> ModelArrays:
+        """The arrays that `update` writes."""
+        return ModelArrays(self.M, self.C, self.g, self.J0, self.dJ0, self.R7, self.p7)
 
     def update(self, q: Array, dq: Array) -> None:
         """Compute everything at q (7,) rad and dq (7,) rad/s."""

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.limits import FR3
 from rtstack.impact_map import ImpactMap, Status
 from rtstack.model.cell_description import CellDescription, ObjectDescription
 from rtstack.planning.impact_loads import impact_loads
@@ -125,7 +124,7 @@ def check_loads(planned: PlannedMotion, description: CellDescription) -> None:
     give = planned.request.give or thing.give or STIFFEST
     for side, loads in impact_loads(planned, give, thing.mass).items():
         q = planned.joints[SIDES.index(side)].q[planned.recording.impact]
-        lower, upper = velocity_bounds(q, limits)
+        lower, upper = limits.dq_lower(q), limits.dq_upper(q)
         for what, values, limit, unit in (
             ("torque", loads.torque, np.array(limits.tau_J_max), "Nm"),
             ("momentum residual", loads.external, np.array(limits.tau_ext_max), "Nm"),
@@ -143,16 +142,10 @@ def check_loads(planned: PlannedMotion, description: CellDescription) -> None:
                 )
 
 
-def velocity_bounds(q: Array, limits: SafetyLimits) -> tuple[Array, Array]:
-    """Return the smallest and the largest velocity that the judge allows at q, (..., 7) rad/s."""
-    largest = np.asarray(limits.dq_max)
-    return np.maximum(FR3.dq_lower(q), -largest), np.minimum(FR3.dq_upper(q), largest)
-
-
 def _check_joints(planned: PlannedMotion, arm: int, side: str, limits: SafetyLimits) -> None:
     motion, period_s = planned.joints[arm], planned.recording.period_s
     room = np.minimum(motion.q - limits.q_lower, np.asarray(limits.q_upper) - motion.q)
-    lower, upper = velocity_bounds(motion.q, limits)
+    lower, upper = limits.dq_lower(motion.q), limits.dq_upper(motion.q)
     speed = np.where(motion.dq > 0.0, motion.dq / np.maximum(upper, 1e-9), motion.dq / np.minimum(lower, -1e-9))
     torque = planned.torque(arm)
     for values, bound, what, kind in (

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.limits import FR3
 from rtstack.model.cell_description import CellDescription
 from rtstack.planning.feasibility import POSITION_MARGIN_RAD, TORQUE_SHARE, VELOCITY_SHARE, near_misses
 from rtstack.playback.pace import FASTEST, RAMP_S, SLOWEST
@@ -75,8 +74,7 @@ def loads(path: ArmPath, speed: float, limits: SafetyLimits) -> list[Load]:
     """Return the hardest moments at a speed: a ramp may be anywhere, since a soft stop may be asked for at any time."""
     ramp = 1.5 * speed / RAMP_S  # largest |d2s/dt2| of a ramp
     dq = speed * path.dq
-    upper = np.minimum([FR3.dq_upper(q) for q in path.q], limits.dq_max)
-    lower = np.maximum([FR3.dq_lower(q) for q in path.q], -np.asarray(limits.dq_max))
+    upper, lower = limits.dq_upper(path.q), limits.dq_lower(path.q)
     quick = np.where(dq > 0.0, dq / np.maximum(upper, 1e-9), dq / np.minimum(lower, -1e-9))
     moved = np.einsum("nij,nj->ni", path.M, path.ddq) + path.coriolis
     pushed = np.einsum("nij,nj->ni", path.M, path.dq)
