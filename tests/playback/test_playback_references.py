@@ -153,7 +153,7 @@ def test_the_quickest_that_is_allowed_is_within_the_limits(cell, arms, middle, s
             assert np.all(dq[k] <= FR3.dq_upper(q[k]))
             assert np.all(dq[k] >= FR3.dq_lower(q[k]))
             torque = pin.rnea(model, data, q[k], dq[k], ddq[k])  # pyright: ignore[reportAttributeAccessIssue]
-            torque = torque + arm._B_theta * ddq[k]  # not the equations of limits.py
+            torque = torque + default_parameters().inertia.B_theta * ddq[k]  # not the equations of limits.py
             assert np.all(np.abs(torque) <= FR3.tau_max)
             assert np.all((q[k] > limits.q_lower) & (q[k] < limits.q_upper))
         place = paths[side].stations["position"]
