@@ -17,7 +17,7 @@ from hal.limits import COLLISION_TORQUES, CONTROL_PERIOD_S, FR3, ArmLimits
 
 Seven = tuple[float, float, float, float, float, float, float]
 Three = tuple[float, float, float]
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 
 # the judge's inside the vendor's: the robot's own reflex trips at its limit; the rate's limit is a strict one, and the
 # wire rounds to single precision
