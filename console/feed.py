@@ -14,7 +14,6 @@ from itertools import pairwise
 from typing import Any
 from uuid import uuid4
 
-from hal.description import fr3_urdf
 from rtstack.log.frames import CellFrames
 from rtstack.log.ring import Rings
 from rtstack.log.scenery import Scenery, scenery_schemas
@@ -51,7 +50,7 @@ class Feed:
         self._readers = {topic: rings.reader(topic) for topic in TOPICS}
         self._counted = dict.fromkeys(TOPICS, 0)
         self._frames = frames
-        self._scenery = Scenery(frames, fr3_urdf())
+        self._scenery = Scenery(frames)
         self._now_ns = 0
         self._subscribed: dict[int, str] = {}
 
@@ -93,7 +92,7 @@ class Feed:
         poses = records[OBJECT_TOPIC]
         arms = {side: records[topic] for side, topic in zip(SIDES, ARM_TOPICS, strict=True)}
         if earlier is not None:
-            self._scenery = Scenery(self._frames, fr3_urdf())  # its transforms are due by a clock that goes on
+            self._scenery = Scenery(self._frames)  # its transforms are due by a clock that goes on
             poses = poses[poses["t_ns"] <= clock[-1]]
             arms = {side: samples[samples["t_ns"] <= clock[-1]] for side, samples in arms.items()}
         wanted = set(subscribed.values())

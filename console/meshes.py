@@ -1,6 +1,7 @@
-"""The arm's shape for drawing: a Panda's meshes fit the FR3's kinematics; plain capsules where they are not installed.
+"""The arm's shape for drawing: meshes where the model has some that are installed, plain capsules otherwise.
 
-Source of the meshes: the package example-robot-data (robots/panda_description). Its Collada files are read here, as
+Source of the meshes: the package example-robot-data, in the folder that the model names (key `meshes` of its TOML): a
+Panda's fit the FR3's kinematics. Its Collada files are read here, as
 far as they go: triangles, one transform a node, one diffuse colour a material.
 """
 
@@ -13,10 +14,10 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from hal.description import fr3_urdf
+from hal.robots import RobotModel
 
 LINKS = tuple(f"link{number}" for number in range(8))
-_FOLDER = "cmeel.prefix/share/example-robot-data/robots/panda_description/meshes"
+_FOLDER = "cmeel.prefix/share/example-robot-data/robots"
 _PLAIN = (226, 230, 232)  # the arm's own off-white
 _C = "{http://www.collada.org/2005/11/COLLADASchema}"
 
@@ -30,24 +31,24 @@ class Part:
     colour: tuple[int, int, int]
 
 
-def full_parts(link: str) -> list[Part]:
+def full_parts(model: RobotModel, link: str) -> list[Part]:
     """Return the visual mesh of a link, the light one where it is not installed."""
-    path = _installed(f"visual/{link}.dae")
-    return light_parts(link) if path is None else read_collada(path)
+    path = _installed(model, f"visual/{link}.dae")
+    return light_parts(model, link) if path is None else read_collada(path)
 
 
-def light_parts(link: str) -> list[Part]:
+def light_parts(model: RobotModel, link: str) -> list[Part]:
     """Return the collision mesh of a link, for software rendering; capsules where it is not installed."""
-    path = _installed(f"collision/{link}.stl")
+    path = _installed(model, f"collision/{link}.stl")
     if path is None:
-        return capsule_parts(link)
+        return capsule_parts(model, link)
     mesh = trimesh.load_mesh(path)
     return [Part(np.asarray(mesh.vertices, np.float32), np.asarray(mesh.faces, np.uint32), _PLAIN)]
 
 
-def capsule_parts(link: str) -> list[Part]:
+def capsule_parts(model: RobotModel, link: str) -> list[Part]:
     """Return the plain shapes of our own description of a link."""
-    element = ElementTree.fromstring(fr3_urdf()).find(f"link[@name='{link}']")
+    element = ElementTree.fromstring(model.urdf).find(f"link[@name='{link}']")
     parts = []
     for visual in [] if element is None else element.findall("visual"):
         shape, origin = visual.find("geometry/*"), visual.find("origin")
@@ -126,6 +127,6 @@ def _numbers(text: str) -> list[float]:
     return [float(word) for word in text.split()]
 
 
-def _installed(name: str) -> Path | None:
-    path = Path(sysconfig.get_path("platlib")) / _FOLDER / name
-    return path if path.is_file() else None
+def _installed(model: RobotModel, name: str) -> Path | None:
+    path = Path(sysconfig.get_path("platlib")) / _FOLDER / model.meshes / name
+    return path if model.meshes and path.is_file() else None

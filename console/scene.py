@@ -13,7 +13,8 @@ import viser
 from numpy.typing import NDArray
 
 from console.meshes import LINKS, Part, full_parts, light_parts
-from hal.description import fr3_urdf
+from hal.limits import DOF
+from hal.robots import RobotModel
 from rtstack.model.cell_description import ArmMounting, CellDescription
 
 LEFT_COLOUR = (86, 180, 233)  # #56B4E9, Okabe-Ito: the left arm everywhere
@@ -33,11 +34,11 @@ class Joint:
     wxyz: NDArray[np.float64]
 
 
-def fr3_joints() -> tuple[Joint, ...]:
-    """Return the seven joints of the arm's description, base first."""
-    document = ElementTree.fromstring(fr3_urdf())
+def joints_of(model: RobotModel) -> tuple[Joint, ...]:
+    """Return the joints of an arm, base first, and its flange as the last one."""
+    document = ElementTree.fromstring(model.urdf)
     joints = []
-    for number in range(1, 8):
+    for number in range(1, DOF + 2):
         origin = document.find(f"joint[@name='joint{number}']/origin")
         assert origin is not None
         roll, pitch, yaw = (float(word) for word in origin.attrib["rpy"].split())
@@ -76,25 +77,25 @@ class ArmFigure:
         ghost: Ghost | None = None,
     ) -> None:
         full = full and ghost is None
-        self._joints = fr3_joints()
+        *self._joints, flange = joints_of(mounting.robot)
         self._frames: list[viser.FrameHandle] = []
-        self._shown = np.full(7, np.inf)
+        self._shown = np.full(DOF, np.inf)
         colour = LEFT_COLOUR if side == "left" else RIGHT_COLOUR
         colour = colour if ghost is None else ghost.colour
         path = root = f"/{side}" if ghost is None else f"{ghost.path}/{side}"
         scene.add_frame(path, show_axes=False, position=mounting.base_position, wxyz=mounting.base_orientation_wxyz)
         parts = full_parts if full else light_parts
-        _add_parts(scene, path, parts(LINKS[0]), full, ghost)
+        _add_parts(scene, path, parts(mounting.robot, LINKS[0]), full, ghost)
         for link, joint in zip(LINKS[1:], self._joints, strict=True):
             path = f"{path}/{link}"
             self._frames.append(scene.add_frame(path, show_axes=False, position=joint.position, wxyz=joint.wxyz))
-            _add_parts(scene, path, parts(link), full, ghost)
+            _add_parts(scene, path, parts(mounting.robot, link), full, ghost)
         pad = cell.pad
         scene.add_box(
             f"{path}/pad",
             color=colour,
             dimensions=pad.size,
-            position=(0.0, 0.0, _FLANGE_M + pad.flange_to_face - pad.size[2] / 2.0),
+            position=(0.0, 0.0, flange.position[2] + pad.flange_to_face - pad.size[2] / 2.0),
             opacity=None if ghost is None else ghost.opacity,
             cast_shadow=full,
         )
@@ -109,9 +110,6 @@ class ArmFigure:
             if abs(q[index] - self._shown[index]) > _SMALLEST_MOVE:
                 self._shown[index] = q[index]
                 frame.wxyz = turned(joint, float(q[index]))
-
-
-_FLANGE_M = 0.107  # joint 7 to flange, the manual's Denavit-Hartenberg table
 
 
 def add_stage(server: viser.ViserServer, cell: CellDescription, full: bool) -> None:

@@ -57,22 +57,3 @@ class ArmLimits:
         if self.velocity_law_enforced:
             return self.velocity_offset, self.deceleration
         return -self.dq_max, np.zeros(DOF)
-
-
-def _fixed(*values: float) -> Array:
-    array = np.array(values, dtype=np.float64)
-    array.flags.writeable = False
-    return array
-
-
-FR3 = ArmLimits(
-    q_lower=_fixed(-2.7501, -1.7918, -2.9065, -3.0481, -2.8101, 0.54092, -3.0196),  # FR3
-    q_upper=_fixed(2.7501, 1.7918, 2.9065, -0.1458, 2.8101, 4.5205, 3.0196),  # FR3
-    dq_max=_fixed(2.62, 2.62, 2.62, 2.62, 5.26, 4.18, 5.26),  # FR3
-    velocity_offset=_fixed(0.30, 0.20, 0.20, 0.30, 0.35, 0.35, 0.35),  # FR3
-    deceleration=_fixed(6.0, 2.585, 3.5, 4.0, 17.0, 5.5, 17.0),  # FR3
-    ddq_max=_fixed(10.0, 10.0, 10.0, 10.0, 10.0, 10.0, 10.0),  # FR3
-    dddq_max=_fixed(5000.0, 5000.0, 5000.0, 5000.0, 5000.0, 5000.0, 5000.0),  # FR3
-    tau_max=_fixed(87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0),  # FR3
-    tau_rate_max=1000.0,  # FCI, Nm/s
-)

@@ -7,10 +7,11 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.description import fr3_urdf
+from hal.limits import DOF
+from hal.robots import RobotModel
 
 Array = NDArray[np.float64]
-JOINTS = 7
+JOINTS = DOF
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,14 +89,12 @@ def _link(element: ElementTree.Element) -> Link:
 
 
 @cache
-def fr3_description() -> ArmDescription:
-    """Read hal's URDF of the FR3. Raises ValueError where it is not a chain of seven z joints. Shared: do not write."""
-    root = ElementTree.fromstring(fr3_urdf())
+def arm_description(model: RobotModel) -> ArmDescription:
+    """Read a model's URDF. Shared: do not write."""
+    root = ElementTree.fromstring(model.urdf)
     links = {link.attrib["name"]: link for link in root.findall("link")}
     joints = {joint.attrib["name"]: joint for joint in root.findall("joint")}
     chain = [joints[f"joint{i}"] for i in range(1, JOINTS + 1)]
-    if any(not np.array_equal(_vector(_required(joint, "axis").get("xyz")), (0.0, 0.0, 1.0)) for joint in chain):
-        raise ValueError("URDF: every joint must turn about its z axis")
     return ArmDescription(
         links=tuple(_link(links[f"link{i}"]) for i in range(JOINTS + 1)),
         T_parent_joint=np.array([_transform(joint.find("origin")) for joint in chain]),

@@ -122,7 +122,7 @@ class SimulatedCell:
         self._masks = np.zeros(2, dtype=np.int64)
         self._judged = np.zeros(2, reflexes.JUDGED_RECORD)
         self._judge_states = reflexes.judge_of_states(
-            self.states, self.sensors.kinematics, self._judged, parameters.reflexes, self._masks
+            self.states, self.sensors.kinematics, self._judged, plant.robots, parameters.reflexes, self._masks
         )
         self.boxes = tuple(box_kind(plant, side, parameters.reflexes) for side in range(2))
         disturbed = bool(faults) or empty

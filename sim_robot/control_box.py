@@ -26,7 +26,7 @@ class ControlBox:
         self._felt = False  # the plant has felt a command of this motion
         self._lost = 0
         self._arrived = _ALL_ARRIVED
-        self._judge = reflexes.judge_of_commands(self._tau)
+        self._judge = reflexes.judge_of_commands(self._tau, plant.robots[side].limits)
 
     @property
     def error_names(self) -> tuple[str, ...]:

@@ -1,16 +1,19 @@
-"""A lab's own objects: what the plant takes from the cell's file, in which the controller finds its own values.
+"""A lab's own arms and objects: what the plant takes of the cell's file, where the controller finds its own values.
 
+[left] and [right]: the arm's `model`; where a file names one, the simulated arm is one of it and begins at the `home`.
 [objects.NAME] is what a person weighed and measured: mass, size and, where they are not the scene's, the frictions. For
 an object that the scene does not have the plant takes these, and the walls below. [objects.NAME.plant] is the plant's
 alone: any key of GraspObject, in the place of what the plant would have. An object of the scene stays what the scene
 says.
 """
 
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
-from sim_robot.scene import NO_OBJECT, GraspObject, Scene
+from hal.robots import reference_in
+from sim_robot.plant_parameters import load_plant_parameters
+from sim_robot.scene import NO_OBJECT, ArmPlacement, GraspObject, Scene
 from sim_robot.strict_toml import BadParameterFile, read_table, record_from_table
 
 # cardboard that is backed by its filling: those of the grabbing scene's rice_box
@@ -19,7 +22,7 @@ _UNITS = {"mass": " kg", "size": " m", "pad_friction": "", "table_friction": ""}
 
 
 def with_lab_objects(scene: Scene, cell_file: Path) -> Scene:
-    """Return the scene with the objects of a cell's file. Raises BadParameterFile, naming the key."""
+    """Return the scene with arms and objects of a cell's file. Raises BadParameterFile, naming the key."""
     objects = dict(scene.objects)
     for name, described in _described(cell_file).items():
         if name == NO_OBJECT:
@@ -32,7 +35,28 @@ def with_lab_objects(scene: Scene, cell_file: Path) -> Scene:
         known = measured if scenes is None else {k: v for k, v in asdict(scenes).items() if v is not None}
         known = {k: list(v) if isinstance(v, tuple) else v for k, v in known.items()}
         objects[name] = record_from_table(GraspObject, {**known, **plants}, f"{cell_file}: objects.{name}.plant")
-    return replace(scene, objects=objects)
+    return replace(
+        scene,
+        objects=objects,
+        left=_with_model(scene.left, cell_file, "left"),
+        right=_with_model(scene.right, cell_file, "right"),
+    )
+
+
+def _with_model(arm: ArmPlacement, cell_file: Path, side: str) -> ArmPlacement:
+    described = read_table(cell_file).get(side, {})
+    if not isinstance(described, dict) or "model" not in described:
+        return arm
+    where = f"{cell_file}: {side}"
+    own = {key: described[key] for key in ("model", "home") if key in described}
+    if not isinstance(own["model"], str):
+        raise BadParameterFile(f"{where}: model: expected a name or the path of a TOML, got {own['model']!r}")
+    own["model"] = reference_in(cell_file, own["model"])
+    known = {field.name: getattr(arm, field.name) for field in fields(arm) if field.name != "hand"}
+    known = {key: list(value) if isinstance(value, tuple) else value for key, value in known.items()}
+    placed = replace(record_from_table(ArmPlacement, known | own, where), hand=arm.hand)
+    load_plant_parameters().of(placed.robot)  # a bad key of its table [plant] is found before anything is opened
+    return placed
 
 
 def difference(scene: Scene, cell_file: Path, name: str) -> str | None:

@@ -91,7 +91,7 @@ def _add_arm(world: Element, side: str, arm: ArmDescription, scene: Scene, frict
         _add_hand(body, side, place.hand, arm.flange_offset_z)
         return
     pad = scene.pad
-    centre = (0.0, 0.0, pad.face_offset_z - pad.size[2] / 2.0)
+    centre = (0.0, 0.0, arm.flange_offset_z + pad.flange_to_face - pad.size[2] / 2.0)
     body = SubElement(body, "body", name=f"{side}_pad", pos=_text(centre))
     geom = SubElement(body, "geom", name=f"{side}_pad", type="box", size=_text(np.array(pad.size) / 2.0))
     geom.set("mass", repr(pad.mass))

@@ -7,9 +7,8 @@ from numpy.typing import NDArray
 from hal.compilation import bound
 from hal.displacement import Displacement
 from hal.errors import HardwareError
-from hal.limits import FR3
-from sim_robot.arm_description import JOINTS, fr3_description
-from sim_robot.model import SIDES, build_cell
+from sim_robot.arm_description import JOINTS, arm_description
+from sim_robot.model import build_cell
 from sim_robot.plant_parameters import PlantParameters
 from sim_robot.scatter import DrawnArm, draw_arm
 from sim_robot.scene import ArmPlacement, ObjectPlacement, Scene
@@ -29,7 +28,7 @@ def pad_face(place: ArmPlacement, face_offset_z: float) -> Array:
     rotation = np.zeros(9)
     mujoco.mju_quat2Mat(rotation, np.array(place.T_world_base_wxyz))
     T[:3, :3], T[:3, 3] = rotation.reshape(3, 3), place.T_world_base_position
-    for T_parent_joint, angle in zip(fr3_description().T_parent_joint, place.home, strict=True):
+    for T_parent_joint, angle in zip(arm_description(place.robot).T_parent_joint, place.home, strict=True):
         turn = np.eye(4)
         c, s = np.cos(angle), np.sin(angle)
         turn[:2, :2] = [[c, -s], [s, c]]
@@ -39,14 +38,18 @@ def pad_face(place: ArmPlacement, face_offset_z: float) -> Array:
 
 def face_offsets_z(scene: Scene) -> tuple[float, float]:
     """Return how far beyond joint 7 each arm's pad ends, or its hand's fingertips are, m."""
-    flange, pad = fr3_description().flange_offset_z, scene.pad.face_offset_z
-    left, right = (flange + place.hand.tip_offset_z if place.hand else pad for place in (scene.left, scene.right))
+    left, right = (
+        arm_description(place.robot).flange_offset_z
+        + (place.hand.tip_offset_z if place.hand else scene.pad.flange_to_face)
+        for place in (scene.left, scene.right)
+    )
     return left, right
 
 
 def _pad_faces_y(scene: Scene) -> tuple[float, float]:
     """Return where the pads begin along y, m: between them is the object's place. A hand leaves its side open."""
-    left, right = (float(pad_face(place, scene.pad.face_offset_z)[1]) for place in (scene.left, scene.right))
+    faces = zip((scene.left, scene.right), face_offsets_z(scene), strict=True)
+    left, right = (float(pad_face(place, offset)[1]) for place, offset in faces)
     return np.inf if scene.left.hand else left, -np.inf if scene.right.hand else right
 
 
@@ -90,8 +93,8 @@ class Plant:
         placement: ObjectPlacement,
         generator: np.random.Generator,
     ) -> None:
-        description = fr3_description()
-        arms = tuple(draw_arm(description, parameters, generator) for _ in SIDES)
+        self.robots = (scene.left.robot, scene.right.robot)
+        arms = tuple(draw_arm(arm_description(model), parameters.of(model), generator) for model in self.robots)
         cell = build_cell(scene, object_name, placement, tuple(arm.description for arm in arms))
         self.model, self.data = cell.model, mujoco.MjData(cell.model)
         self.ticks = 0  # ms since the start
@@ -132,7 +135,7 @@ class Plant:
         joint["hold_stiffness"] = parameters.holding.stiffness
         self._hold_inertia[side] = np.diag(M)[dofs] + arm.B_theta
         joint["hold_damping"] = 2.0 * np.sqrt(joint["hold_stiffness"] * self._hold_inertia[side])
-        joint["hold_tau_max"] = FR3.tau_max
+        joint["hold_tau_max"] = self.robots[side].limits.tau_max
         # the gears start wound up by gravity, so that nothing moves at the start
         motor["tau_J"] = motor["tau_gravity"] = data.qfrc_bias[dofs]
         motor["theta"] = data.qpos[dofs] + motor["tau_J"] / arm.K
@@ -161,7 +164,8 @@ class Plant:
         motor["dtheta_hold"] = 0.0
         # an arm that stopped at the edge of its range holds just inside it, so that it can be recovered
         q, hold = motor["theta"] - motor["tau_J"] / self.joints[side]["K"], motor["theta_hold"]
-        below, above = FR3.q_lower + EDGE_RAD - q, q - FR3.q_upper + EDGE_RAD
+        limits = self.robots[side].limits
+        below, above = limits.q_lower + EDGE_RAD - q, q - limits.q_upper + EDGE_RAD
         hold += np.where((below > 0.0) & (below < 4.0 * EDGE_RAD), below, 0.0)
         hold -= np.where((above > 0.0) & (above < 4.0 * EDGE_RAD), above, 0.0)
 

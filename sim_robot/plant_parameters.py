@@ -1,10 +1,11 @@
 """The plant's parameters: nominal values, seeded scatter, noise. From a file that only the plant reads."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from importlib.resources import as_file, files
 from pathlib import Path
 
-from sim_robot.strict_toml import read_record
+from hal.robots import RobotModel
+from sim_robot.strict_toml import read_record, record_from_table
 
 Joints = tuple[float, float, float, float, float, float, float]
 Vector3 = tuple[float, float, float]
@@ -102,7 +103,7 @@ class ReflexParameters:
     """What the robot tolerates: factor on the torque range, rad/s over the velocity limit, ms unanswered.
 
     first_command_timeout_ms: unanswered from Move to the first command of the motion, while the arm is held. walls: of
-    the end effector, m along the base's axes; largest_speed: of it, m/s; largest_power: W; swing: a joint's, rad/s, Hz.
+    the end effector, m along the base's axes; largest_power: W; swing: a joint's, rad/s, Hz.
     """
 
     tau_J_overload: float
@@ -111,14 +112,13 @@ class ReflexParameters:
     first_command_timeout_ms: int
     walls_lower: Vector3
     walls_upper: Vector3
-    largest_speed: float
     largest_power: float
     swing_velocity: float
     swing_rate_hz: float
 
     def __post_init__(self) -> None:
         timeouts, swing = ("communication_timeout_ms", "first_command_timeout_ms"), ("swing_velocity", "swing_rate_hz")
-        positive = ("tau_J_overload", *timeouts, "largest_speed", "largest_power", *swing)
+        positive = ("tau_J_overload", *timeouts, "largest_power", *swing)
         _check(self, positive, ("velocity_tolerance",))
         if any(low >= high for low, high in zip(self.walls_lower, self.walls_upper, strict=True)):
             raise ValueError(f"walls_lower must lie below walls_upper: {self.walls_lower}, {self.walls_upper}")
@@ -134,6 +134,14 @@ class PlantParameters:
     sensors: SensorParameters
     tracker: TrackerParameters
     reflexes: ReflexParameters
+
+    def of(self, model: RobotModel) -> "PlantParameters":
+        """Return these with the joints of the model's own file, where its table [plant] has some. Raises
+        BadParameterFile."""
+        if not model.plant:
+            return self
+        own = {name: list(values) for name, values in asdict(self.joints).items()} | dict(model.plant)
+        return replace(self, joints=record_from_table(JointParameters, own, f"{model.reference}: plant"))
 
     def nominal(self) -> "PlantParameters":
         """Return the same plant without scatter, noise and quantisation. Friction, filters, limits stay."""

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.compilation import bound, compiled
-from hal.limits import CONTROL_PERIOD_S, FR3
+from hal.limits import CONTROL_PERIOD_S, ArmLimits
 from hal.robot_errors import error_bit
+from hal.robots import RobotModel
 from sim_robot.arm_description import JOINTS
 from sim_robot.plant_parameters import ReflexParameters
 
@@ -44,10 +45,6 @@ JUDGED_RECORD = np.dtype(
 _NUMBERS = ("overload", "velocity", "speed", "power", "swing_velocity", "swings")
 _TOLERANCE_RECORD = np.dtype([*((name, "f8") for name in _NUMBERS), ("walls", "f8", (2, 3))])
 
-# the limit is met exactly by who limits the rate to it: rounding must not trip it
-_LARGEST_STEP = FR3.tau_rate_max * CONTROL_PERIOD_S + 1e-6
-_LIMITS = np.array([FR3.q_lower, FR3.q_upper, FR3.dq_max, FR3.velocity_offset, FR3.deceleration, FR3.tau_max])
-
 
 @compiled
 def _take(tau_last, largest, error, tau):
@@ -61,10 +58,11 @@ def _take(tau_last, largest, error, tau):
 
 
 @compiled
-def _judge(states, kinematics, judged, limits, tolerances, masks):
-    any_mask, tolerance = 0, tolerances[0]
+def _judge(states, kinematics, judged, limits_of, tolerances, masks):
+    any_mask = 0
     for arm in range(2):
         state, mask, body, memory = states[arm], 0, kinematics[arm], judged[arm]
+        limits, tolerance = limits_of[arm], tolerances[arm]
         power, speed = 0.0, 0.0
         for j in range(JOINTS):
             q, dq = state.q[j], state.dq[j]
@@ -106,30 +104,39 @@ def _judge(states, kinematics, judged, limits, tolerances, masks):
     return any_mask
 
 
-def judge_of_commands(tau_last: Array) -> Callable[[Array], int]:
+def judge_of_commands(tau_last: Array, limits: ArmLimits) -> Callable[[Array], int]:
     """Return who judges the commands after the last one taken, (7,), Nm: 0, and it is the last one now, or the errors.
 
-    A command that is not finite, or changes by more than 1000 Nm/s, is not taken.
+    A command that is not finite, or changes faster than the arm allows, is not taken.
     """
-    return bound(_take, tau_last, _LARGEST_STEP, TORQUE_DISCONTINUITY, later=(np.zeros(JOINTS),))
+    # the limit is met exactly by who limits the rate to it: rounding must not trip it
+    largest_step = limits.tau_rate_max * CONTROL_PERIOD_S + 1e-6
+    return bound(_take, tau_last, largest_step, TORQUE_DISCONTINUITY, later=(np.zeros(JOINTS),))
 
 
 def judge_of_states(
     states: NDArray[np.void],
     kinematics: NDArray[np.void],
     judged: NDArray[np.void],
+    robots: tuple[RobotModel, RobotModel],
     tolerances: ReflexParameters,
     masks: NDArray[np.int64],
 ) -> Callable[[], int]:
     """Return who judges both states (2,), once a ms: the errors go into masks (2,); it returns either's.
 
     kinematics: the sensors' KINEMATICS_RECORDs (2,); judged: JUDGED_RECORDs (2,), what is remembered from ms to ms. The
-    velocity limit shrinks to zero towards the position limits, as hal.limits says.
+    velocity limit shrinks to zero towards the position limits where the robot itself enforces that (hal.limits).
     """
-    record = np.zeros(1, _TOLERANCE_RECORD)
+    record = np.zeros(2, _TOLERANCE_RECORD)
     record["overload"], record["velocity"] = tolerances.tau_J_overload, tolerances.velocity_tolerance
-    record["speed"], record["power"] = tolerances.largest_speed, tolerances.largest_power
+    record["speed"] = [model.cartesian.translation[0] for model in robots]
+    record["power"] = tolerances.largest_power
     record["swing_velocity"] = tolerances.swing_velocity
     record["swings"] = _SWINGS_PER_HZ * tolerances.swing_rate_hz
     record["walls"] = tolerances.walls_lower, tolerances.walls_upper
-    return bound(_judge, states, kinematics, judged, _LIMITS, record, masks)
+    limits = np.array([_rows(model.limits) for model in robots])
+    return bound(_judge, states, kinematics, judged, limits, record, masks)
+
+
+def _rows(limits: ArmLimits) -> list[NDArray[np.floating]]:
+    return [limits.q_lower, limits.q_upper, limits.dq_max, *limits.enforced_velocity_law(), limits.tau_max]

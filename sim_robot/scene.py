@@ -9,6 +9,7 @@ import numpy as np
 
 from hal.displacement import Displacement
 from hal.errors import ObjectOutOfReach, UnknownObject
+from hal.robots import DEFAULT, RobotModel, robot
 from sim_robot.hand_parameters import FrankaHand
 from sim_robot.plant_parameters import Vector3
 from sim_robot.strict_toml import read_record
@@ -31,15 +32,24 @@ def _positive(**values: float) -> None:
 class ArmPlacement:
     """One arm: its base in the world (m, quaternion wxyz) and its start position (7 joints, rad).
 
-    hand: on the flange instead of the pad.
+    hand: on the flange instead of the pad. model: of the robot, a name or a TOML's path (hal.robots).
     """
 
     T_world_base_position: Vector3
     T_world_base_wxyz: Quaternion
     home: Joints
     hand: FrankaHand | None = None
+    model: str = DEFAULT
+
+    @property
+    def robot(self) -> RobotModel:
+        """The model of this arm."""
+        return robot(self.model)
 
     def __post_init__(self) -> None:
+        limits = self.robot.limits
+        if not np.all((limits.q_lower < self.home) & (self.home < limits.q_upper)):
+            raise ValueError(f"home must be inside the position limits of the model {self.model!r}")
         if abs(np.linalg.norm(self.T_world_base_wxyz) - 1.0) > 1e-6:
             raise ValueError("T_world_base_wxyz must be a unit quaternion")
 
@@ -61,17 +71,17 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Pad:
-    """The silicone pad on each flange: a box of `size` m, its face face_offset_z beyond joint 7. N/m, kg."""
+    """The silicone pad on each flange: a box of `size` m, its face flange_to_face beyond the flange. N/m, kg."""
 
     size: Vector3
     mass: float
-    face_offset_z: float
+    flange_to_face: float
     stiffness: float
     friction: float
 
     def __post_init__(self) -> None:
         _positive(size_x=self.size[0], size_y=self.size[1], size_z=self.size[2], mass=self.mass)
-        _positive(face_offset_z=self.face_offset_z, stiffness=self.stiffness, friction=self.friction)
+        _positive(flange_to_face=self.flange_to_face, stiffness=self.stiffness, friction=self.friction)
 
 
 @dataclass(frozen=True, slots=True)

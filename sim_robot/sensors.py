@@ -11,7 +11,7 @@ import numpy as np
 from hal.compilation import bound, compiled
 from hal.limits import CONTROL_PERIOD_S
 from hal.state import ARM_STATE
-from sim_robot.arm_description import JOINTS, fr3_description
+from sim_robot.arm_description import JOINTS, arm_description
 from sim_robot.kinematics import KINEMATICS_RECORD, estimate_wrench, forward_kinematics
 from sim_robot.plant import Plant
 from sim_robot.plant_parameters import SensorParameters
@@ -96,7 +96,7 @@ class Sensors:
         self._draws = np.zeros((BLOCK, 2, CHANNELS, JOINTS))
         self._next = BLOCK
         self.kinematics = np.zeros(2, KINEMATICS_RECORD)
-        self.kinematics["T_parent_joint"] = fr3_description().T_parent_joint
+        self.kinematics["T_parent_joint"] = [arm_description(model).T_parent_joint for model in plant.robots]
         self.kinematics["face_offset_z"] = faces_offset_z
         self._records = np.zeros(2, SENSOR_RECORD)
         record = self._records

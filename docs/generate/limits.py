@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.limits import FR3
+from hal.robots import FR3
 from rtstack.safety.limits import (
     APPROACH_S,
     CONTROL_MEASURED_FRACTION,
@@ -20,23 +20,23 @@ def limit_table() -> str:
     line = control_limits(HARDWARE)[0]
     rest = line["velocity_offset"] ** 2 / (2.0 * line["deceleration"])
     rows = [
-        ("`q_lower`, rad", FR3.q_lower, HARDWARE.q_lower, line["q_lower"] + rest),
-        ("`q_upper`, rad", FR3.q_upper, HARDWARE.q_upper, line["q_upper"] - rest),
-        ("`dq_max`, rad/s", FR3.dq_max, HARDWARE.dq_max, line["dq_max"]),
-        ("`velocity_offset`, rad/s", FR3.velocity_offset, FR3.velocity_offset, line["velocity_offset"]),
-        ("`deceleration`, rad/s²", FR3.deceleration, FR3.deceleration, line["deceleration"]),
-        ("`tau_max`, Nm", FR3.tau_max, HARDWARE.tau_max, line["tau_max"]),
-        ("`tau_J_max`, Nm", FR3.tau_max, HARDWARE.tau_J_max, line["tau_J_max"]),
+        ("`q_lower`, rad", FR3.limits.q_lower, HARDWARE.q_lower, line["q_lower"] + rest),
+        ("`q_upper`, rad", FR3.limits.q_upper, HARDWARE.q_upper, line["q_upper"] - rest),
+        ("`dq_max`, rad/s", FR3.limits.dq_max, HARDWARE.dq_max, line["dq_max"]),
+        ("`velocity_offset`, rad/s", FR3.limits.velocity_offset, FR3.limits.velocity_offset, line["velocity_offset"]),
+        ("`deceleration`, rad/s²", FR3.limits.deceleration, FR3.limits.deceleration, line["deceleration"]),
+        ("`tau_max`, Nm", FR3.limits.tau_max, HARDWARE.tau_max, line["tau_max"]),
+        ("`tau_J_max`, Nm", FR3.limits.tau_max, HARDWARE.tau_J_max, line["tau_J_max"]),
         ("torque's step, Nm a tick", *_steps(float(line["tau_step"]))),
-        ("at rest before a position limit, mrad", np.zeros(7), 1e3 * (FR3.q_upper - HARDWARE.q_upper),
-         1e3 * (FR3.q_upper - line["q_upper"] + rest)),
+        ("at rest before a position limit, mrad", np.zeros(7), 1e3 * (FR3.limits.q_upper - HARDWARE.q_upper),
+         1e3 * (FR3.limits.q_upper - line["q_upper"] + rest)),
     ]  # fmt: skip
     head = ["| limit | vendor | judge | controller |", "|---|---|---|---|"]
     return "\n".join([*head, *(f"| {name} | {' | '.join(map(_numbers, values))} |" for name, *values in rows)])
 
 
 def _steps(controllers: float) -> list[NDArray[np.float64]]:
-    rate = FR3.tau_rate_max * 1e-3
+    rate = FR3.limits.tau_rate_max * 1e-3
     return [np.array([rate]), np.array([rate * RATE_FRACTION]), np.array([controllers])]
 
 

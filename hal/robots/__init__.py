@@ -8,11 +8,11 @@ from functools import cache
 from importlib.resources import as_file, files
 from pathlib import Path
 
-from hal.extensions import ExtensionPoint
-from hal.robots.file import RobotFileError, read_robot
-from hal.robots.model import CartesianLimits, RobotModel
+from hal.extensions import ExtensionError, ExtensionPoint
+from hal.robots.file import RobotError, read_robot
+from hal.robots.model import RobotModel
 
-__all__ = ["DEFAULT", "FER", "FR3", "ROBOTS", "CartesianLimits", "RobotFileError", "RobotModel", "read_robot", "robot"]
+__all__ = ["DEFAULT", "FER", "FR3", "ROBOTS", "RobotError", "RobotModel", "read_robot", "reference_in", "robot"]
 
 ROBOTS = ExtensionPoint("rtstack.robots", "robot model", RobotModel)
 DEFAULT = "fr3"
@@ -27,15 +27,23 @@ FR3 = _ours("fr3")
 FER = _ours("fer")
 
 
+def reference_in(cell_file: Path, model: str) -> str:
+    """Return a cell file's `model` as `robot` takes it everywhere: a name, or a TOML's path from the file's folder."""
+    return str(cell_file.resolve().parent / model) if model.endswith(".toml") else model
+
+
 @cache
 def robot(reference: str = DEFAULT) -> RobotModel:
     """Return the model of a registered name, or of a TOML's path: always the same object for the same reference.
 
-    Raises RobotFileError for a file, ExtensionError for a name, with one line.
+    Raises RobotError with one line.
     """
     if reference == DEFAULT:  # whatever is installed
         return FR3
     if reference.endswith(".toml"):
         return read_robot(Path(reference))
-    found = ROBOTS.load(reference)
+    try:
+        found = ROBOTS.load(reference)
+    except ExtensionError as error:
+        raise RobotError(f"{error}, or the path of a TOML") from error
     return found if found.reference == reference else replace(found, reference=reference)

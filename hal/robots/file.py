@@ -21,8 +21,8 @@ Motion = tuple[Positive, Positive, Positive]
 Names = tuple[str, str, str, str, str, str, str]
 
 
-class RobotFileError(ValueError):
-    """A robot model's file that cannot be used. One line that names the file and the key."""
+class RobotError(ValueError):
+    """A robot model that cannot be used. One line: the file and the key, or the name and those that there are."""
 
 
 @checked(frozen=True, slots=True, config=_STRICT)
@@ -79,23 +79,24 @@ class _File:
     friction: _Friction
     sources: dict[str, str]
     plant: dict[str, Any] = Field(default_factory=dict)
+    meshes: str = ""
 
 
 def read_robot(path: Path) -> RobotModel:
-    """Read a model's TOML and the URDF that it names, beside it. Raises RobotFileError with one line."""
+    """Read a model's TOML and the URDF that it names, beside it. Raises RobotError with one line."""
     document = _document(path)
     try:
         file = TypeAdapter(_File).validate_python(document)
     except ValidationError as error:
         first = error.errors()[0]
-        raise RobotFileError(f"{path}: key {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
+        raise RobotError(f"{path}: key {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
     if file.rate_hz != CONTROL_RATE_HZ:
-        raise RobotFileError(f"{path}: key rate_hz: {file.rate_hz:g}; this stack controls at {CONTROL_RATE_HZ} Hz")
+        raise RobotError(f"{path}: key rate_hz: {file.rate_hz:g}; this stack controls at {CONTROL_RATE_HZ} Hz")
     for joint, (lower, upper) in enumerate(zip(file.limits.q_lower, file.limits.q_upper, strict=True), 1):
         if not lower < upper:
-            raise RobotFileError(f"{path}: key limits.q_lower: joint {joint}: {lower:g} is not below {upper:g}")
+            raise RobotError(f"{path}: key limits.q_lower: joint {joint}: {lower:g} is not below {upper:g}")
     if without := _without_source(document, file.sources):
-        raise RobotFileError(f"{path}: key sources: no entry says where {without} comes from")
+        raise RobotError(f"{path}: key sources: no entry says where {without} comes from")
     limits = _arm_limits(file.limits)
     source = path.parent / file.urdf
     try:
@@ -103,9 +104,9 @@ def read_robot(path: Path) -> RobotModel:
         urdf = described(text, path.stem, file.joints, file.flange, limits)
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise RobotFileError(f"{path}: key urdf: {source} cannot be read: {reason}") from None
+        raise RobotError(f"{path}: key urdf: {source} cannot be read: {reason}") from None
     except DescriptionError as error:
-        raise RobotFileError(f"{path}: key urdf: {source}: {error}") from None
+        raise RobotError(f"{path}: key urdf: {source}: {error}") from None
     return RobotModel(
         reference=str(path.resolve()),
         title=file.title,
@@ -117,6 +118,7 @@ def read_robot(path: Path) -> RobotModel:
         friction=(_fixed(file.friction.p1), _fixed(file.friction.p2), _fixed(file.friction.p3)),
         sources=file.sources,
         plant=file.plant,
+        meshes=file.meshes,
     )
 
 
@@ -124,9 +126,9 @@ def _document(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise RobotFileError(f"{path}: cannot be read: {error.strerror}") from None
+        raise RobotError(f"{path}: cannot be read: {error.strerror}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise RobotFileError(f"{path}: not valid TOML: {error}") from None
+        raise RobotError(f"{path}: not valid TOML: {error}") from None
 
 
 def _without_source(document: dict[str, Any], sources: dict[str, str]) -> str:

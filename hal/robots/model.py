@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,8 @@ class RobotModel:
     s/rad, p3 rad/s of the sigmoid p1 / (1 + exp(-p2 (dq + p3))) - p1 / (1 + exp(-p2 p3)), which a controller counts on.
     sources: where the numbers come from, by the key of the TOML. plant: what the simulated arm has instead of the
     simulated robot's own numbers (sim_robot/parameters/plant.toml); nothing that controls or plans looks at it.
+    meshes: for drawing, a folder of the package example-robot-data that has visual/linkN.dae and collision/linkN.stl;
+    empty: the capsules are drawn.
     """
 
     reference: str
@@ -45,3 +48,9 @@ class RobotModel:
     friction: tuple[Array, Array, Array]
     sources: Mapping[str, str]
     plant: Mapping[str, Any]
+    meshes: str = ""
+
+    @property
+    def name(self) -> str:
+        """The registered name, or that of the file."""
+        return Path(self.reference).stem

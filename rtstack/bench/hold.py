@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.errors import HardwareError
-from hal.limits import FR3
+from hal.limits import CONTROL_PERIOD_S
+from hal.robots import FR3
 from hal.state import ArmState
 
 # Nm/rad and Nms/rad. Half of what libfranka's joint_impedance_control.cpp takes, less at the wrist: a hold must not
@@ -19,7 +20,8 @@ DAMPING = np.array([30.0, 30.0, 30.0, 30.0, 8.0, 8.0, 2.0])
 STILL_RAD = 0.01
 STILL_RAD_S = 0.2
 GOOD_RAD = 0.5 * STILL_RAD
-STEP_NM = 0.5 * FR3.tau_rate_max * 1e-3  # a tick: half of the torque rate at which the robot stops
+LIMITS = FR3.limits  # a link is timed without a cell's file: the default model's
+STEP_NM = 0.5 * LIMITS.tau_rate_max * CONTROL_PERIOD_S  # a tick: half of the torque rate at which the robot stops
 
 
 class ArmMoved(HardwareError):
@@ -44,7 +46,7 @@ class Hold:
         dq = state.record["dq"][0]
         off = self._q - state.q
         self._judge(np.abs(off), np.abs(dq))
-        wanted = np.clip(STIFFNESS * off - DAMPING * dq, -FR3.tau_max, FR3.tau_max)
+        wanted = np.clip(STIFFNESS * off - DAMPING * dq, -LIMITS.tau_max, LIMITS.tau_max)
         self._tau += np.clip(wanted - self._tau, -STEP_NM, STEP_NM)
         self.nm = max(self.nm, float(np.abs(self._tau).max()))
         return self._tau

@@ -22,7 +22,7 @@ from rtstack.trials.assembly import cell_parameters
 from rtstack.trials.record import RunSamples
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import TrialSpecification
-from rtstack.trials.tightening import safety_limits
+from rtstack.trials.tightening import limits_of_arms
 from rtstack.trials.trial import PreparedTrial, run_trial
 from rtstack.trials.tuning import Check, GoodRun, check, tune
 
@@ -77,7 +77,7 @@ def _run(
     thing, place_mm, seed = specification.object, specification.displacement_mm, specification.seed
     reference, parameters = planned.reference, cell_parameters(description)
     assert reference.impact is not None  # of a grab
-    prepared = PreparedTrial(specification, description, parameters, reference, safety_limits(description))
+    prepared = PreparedTrial(specification, description, parameters, reference, limits_of_arms(description))
     log = RunSamples(Path(specification.reference))
     cell = open_cell("direct", thing, place_mm * 1e-3, seed, description, cell_file=cell_file)
     try:

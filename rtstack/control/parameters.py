@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.robots import FR3, RobotModel
+
 Array = NDArray[np.floating]
 
 
@@ -68,9 +70,9 @@ class CompletionParameters:
 
 @dataclass(frozen=True, slots=True)
 class InertiaParameters:
-    """Motor side. B_theta: Table I of the impact-map paper; the vendor's estimate, 10 % margin."""
+    """Motor side. B_theta: the robot model's, by default the FR3's."""
 
-    B_theta: Array = _fixed(0.2, 0.2, 0.15, 0.15, 0.067, 0.067, 0.067)
+    B_theta: Array = field(default_factory=lambda: FR3.B_theta)
     # (4) of the reference-spreading paper leaves it out; the impact-map paper adds it and says it is the better choice
     include_B_theta: bool = True
     observer_gain_hz: float = 200.0  # K_O, 1/s: about 5 ms, the bandwidth of the collision-monitoring study
@@ -78,7 +80,7 @@ class InertiaParameters:
 
 @dataclass(frozen=True, slots=True)
 class FrictionParameters:
-    """Sigmoid friction, by default of an identified Panda (Gaz et al., RA-L 2019):
+    """Sigmoid friction, by default of the FR3's model (hal/robots):
 
     tau_fric = p1 / (1 + exp(-p2 (dq + p3))) - p1 / (1 + exp(-p2 p3)), Nm.
 
@@ -86,8 +88,13 @@ class FrictionParameters:
     joint; in free motion it is seen together with friction, and added to it.
     """
 
-    p1: Array = _fixed(0.54615, 0.87224, 0.64068, 1.2794, 0.83904, 0.30301, 0.56489)
-    p2: Array = _fixed(5.1181, 9.0657, 10.136, 5.5903, 8.3469, 17.133, 10.336)
-    p3: Array = _fixed(0.039533, 0.025882, -0.04607, 0.036194, 0.026226, -0.021047, 0.0035526)
+    p1: Array = field(default_factory=lambda: FR3.friction[0])
+    p2: Array = field(default_factory=lambda: FR3.friction[1])
+    p3: Array = field(default_factory=lambda: FR3.friction[2])
     scale: float = 1.0
     gravity_share: Array = _fixed(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+    @classmethod
+    def of(cls, robot: RobotModel) -> "FrictionParameters":
+        """Return what a model's file has."""
+        return cls(*robot.friction)

@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from hal.robots import RobotModel, robot
 from rtstack.impact_map.patch import Face, box_face
 from rtstack.impact_map.reflected import ReflectedInertia, joint_inertia
 from rtstack.impact_map.scene import Arm, Box
@@ -28,13 +29,14 @@ class Body:
     """A moving body at the instant of the impact.
 
     M (nv, nv), velocity (nv,), origin (6, nv): see the module. place (3,) m: where its twist is told, a pad's face or a
-    box's centre.
+    box's centre. robot: of an arm.
     """
 
     M: Array
     velocity: Array
     origin: Array
     place: Array
+    robot: RobotModel | None = None
 
     def twist(self, velocity: Array) -> Array:
         """Return the twist (6,) m/s, rad/s at `place` for a generalised velocity (nv,)."""
@@ -55,13 +57,14 @@ def skew(p: Array) -> Array:
 
 def arm_body(arm: Arm, pad: Pad, reflected: ReflectedInertia) -> tuple[Body, Face]:
     """Return an arm and the face of its pad."""
-    model, flange, face = _arm_model(arm.base_position, arm.base_orientation_wxyz, pad)
+    its_robot = robot(arm.model)
+    model, flange, face = _arm_model(arm.base_position, arm.base_orientation_wxyz, arm.model, pad)
     data = model.createData()
     q = np.array(arm.q)
     pin.crba(model, data, q, pin.Convention.WORLD)
     M = np.array(data.M)
     M[_LOWER] = M.T[_LOWER]  # crba fills the upper triangle only
-    M[_DIAGONAL] += joint_inertia(reflected)
+    M[_DIAGONAL] += joint_inertia(reflected, its_robot)
     origin = np.array(pin.computeJointJacobians(model, data, q))
     placed = data.oMi[flange] * face
     place = placed.translation.copy()
@@ -70,15 +73,15 @@ def arm_body(arm: Arm, pad: Pad, reflected: ReflectedInertia) -> tuple[Body, Fac
     else:
         velocity = np.zeros(7) if arm.dq is None else np.array(arm.dq)
     half = np.array(pad.size[:2]) / 2
-    return Body(M, velocity, origin, place), Face(place, placed.rotation.copy(), half)
+    return Body(M, velocity, origin, place, its_robot), Face(place, placed.rotation.copy(), half)
 
 
 @lru_cache(maxsize=32)
 def _arm_model(
-    position: tuple[float, float, float], orientation: tuple[float, float, float, float], pad: Pad
+    position: tuple[float, float, float], orientation: tuple[float, float, float, float], robot_model: str, pad: Pad
 ) -> tuple[pin.Model, int, pin.SE3]:
     """Return the arm's model, its last joint, and the pad's face in that joint's frame."""
-    mounting = ArmMounting("scene", position, orientation, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    mounting = ArmMounting("scene", position, orientation, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), robot_model)
     model = build_model(mounting, pad)
     flange = model.frames[model.getFrameId("link8")]
     face = flange.placement * pin.SE3(np.eye(3), np.array([0.0, 0.0, pad.flange_to_face]))

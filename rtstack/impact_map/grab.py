@@ -88,8 +88,7 @@ def grab_scene(
     mountings = (description.left, description.right)
     return Scene(
         arms={
-            side: Arm(mounting.base_position, _joints(q[k]), mounting.base_orientation_wxyz, dq=_joints(dq[k]))
-            for k, (side, mounting) in enumerate(zip(SIDES, mountings, strict=True))
+            side: _arm(mounting, q[k], dq[k]) for k, (side, mounting) in enumerate(zip(SIDES, mountings, strict=True))
         },
         objects={"object": Box(thing.mass, thing.size, (*object_xy, top + thing.size[2] / 2))},
         supports={"table": Plane((0.0, 0.0, top), (0.0, 0.0, 1.0))},
@@ -128,6 +127,11 @@ def joint_state_near(model: ArmModel, q: Array, point: NDArray) -> tuple[Array, 
         q = q + step / max(1.0, float(np.abs(step).max()) / 0.3)
     place = np.round(point["position"], 3).tolist()
     raise SceneError(f"no configuration with the pad at {place} and joint 1 at {point['xi']:.3f} rad")
+
+
+def _arm(mounting: ArmMounting, q: Array, dq: Array) -> Arm:
+    place, turn = mounting.base_position, mounting.base_orientation_wxyz
+    return Arm(place, _joints(q), turn, dq=_joints(dq), model=mounting.model)
 
 
 def _joints(values: Array) -> Joints:

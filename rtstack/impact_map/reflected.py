@@ -1,11 +1,12 @@
-"""The motors' inertia as it is felt at the joints during an impact: Table I of the impact-map paper, kg m^2."""
+"""The motors' inertia as it is felt at the joints during an impact, kg m^2: the numbers are the robot model's."""
 
 from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rtstack.control.parameters import InertiaParameters
+from hal.limits import DOF
+from hal.robots import FR3, RobotModel
 
 Array = NDArray[np.floating]
 
@@ -21,13 +22,6 @@ class ReflectedInertia(StrEnum):
     NONE = "none"
 
 
-_TABLE = {
-    ReflectedInertia.B_THETA: InertiaParameters().B_theta,
-    ReflectedInertia.B: np.array([0.6, 0.6, 0.45, 0.45, 0.2, 0.2, 0.2]),
-    ReflectedInertia.NONE: np.zeros(7),
-}
-
-
-def joint_inertia(kind: ReflectedInertia) -> Array:
+def joint_inertia(kind: ReflectedInertia, robot: RobotModel = FR3) -> Array:
     """Return what is added to the diagonal of an arm's mass matrix, (7,) kg m^2. Do not write to it."""
-    return _TABLE[kind]
+    return np.zeros(DOF) if kind is ReflectedInertia.NONE else getattr(robot, kind.value)

@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
+from hal.robots import DEFAULT
 from rtstack.configuration import STRICT, ConfigurationError, load_toml
 from rtstack.impact_map.reflected import ReflectedInertia
 from rtstack.model.cell_description import Pad
@@ -21,22 +22,23 @@ Vector = tuple[Number, Number, Number]
 Quaternion = tuple[Number, Number, Number, Number]
 Joints = tuple[Number, Number, Number, Number, Number, Number, Number]
 
-FR3_PAD = Pad(size=(0.1, 0.1, 0.03), mass=0.35, flange_to_face=0.03)
+DEFAULT_PAD = Pad(size=(0.1, 0.1, 0.03), mass=0.35, flange_to_face=0.03)
 UPRIGHT: Quaternion = (1.0, 0.0, 0.0, 0.0)
 STILL: Vector = (0.0, 0.0, 0.0)
 
 
 @checked(frozen=True, slots=True, config=STRICT)
 class Arm:
-    """An FR3 on its base, with the scene's pad: configuration rad, and before the impact either joint velocities rad/s
+    """An arm on its base, with the scene's pad: configuration rad, and before the impact either joint velocities rad/s
     or the twist of the pad's face (linear m/s, then angular rad/s, along the world's axes), which takes the joint
-    velocities of least norm. Neither: the arm is still."""
+    velocities of least norm. Neither: the arm is still. model: of the robot (hal.robots)."""
 
     base_position: Vector
     q: Joints
     base_orientation_wxyz: Quaternion = UPRIGHT
     dq: Joints | None = None
     pad_twist: tuple[Number, Number, Number, Number, Number, Number] | None = None
+    model: str = DEFAULT
 
 
 @checked(frozen=True, slots=True, config=STRICT)
@@ -90,7 +92,7 @@ class Scene:
     arms: dict[str, Arm] = field(default_factory=dict)
     objects: dict[str, Box] = field(default_factory=dict)
     supports: dict[str, Plane] = field(default_factory=dict)
-    pad: Pad = FR3_PAD
+    pad: Pad = DEFAULT_PAD
     reflected: ReflectedInertia = ReflectedInertia.B_THETA
 
 

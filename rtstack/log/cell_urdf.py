@@ -36,14 +36,14 @@ class Shape:
     colour: tuple[float, float, float, float]
 
 
-def cell_urdf(cell: CellFrames, arm_urdf: str) -> str:
-    """Return the URDF of a cell with two arms of `arm_urdf`. Things without a size are left out."""
+def cell_urdf(cell: CellFrames) -> str:
+    """Return the URDF of a cell with its two arms. Things without a size are left out."""
     robot = Element("robot", name="cell")
     for name, colour in COLOURS.items():
         SubElement(SubElement(robot, "material", name=name), "color", rgba=_numbers(colour))
     SubElement(robot, "link", name=WORLD)
     for side in SIDES:
-        _add_arm(robot, side, cell.T_world_base(side), arm_urdf)
+        _add_arm(robot, side, cell.T_world_base(side), cell.urdf(side))
         pad = f"{side}_pad"
         size = cell.pad_size_m
         # the frame is in the pad's outer face

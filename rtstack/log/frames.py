@@ -12,7 +12,9 @@ import numpy as np
 from foxglove.messages import FrameTransform, FrameTransforms, Quaternion, Timestamp, Vector3
 from numpy.typing import NDArray
 
+from hal.robots import FR3
 from rtstack.log.instants import OBJECT, Instants
+from rtstack.samples import SIDES
 
 WORLD = "world"
 TABLE = "table"
@@ -24,7 +26,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class CellFrames:
-    """Where things are mounted in the cell. Poses (4, 4) row-major, m; the sizes are for drawing."""
+    """Where things are mounted in the cell. Poses (4, 4) row-major, m; the sizes are for drawing. URDFs of the arms."""
 
     T_world_base_left: Array
     T_world_base_right: Array
@@ -32,6 +34,12 @@ class CellFrames:
     object_size_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     table_centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     table_size_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    urdf_left: str = FR3.urdf
+    urdf_right: str = FR3.urdf
+
+    def urdf(self, side: str) -> str:
+        """URDF of the arm of `side` (left or right)."""
+        return self.urdf_left if side == "left" else self.urdf_right
 
     def T_world_base(self, side: str) -> Array:
         """Mounting pose of the arm of `side` (left or right), (4, 4) row-major, m."""
@@ -160,9 +168,9 @@ class _Track:
 class FrameTree:
     """Makes the /tf messages of a run."""
 
-    def __init__(self, cell: CellFrames, urdf: str) -> None:
+    def __init__(self, cell: CellFrames) -> None:
         self._cell = cell
-        self._joints = joint_placements(urdf)
+        self._joints = {side: joint_placements(cell.urdf(side)) for side in SIDES}
 
     def transforms(self, instants: Instants) -> list[tuple[int, bytes]]:
         """Return a message for each of the instants, as (t_ns, FrameTransforms)."""
@@ -193,7 +201,7 @@ class FrameTree:
         tracks = [_Track(WORLD, base, *_poses_of(self._cell.T_world_base(side)[None]))]
         parent, angles = f"{side}_{BASE_LINK}", iter(0.5 * samples["q"].T)
         tracks.append(_Track(base, parent, np.zeros(3), _UPRIGHT))
-        for joint in self._joints:
+        for joint in self._joints[side]:
             turned = joint.orientation_wxyz
             if joint.axis is not None:
                 half = next(angles)

@@ -13,7 +13,6 @@ import traceback
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.description import fr3_urdf
 from rtstack.log.batches import BatchWriter
 from rtstack.log.job import Evidence, LogJob, get_job, get_result
 from rtstack.log.ring import LogState, Rings
@@ -76,7 +75,7 @@ def run(job_descriptor: int, log_descriptor: int, parent: int) -> None:
             sink = McapSink(file)
             sink.begin(job.metadata, job.attachments)
             sink.flush()
-            drain = RingDrain(rings, sink, Scenery(job.cell, fr3_urdf()) if job.cell else None)
+            drain = RingDrain(rings, sink, Scenery(job.cell) if job.cell else None)
             rings.state = LogState.READY
             while not rings.closing and os.getppid() == parent:
                 drain.step()

@@ -28,10 +28,10 @@ def scenery_schemas() -> dict[str, foxglove.Schema]:
 class Scenery:
     """Makes these messages from a run's batches of records."""
 
-    def __init__(self, cell: CellFrames, arm_urdf: str) -> None:
-        shapes = shapes_of(cell_urdf(cell, arm_urdf))
+    def __init__(self, cell: CellFrames) -> None:
+        shapes = shapes_of(cell_urdf(cell))
         self._instants = InstantFinder()
-        self._tree = FrameTree(cell, arm_urdf)
+        self._tree = FrameTree(cell)
         self._solids, self._forces = Solids(shapes), Forces(cell)
         self._voxels = shapes  # until they were said
 

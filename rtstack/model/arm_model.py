@@ -1,26 +1,26 @@
 """Rigid-body model of one arm, by Pinocchio, in the world frame and without allocation in `update`."""
 
-from functools import lru_cache
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from hal.description import fr3_urdf
+from hal.robots import RobotModel
 from rtstack.model.cell_description import ArmMounting, Pad, base_frame
 
 Array = NDArray[np.floating]
 
 
-@lru_cache(maxsize=1)
-def _flange_model() -> pin.Model:
-    return pin.buildModelFromXML(fr3_urdf())
+@cache
+def _flange_model(robot: RobotModel) -> pin.Model:
+    return pin.buildModelFromXML(robot.urdf)
 
 
 def build_model(mounting: ArmMounting, pad: Pad) -> pin.Model:
     """Return the Pinocchio model of an arm on its base, with the pad as a solid box fixed to the flange."""
-    model = pin.Model(_flange_model())
+    model = pin.Model(_flange_model(mounting.robot))
     frame = base_frame(mounting)
     model.jointPlacements[1] = pin.SE3(frame.rotation, frame.translation) * model.jointPlacements[1]
     flange = model.frames[model.getFrameId("link8")]
@@ -50,6 +50,7 @@ class ArmModel:
     """
 
     def __init__(self, mounting: ArmMounting, pad: Pad) -> None:
+        self.robot = mounting.robot
         self.pin_model = build_model(mounting, pad)
         self._data = self.pin_model.createData()
         frame = base_frame(mounting)

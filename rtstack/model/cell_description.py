@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from hal.limits import FR3
+from hal.robots import DEFAULT, RobotModel, reference_in, robot
 from rtstack.configuration import STRICT, ConfigurationError, load_toml, place_of
 from rtstack.model.rotation import rotation_from_quaternion
 from rtstack.safety.body import Base, Tool
-from rtstack.safety.limits import HARDWARE
+from rtstack.safety.limits import hardware_limits
 
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 Friction = Annotated[float, Field(gt=0.0, le=2.0, allow_inf_nan=False)]
@@ -27,12 +27,26 @@ Stiffnesses = tuple[Stiffness, Stiffness, Stiffness, TurningStiffness, TurningSt
 
 @checked(frozen=True, slots=True, config=STRICT)
 class ArmMounting:
-    """Where an arm stands and where it starts. Base position m, orientation as quaternion wxyz, home in rad."""
+    """Where an arm stands and where it starts. Base position m, orientation as quaternion wxyz, home in rad.
+
+    model: of the robot, a registered name or the path of its TOML (hal.robots), in a cell's file from its folder.
+    """
 
     address: Annotated[str, Field(pattern=r"^[^\s,:/]+$")]
     base_position: tuple[float, float, float]
     base_orientation_wxyz: tuple[float, float, float, float]
     home: tuple[float, float, float, float, float, float, float]
+    model: str = DEFAULT
+
+    @property
+    def robot(self) -> RobotModel:
+        """The model of this arm. Raises RobotError."""
+        return robot(self.model)
+
+    @property
+    def base(self) -> Base:
+        """What the safety judge knows of it. Raises ValueError for what is no place."""
+        return Base(self.base_position, self.base_orientation_wxyz, self.robot)
 
 
 @checked(frozen=True, slots=True, config=STRICT)
@@ -151,6 +165,11 @@ class CellDescription:
     safety: dict[str, Any] = field(default_factory=dict)
     joint_friction: Path | None = None
 
+    @property
+    def robots(self) -> tuple[RobotModel, RobotModel]:
+        """The models of the left and of the right arm."""
+        return self.left.robot, self.right.robot
+
     def about(self, object_name: str) -> "CellDescription":
         """Return the description with the contact friction of this object, where it has its own."""
         thing = self.objects[object_name]
@@ -176,16 +195,19 @@ def base_frame(mounting: ArmMounting) -> Frame:
 def load_cell_description(path: Path) -> CellDescription:
     """Read and check a cell description. Raises ConfigurationError with one line that names the key."""
     description = load_toml(path, CellDescription)
-    left, right, pad = description.left, description.right, description.pad
+    left, right = (replace(arm, model=reference_in(path, arm.model)) for arm in (description.left, description.right))
+    description, pad = replace(description, left=left, right=right), description.pad
     checks = {
-        "left.home": lambda: _check_home(left.home),
-        "right.home": lambda: _check_home(right.home),
+        "left.model: ": lambda: left.robot,
+        "right.model: ": lambda: right.robot,
+        "left.home": lambda: _check_home(left),
+        "right.home": lambda: _check_home(right),
         "right.address": lambda: _check_other(left.address, right.address),
-        "left.": lambda: Base(left.base_position, left.base_orientation_wxyz),
-        "right.": lambda: Base(right.base_position, right.base_orientation_wxyz),
+        "left.": lambda: left.base,
+        "right.": lambda: right.base,
         "objects.": lambda: _check_names(description.objects),
         "pad.": lambda: Tool(pad.size, pad.flange_to_face),
-        "": lambda: HARDWARE.tightened(description.safety),
+        "": lambda: [hardware_limits(model).tightened(description.safety) for model in description.robots],
     }
     for key, check in checks.items():
         try:
@@ -205,8 +227,9 @@ def _check_names(objects: Collection[str]) -> None:
         raise ValueError("none: the name stands for an empty cell; choose another one")
 
 
-def _check_home(home: tuple[float, ...]) -> None:
-    for joint, (q, low, high) in enumerate(zip(home, FR3.q_lower, FR3.q_upper, strict=True), 1):
+def _check_home(arm: ArmMounting) -> None:
+    limits = arm.robot.limits
+    for joint, (q, low, high) in enumerate(zip(arm.home, limits.q_lower, limits.q_upper, strict=True), 1):
         if not low < q < high:
             raise ValueError(f": joint {joint} at {q:g} rad is not between {low:g} and {high:g}")
 

@@ -6,7 +6,6 @@ from functools import lru_cache
 from pathlib import Path
 
 from hal.cell import Cell
-from hal.description import fr3_urdf
 from hal.displacement import Displacement
 from rtstack.experiments.archive import Archive
 from rtstack.experiments.experiment import Stage, Stages, Task
@@ -18,7 +17,7 @@ from rtstack.papers.reference import Reference
 from rtstack.papers.simulated_cell import open_conditioned_cell
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.errors import TrialError
-from rtstack.trials.record import frames, trial_metadata
+from rtstack.trials.record import cell_attachments, frames, trial_metadata
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.scoring import SuccessCriterion
 from rtstack.trials.specification import DemonstrationSpecification
@@ -68,10 +67,7 @@ def _description(cell_file: Path) -> CellDescription:
 @lru_cache(maxsize=1)
 def common_attachments(cell_file: Path) -> list[Attachment]:
     """Return what every log of a campaign has attached."""
-    return [
-        Attachment("cell.toml", "application/toml", cell_file.read_bytes()),
-        Attachment("fr3.urdf", "application/xml", fr3_urdf().encode()),
-    ]
+    return cell_attachments(cell_file, load_cell_description(cell_file))
 
 
 def record(bench: Bench, reference: Reference, conditions: Conditions, seed: int) -> str | None:

@@ -14,9 +14,9 @@ from rtstack.model.cell_description import CellDescription, ObjectDescription
 from rtstack.planning.impact_loads import impact_loads
 from rtstack.planning.planned import PlannedMotion
 from rtstack.planning.request import PlanError, TooFast
-from rtstack.safety.body import Base, Tool, arm_body
+from rtstack.safety.body import Tool, arm_body
 from rtstack.safety.geometry import arm_distance, place_arm
-from rtstack.safety.limits import HARDWARE, SafetyLimits
+from rtstack.safety.limits import HARDWARE, SafetyLimits, hardware_limits
 from rtstack.safety.records import StopProfile, empty_memory, rules
 from rtstack.samples import SIDES
 
@@ -110,8 +110,8 @@ def check_travel(planned: PlannedMotion, description: CellDescription) -> None:
 
 def check_motion(planned: PlannedMotion, description: CellDescription) -> None:
     """Refuse joints beyond their limits, and pads or links too near to the table or to the other arm."""
-    limits = HARDWARE.tightened(description.safety)
     for arm, side in enumerate(SIDES):
+        limits = hardware_limits(description.robots[arm]).tightened(description.safety)
         _check_joints(planned, arm, side, limits)
         _check_pad(planned, arm, side, limits)
     _check_distances(planned, description)
@@ -120,10 +120,12 @@ def check_motion(planned: PlannedMotion, description: CellDescription) -> None:
 def check_loads(planned: PlannedMotion, description: CellDescription) -> None:
     """Refuse an impact that takes a joint's torque or velocity, the arm's power, or what the judge sees of the contact
     beyond what is allowed."""
-    limits, thing = HARDWARE.tightened(description.safety), description.objects[planned.recording.object]
+    thing = description.objects[planned.recording.object]
     give = planned.request.give or thing.give or STIFFEST
     for side, loads in impact_loads(planned, give, thing.mass).items():
-        q = planned.joints[SIDES.index(side)].q[planned.recording.impact]
+        arm = SIDES.index(side)
+        limits = hardware_limits(description.robots[arm]).tightened(description.safety)
+        q = planned.joints[arm].q[planned.recording.impact]
         lower, upper = limits.dq_lower(q), limits.dq_upper(q)
         for what, values, limit, unit in (
             ("torque", loads.torque, np.array(limits.tau_J_max), "Nm"),
@@ -204,11 +206,9 @@ def near_misses(description: CellDescription, q: Sequence[Array], points: NDArra
     table, pad = description.table, description.pad
     half = np.array(table.size_xy) / 2
     low, high = np.array(table.centre_xy) - half, np.array(table.centre_xy) + half
-    mounted = (description.left, description.right)
     tool = Tool(pad.size, pad.flange_to_face)
-    rule = [
-        rules(HARDWARE, StopProfile(), arm_body(Base(m.base_position, m.base_orientation_wxyz), tool)) for m in mounted
-    ]
+    bodies = [arm_body(mounting.base, tool) for mounting in (description.left, description.right)]
+    rule = [rules(HARDWARE, StopProfile(), bodies[arm], bodies[1 - arm]) for arm in range(2)]
     memory = empty_memory(2)
     reach, still = np.array(pad.size) / 2, np.zeros(7)
     for tick in range(0, points.shape[1], LOOK_TICKS):
@@ -216,9 +216,11 @@ def near_misses(description: CellDescription, q: Sequence[Array], points: NDArra
             point = points[arm, tick]
             place_arm(q[arm][tick], still, rule[arm][0], memory[arm])
             lowest = point["position"][2] - point["rotation"][2, 2] * reach[2] - np.abs(point["rotation"][2]) @ reach
-            ends = memory[arm]["ends_world"][1:-1]  # the first capsule is the base, the last the pad's
+            first = bodies[arm]["first"]
+            links_only = slice(int(first[1]), int(first[-1]) - 1)  # not those of the base, and not the pad's, the last
+            ends = memory[arm]["ends_world"][links_only]
             above = np.all((ends[:, :, :2] > low) & (ends[:, :, :2] < high), axis=2)
-            links = np.where(above, ends[:, :, 2] - rule[arm][0]["radius"][1:-1, None], np.inf)
+            links = np.where(above, ends[:, :, 2] - rule[arm][0]["radius"][links_only, None], np.inf)
             if min(float(lowest), float(links.min())) < table.top_z + CLEARANCE_M:
                 yield NearMiss(tick, side)
         if arm_distance(memory[0], memory[1], rule[0][0], ARM_DISTANCE_M) < ARM_DISTANCE_M:

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.description import fr3_urdf
 from hal.files import replacing
 from hal.tracker import OBJECT_POSE
 from rtstack.log.errors import LogError
@@ -20,7 +19,7 @@ from rtstack.references.planned import MONITOR, PLAN
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, EVENT, SIDES, TIMING_SAMPLE, Level, Mode
 from rtstack.topics import ARM_TOPICS, CONTROL_TOPICS, EVENT_TOPIC, OBJECT_TOPIC, TIMING_TOPIC
 from rtstack.trials.provenance import git_commit, package_versions
-from rtstack.trials.record import frames
+from rtstack.trials.record import cell_attachments, frames
 
 
 def write_plan(
@@ -37,12 +36,9 @@ def write_plan(
         "git_commit": git_commit(),
     }  # fmt: skip
     batches = _records(planned)
-    scenery = Scenery(frames(description, planned.recording.object), fr3_urdf())
+    scenery = Scenery(frames(description, planned.recording.object))
     arms = {side: batches[topic] for side, topic in zip(SIDES, ARM_TOPICS, strict=True)}
-    attachments = [
-        Attachment("cell.toml", "application/toml", cell_file.read_bytes()),
-        Attachment("fr3.urdf", "application/xml", fr3_urdf().encode()),
-    ]
+    attachments = cell_attachments(cell_file, description)
     if tuning is not None:
         attachments.append(Attachment(MONITOR, "application/toml", tuning.encode()))
     try:

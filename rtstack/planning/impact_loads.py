@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.robots import FR3
 from rtstack.control.parameters import InertiaParameters
 from rtstack.impact_map.problem import JOINTS, Problem
 from rtstack.impact_map.reflected import joint_inertia
@@ -49,11 +50,11 @@ def impact_loads(planned: PlannedMotion, give: float, mass: float) -> dict[str, 
     arms = [side for side in SIDES if side in problem.names]
     where = [problem.slices[problem.names.index(side)] for side in arms]
     joints = np.concatenate([np.arange(its.start, its.stop) for its in where])
-    motors = joint_inertia(planned.request.inertia)
+    robots = [problem.bodies[problem.names.index(side)].robot or FR3 for side in arms]
     links = problem.M.copy()
-    links[joints, joints] -= np.tile(motors, len(arms))
+    links[joints, joints] -= np.concatenate([joint_inertia(planned.request.inertia, robot) for robot in robots])
     compliance = np.linalg.inv(links)
-    inertia = np.tile(InertiaParameters().B_theta, len(arms))
+    inertia = np.concatenate([robot.B_theta for robot in robots])
     first = planned.recording.impact - 1
     ticks = slice(first, first + 1 + round(IMPACT_S * 1e3))
     torque = np.hstack([planned.torque(SIDES.index(side), ticks) for side in arms])

@@ -6,8 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline, interp1d
 
-from hal.limits import FR3
-from rtstack.control.parameters import InertiaParameters
 from rtstack.impact_map import SceneError
 from rtstack.impact_map.grab import joint_state_near
 from rtstack.impact_map.problem import JOINTS
@@ -76,7 +74,7 @@ def _piece(model: ArmModel, q: Array, points: NDArray, period_s: float, posture_
 def arm_inertia(model: ArmModel) -> Array:
     """Return M + B_theta (7, 7) of an arm where the model is, with the reflected inertia of the torque loop."""
     upper = np.triu(model.M)  # crba fills the upper triangle only
-    return upper + np.triu(upper, 1).T + np.diag(InertiaParameters().B_theta)
+    return upper + np.triu(upper, 1).T + np.diag(model.robot.B_theta)
 
 
 def feedforward(motion: JointMotion, acceleration: Array, torque: Array, posture_joint: int) -> tuple[Array, Array]:
@@ -92,9 +90,9 @@ def feedforward(motion: JointMotion, acceleration: Array, torque: Array, posture
     return np.linalg.solve(inverse, wanted[:, :, None])[:, :, 0], acceleration[:, 6] + reaction[:, posture_joint]
 
 
-def held_back(step: Array, period_s: float) -> Array:
-    """Return the impulse (7,) Nms that the robot's torque rate holds back of a torque that steps by `step` (7,) Nm."""
-    largest = FR3.tau_rate_max * period_s
+def held_back(step: Array, rate: float, period_s: float) -> Array:
+    """Return the impulse (7,) Nms that a torque rate, Nm/s, holds back of a torque that steps by `step` (7,) Nm."""
+    largest = rate * period_s
     ticks = np.arange(1, int(np.abs(step).max() / largest) + 1)
     return np.sign(step) * np.maximum(np.abs(step) - largest * ticks[:, None], 0.0).sum(axis=0) * period_s
 

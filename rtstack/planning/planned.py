@@ -114,7 +114,7 @@ def assemble(
         load[arm] = wrench[k] - wrench[k - 1]
         # it steps at the impact: what the torque rate holds back of it (5 ms of a 2.2 kg box's weight, 1 % of its
         # momentum) comes right after it
-        lacking = held_back(load[arm] @ moved.J[k], period_s)
+        lacking = held_back(load[arm] @ moved.J[k], mounting.robot.limits.tau_rate_max, period_s)
         torque[k:] += repaid(lacking, len(t_s) - k, period_s)
         whole["wrench_ff"], whole["beta"] = feedforward(moved, acceleration[arm], torque, posture_joint)
         points.append(whole)

@@ -12,7 +12,7 @@ from rtstack.model.cell_description import CellDescription
 from rtstack.planning.feasibility import POSITION_MARGIN_RAD, TORQUE_SHARE, VELOCITY_SHARE, near_misses
 from rtstack.playback.pace import FASTEST, RAMP_S, SLOWEST
 from rtstack.playback.path import STEP_S, ArmPath
-from rtstack.safety.limits import SafetyLimits
+from rtstack.safety.limits import PairLimits, SafetyLimits
 from rtstack.samples import SIDES
 from rtstack.trials.errors import TrialError
 
@@ -38,12 +38,15 @@ def check_speed(speed: float) -> None:
 
 
 def check_playback(
-    paths: tuple[ArmPath, ArmPath], speed: float, limits: SafetyLimits, description: CellDescription
+    paths: tuple[ArmPath, ArmPath],
+    speed: float,
+    limits: PairLimits,
+    description: CellDescription,
 ) -> None:
     """Refuse what cannot be played at this speed, and what cannot be played at all. Raises TrialError with one line."""
     check_speed(speed)
-    for path, side in zip(paths, SIDES, strict=True):
-        for load in (*places(path, limits), *loads(path, speed, limits)):
+    for path, side, allowed in zip(paths, SIDES, limits, strict=True):
+        for load in (*places(path, allowed), *loads(path, speed, allowed)):
             if load.share > 1.0:
                 raise TrialError(f"{side} arm, {load.at_s:.2f} s into the log: {load.what}")
     stations = np.stack([path.stations for path in paths])

@@ -20,7 +20,7 @@ from rtstack.playback.limits import check_playback, check_speed
 from rtstack.playback.motion import load_motion
 from rtstack.playback.pace import pace
 from rtstack.playback.path import arm_path
-from rtstack.safety.limits import SafetyLimits
+from rtstack.safety.limits import PairLimits
 from rtstack.samples import SIDES
 from rtstack.trials.assembly import Parameters, arm_controllers, cell_parameters, following
 from rtstack.trials.errors import TrialError
@@ -30,7 +30,7 @@ from rtstack.trials.run_context import NO_CONTEXT, RunContext
 from rtstack.trials.scoring import failure_reason
 from rtstack.trials.specification import PlaybackSpecification
 from rtstack.trials.start_motion import StartMotion, start_motion
-from rtstack.trials.tightening import safety_limits
+from rtstack.trials.tightening import limits_of_arms
 
 NO_OBJECT = ""  # what a cell is opened with
 # of a joint from where the log begins, where the arms cannot go there first: a spring of 2000 N/m then pulls with less
@@ -47,7 +47,7 @@ class PreparedPlayback:
     specification: PlaybackSpecification
     description: CellDescription
     parameters: Parameters
-    limits: SafetyLimits
+    limits: PairLimits
     stations: tuple[NDArray, NDArray]
     q: NDArray[np.float64]
     duration_s: float
@@ -68,7 +68,7 @@ def prepare_playback(specification: PlaybackSpecification, description: CellDesc
     source = Path(specification.source)
     motion = load_motion(source)
     parameters = cell_parameters(description)
-    limits = safety_limits(description)
+    limits = limits_of_arms(description)
     arms = arm_controllers(description, parameters)
     paths = arm_path(motion, 0, arms[0]), arm_path(motion, 1, arms[1])
     try:

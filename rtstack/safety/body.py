@@ -11,14 +11,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.description import fr3_urdf
+from hal.limits import DOF
+from hal.robots import FR3, RobotModel
+from hal.robots.description import LARGEST_NUMBER_OF_CAPSULES
 
 Array = NDArray[np.float64]
-LINKS = 8  # link0 to link7
-CAPSULES = 10  # nine of the links, one of the pad
+LINKS = DOF + 1  # link0 to link7
+CAPSULES = LARGEST_NUMBER_OF_CAPSULES + 1  # room for those of the links, and one for the pad
 
 # translation and rotation: of each joint's frame in its predecessor's. first[l] to first[l + 1]: the capsules of
-# link l. ends: a capsule's axis in its link's frame, m; reach: from its middle to its furthest point, m
+# link l, first[LINKS]: how many there are. ends: a capsule's axis in its link's frame, m; reach: from its middle to its
+# furthest point, m
 BODY = np.dtype(
     [
         ("base_position", "f8", 3),
@@ -36,11 +39,12 @@ BODY = np.dtype(
 
 @dataclass(frozen=True, slots=True)
 class Base:
-    """Where an arm stands in the world: m, and a quaternion wxyz. Raises ValueError for what is no place: no line of
-    the judge would be crossed there."""
+    """Which arm stands where in the world: m, and a quaternion wxyz. Raises ValueError for what is no place: no line
+    of the judge would be crossed there."""
 
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
     orientation_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    robot: RobotModel = FR3
 
     def __post_init__(self) -> None:
         """Check it."""
@@ -66,11 +70,11 @@ class Tool:
 
 
 def arm_body(base: Base, tool: Tool) -> NDArray[np.void]:
-    """Return the BODY () of an FR3 with the tool on this base."""
-    root = ElementTree.fromstring(fr3_urdf())
+    """Return the BODY () of an arm with the tool on this base."""
+    root = ElementTree.fromstring(base.robot.urdf)
     body = np.zeros((), BODY)
     body["base_position"], body["base_rotation"] = base.position, _rotation(base.orientation_wxyz)
-    for i in range(7):
+    for i in range(DOF):
         origin = root.find(f"joint[@name='joint{i + 1}']/origin")
         body["translation"][i], body["rotation"][i] = _numbers(origin, "xyz"), _turn(_numbers(origin, "rpy"))
     flange = _numbers(root.find("joint[@name='joint8']/origin"), "xyz")

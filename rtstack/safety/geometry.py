@@ -6,7 +6,7 @@ Fields are indexed by name, as plain Python can too: so the tests run and mutate
 import math
 
 from hal.compilation import compiled
-from rtstack.safety.body import CAPSULES, LINKS
+from rtstack.safety.body import LINKS
 
 
 @compiled
@@ -94,13 +94,13 @@ def segment_distance(a, b, c, d):
 def arm_distance(mine, other, rule, enough):
     """Return the smallest distance of two capsules, one of each arm, or `enough` where none is closer."""
     closest = enough
-    for i in range(CAPSULES):
+    for i in range(rule["first"][LINKS]):
         a, b = mine["ends_world"][i, 0], mine["ends_world"][i, 1]
-        for j in range(CAPSULES):
+        for j in range(rule["other_capsules"]):
             c, d = other["ends_world"][j, 0], other["ends_world"][j, 1]
             # twice the distance of the middles; most pairs are too far apart to matter
             x, y, z = a[0] + b[0] - c[0] - d[0], a[1] + b[1] - c[1] - d[1], a[2] + b[2] - c[2] - d[2]
-            near = 2.0 * (rule["reach"][i] + rule["reach"][j] + closest)
+            near = 2.0 * (rule["reach"][i] + rule["other_reach"][j] + closest)
             if x * x + y * y + z * z < near * near:
-                closest = min(closest, segment_distance(a, b, c, d) - rule["radius"][i] - rule["radius"][j])
+                closest = min(closest, segment_distance(a, b, c, d) - rule["radius"][i] - rule["other_radius"][j])
     return closest

@@ -13,7 +13,7 @@ from hal.compilation import bound, compiled
 from rtstack.safety.body import Base, Tool, arm_body
 from rtstack.safety.checks import find_arm, find_joint, find_not_finite, take_time
 from rtstack.safety.geometry import place_arm
-from rtstack.safety.limits import HARDWARE, SafetyLimits
+from rtstack.safety.limits import HARDWARE, PairLimits, SafetyLimits
 from rtstack.safety.reasons import NO_INTERVENTION, Reason, Verdict
 from rtstack.safety.records import StopProfile, empty_memory, rules
 from rtstack.safety.stop import begin_stop, braking_torque, clip
@@ -86,11 +86,13 @@ class SafetyJudge:
         profile: StopProfile | None = None,
         pair: NDArray[np.void] | None = None,
         side: int = 0,
+        other: Base | None = None,
     ) -> None:
-        """pair: memories (2,) shared with the other arm's judge; side: which of them is this one's."""
+        """pair: memories (2,) shared with the other arm's judge; side: which of them is this one's; other: its base."""
         memories = pair if pair is not None else empty_memory(2)
         self.memory, self._other = memories[side : side + 1], memories[1 - side : 2 - side]
-        self._rules = rules(limits, profile or StopProfile(), arm_body(base or Base(), tool or Tool()))
+        base, tool = base or Base(), tool or Tool()
+        self._rules = rules(limits, profile or StopProfile(), arm_body(base, tool), arm_body(other or base, tool))
         if pair is None:
             self._rules.flags.writeable = True
             self._rules["skew_max_ns"] = NEVER_NS
@@ -172,8 +174,11 @@ class SafetyJudge:
 
 
 def pair_of_judges(
-    limits: SafetyLimits, left: Base, right: Base, tool: Tool, profile: StopProfile | None = None
+    limits: PairLimits, left: Base, right: Base, tool: Tool, profile: StopProfile | None = None
 ) -> tuple[SafetyJudge, SafetyJudge]:
     """Return the judges of two arms that watch each other: distance, silence, and that neither goes on alone."""
     pair = empty_memory(2)
-    return SafetyJudge(limits, left, tool, profile, pair, 0), SafetyJudge(limits, right, tool, profile, pair, 1)
+    return (
+        SafetyJudge(limits[0], left, tool, profile, pair, 0, right),
+        SafetyJudge(limits[1], right, tool, profile, pair, 1, left),
+    )

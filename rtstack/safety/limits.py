@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.limits import COLLISION_TORQUES, CONTROL_PERIOD_S, FR3, ArmLimits
+from hal.limits import COLLISION_TORQUES, CONTROL_PERIOD_S, ArmLimits
+from hal.robots import FR3, RobotModel
 
 Seven = tuple[float, float, float, float, float, float, float]
 Three = tuple[float, float, float]
@@ -38,7 +39,6 @@ APPROACH_S = 0.02
 # of a joint's braking: how much of what pushes it from outside is countered at a line. Pads that squeeze an object with
 # 100 N push joint 2 with 14 rad/s^2
 PUSH_SHARE = 2.0
-LARGEST_SPEED_M_S = 3.0  # source: libfranka, rate_limiting.h, kMaxTranslationalVelocity
 LARGEST_GAP_S = 0.02  # source FCI: 20 packets lost in a row abort the motion
 SMALLEST_DISTANCE_M = 0.02  # ours: between the capsules of the two arms
 
@@ -49,12 +49,13 @@ class LimitWidened(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class SafetyLimits:
-    """The limits of the judge, the same for both arms. Joints (7,); the box is of the pad's face in the world's frame.
+    """The limits of the judge of one arm. Joints (7,); the box is of the pad's face in the world's frame.
 
     Names that end in lower or min bound from below, upper and max from above. tau_J_max bounds the measured torque
     (it swings above the command after an impact), tau_ext_max both the robot's estimate of the external torque and the
     controller's momentum residual, power_max the sum of |tau_J dq|'s balance, state_gap_max_s the robot's time between
     two states that differ, pair_skew_max_s the time for which one arm is answered without a new state of the other.
+    arm: the model's own, for what nobody tightens: braking and the velocity limit near a position limit.
     """
 
     q_lower: Seven
@@ -65,13 +66,13 @@ class SafetyLimits:
     tau_ext_max: Seven
     tau_rate_max: float
     power_max: float
+    ee_speed_max: float
     ee_lower: Three = (-inf, -inf, -inf)
     ee_upper: Three = (inf, inf, inf)
-    ee_speed_max: float = LARGEST_SPEED_M_S
     arm_distance_min: float = SMALLEST_DISTANCE_M
     state_gap_max_s: float = LARGEST_GAP_S
     pair_skew_max_s: float = LARGEST_GAP_S
-    arm: ArmLimits = field(default=FR3, repr=False, compare=False)
+    arm: ArmLimits = field(default=FR3.limits, repr=False, compare=False)
 
     @property
     def braking(self) -> Array:
@@ -88,7 +89,7 @@ class SafetyLimits:
         return -self._fastest(q - np.asarray(self.q_lower))
 
     def _fastest(self, room: Array) -> Array:
-        """Source FR3, see hal.limits."""
+        """The arm's velocity limit near a position limit, see hal.limits."""
         braked = np.sqrt(2.0 * self.arm.deceleration * np.maximum(room, 0.0)) - self.arm.velocity_offset
         return np.minimum(self.dq_max, np.maximum(0.0, braked))
 
@@ -111,6 +112,8 @@ class SafetyLimits:
 # of the limits, as a table `[safety]` spells them
 NAMES = tuple(field.name for field in fields(SafetyLimits) if field.name != "arm")
 
+PairLimits = tuple[SafetyLimits, SafetyLimits]  # of the left and of the right arm
+
 
 def _check(key: str, value: Any, bound: Any) -> None:
     """Raise LimitWidened unless `value` has the shape of `bound`, is finite, and lies on its safe side."""
@@ -129,8 +132,9 @@ def _check(key: str, value: Any, bound: Any) -> None:
             raise LimitWidened(f"safety.{key} = {value!r}: must be positive, or nothing could ever pass")
 
 
-def hardware_limits(arm: ArmLimits = FR3) -> SafetyLimits:
-    """Return the widest limits that there are: the arm's own, a margin inside. No power exceeds tau_max dq_max."""
+def hardware_limits(robot: RobotModel = FR3) -> SafetyLimits:
+    """Return the widest limits of an arm: its model's own, a margin inside. No power exceeds tau_max dq_max."""
+    arm = robot.limits
 
     def seven(values: Any) -> Seven:
         a, b, c, d, e, f, g = (float(v) for v in values)
@@ -145,6 +149,7 @@ def hardware_limits(arm: ArmLimits = FR3) -> SafetyLimits:
         tau_ext_max=COLLISION_TORQUES,
         tau_rate_max=float(arm.tau_rate_max),
         power_max=float(arm.tau_max @ arm.dq_max),
+        ee_speed_max=robot.cartesian.translation[0],
         arm=arm,
     )
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.limits import CONTROL_PERIOD_S
-from rtstack.safety.body import BODY, CAPSULES
+from rtstack.safety.body import BODY, CAPSULES, LINKS
 from rtstack.safety.limits import RATE_FRACTION, SafetyLimits
 
 RULES = np.dtype(
@@ -34,6 +34,10 @@ RULES = np.dtype(
         ("gap_max_ns", "i8"),
         ("skew_max_ns", "i8"),
         *[(name, *kind) for name, *kind in BODY.descr],
+        # of the other arm
+        ("other_capsules", "i8"),
+        ("other_radius", "f8", CAPSULES),
+        ("other_reach", "f8", CAPSULES),
     ]
 )
 
@@ -90,8 +94,10 @@ class StopProfile:
     average_s: float = 0.02
 
 
-def rules(limits: SafetyLimits, profile: StopProfile, body: NDArray[np.void]) -> NDArray[np.void]:
-    """Return the RULES (1,), read-only."""
+def rules(
+    limits: SafetyLimits, profile: StopProfile, body: NDArray[np.void], other: NDArray[np.void] | None = None
+) -> NDArray[np.void]:
+    """Return the RULES (1,), read-only. body, other: of this arm and of the other one, by default the same."""
     record = np.zeros(1, RULES)
     rule = record[0]
     for name in ("q_lower", "q_upper", "dq_max", "tau_max", "tau_J_max", "tau_ext_max", "power_max"):
@@ -106,6 +112,9 @@ def rules(limits: SafetyLimits, profile: StopProfile, body: NDArray[np.void]) ->
     rule["gap_max_ns"], rule["skew_max_ns"] = round(limits.state_gap_max_s * 1e9), round(limits.pair_skew_max_s * 1e9)
     for name in BODY.names or ():
         rule[name] = body[name]
+    other = body if other is None else other
+    rule["other_capsules"], rule["other_radius"] = other["first"][LINKS], other["radius"]
+    rule["other_reach"] = other["reach"]
     record.flags.writeable = False
     return record
 

@@ -23,11 +23,11 @@ from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
 from rtstack.monitor.expected import ExpectedImpact
 from rtstack.monitor.pair import PairParameters
-from rtstack.safety.judge import Base, SafetyJudge, Tool, pair_of_judges
-from rtstack.safety.limits import SafetyLimits
+from rtstack.safety.judge import SafetyJudge, Tool, pair_of_judges
+from rtstack.safety.limits import PairLimits
 from rtstack.samples import Mode, QpSolver, Reaction
 from rtstack.trials.friction import load_friction
-from rtstack.trials.tightening import safety_limits
+from rtstack.trials.tightening import limits_of_arms
 
 _WARM: set[object] = set()  # whose code has run in this process: which laws, without or with a monitor
 
@@ -69,7 +69,8 @@ def cell_parameters(description: CellDescription) -> Parameters:
 
     Raises ConfigurationError.
     """
-    parameters = default_parameters()
+    left, right = (FrictionParameters.of(model) for model in description.robots)
+    parameters = replace(default_parameters(), friction=(left, right))
     gains = {name: value for name, value in asdict(description.gains).items() if value is not None}
     arrays = {name: np.array(value) if isinstance(value, tuple) else value for name, value in gains.items()}
     parameters = replace(parameters, control=replace(parameters.control, **arrays))
@@ -79,31 +80,31 @@ def cell_parameters(description: CellDescription) -> Parameters:
 
 
 def arm_controllers(
-    cell: CellDescription, parameters: Parameters, limits: SafetyLimits | None = None
+    cell: CellDescription, parameters: Parameters, limits: PairLimits | None = None
 ) -> tuple[ArmController, ArmController]:
     """Return the left and the right arm's controllers, inside the judge's `limits`, by default those of the cell."""
-    limits = limits or safety_limits(cell)
     left, right = (
         ArmController(
             ArmModel(mounting, cell.pad),
             parameters.control,
             parameters.detector,
-            parameters.inertia,
+            replace(parameters.inertia, B_theta=mounting.robot.B_theta),
             friction,
             parameters.solver,
             parameters.completion,
-            limits,
+            judged,
         )
-        for mounting, friction in zip((cell.left, cell.right), parameters.friction, strict=True)
+        for mounting, friction, judged in zip(
+            (cell.left, cell.right), parameters.friction, limits or limits_of_arms(cell), strict=True
+        )
     )
     return left, right
 
 
-def safety_judges(cell: CellDescription, limits: SafetyLimits | None = None) -> tuple[SafetyJudge, SafetyJudge]:
+def safety_judges(cell: CellDescription, limits: PairLimits | None = None) -> tuple[SafetyJudge, SafetyJudge]:
     """Return the left and the right arm's judges, by default within the hardware's limits as the cell tightens them."""
-    left, right = (Base(m.base_position, m.base_orientation_wxyz) for m in (cell.left, cell.right))
     tool = Tool(cell.pad.size, cell.pad.flange_to_face)
-    return pair_of_judges(limits or safety_limits(cell), left, right, tool)
+    return pair_of_judges(limits or limits_of_arms(cell), cell.left.base, cell.right.base, tool)
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +149,7 @@ def following(strategy: Strategy) -> ControllerFactory:
 
 def dual_arm_controller(
     cell: CellDescription, parameters: Parameters, factory: ControllerFactory, nominal_impact_s: float,
-    watched: Watched | None = None, limits: SafetyLimits | None = None,
+    watched: Watched | None = None, limits: PairLimits | None = None,
 ) -> Controller:  # fmt: skip
     """Return a fresh controller, warm: its code has run once in this process, on another one that is then forgotten."""
 

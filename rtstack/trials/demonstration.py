@@ -16,7 +16,7 @@ from rtstack.trials.run_context import NO_CONTEXT, RunContext
 from rtstack.trials.scoring import SuccessCriterion, failure_reason, score
 from rtstack.trials.specification import DemonstrationSpecification
 from rtstack.trials.start_motion import StartMotion
-from rtstack.trials.tightening import safety_limits
+from rtstack.trials.tightening import limits_of_arms
 
 
 def run_demonstration(
@@ -46,7 +46,7 @@ def run_demonstration(
         period_s,
     )
     plan = Plan(targets, targets, Mode.TELEOPERATION, parameters.control.stiffness_teleoperation, period_s)
-    with Run(description, parameters, plan, safety_limits(description), context, way) as run:
+    with Run(description, parameters, plan, limits_of_arms(description), context, way) as run:
         outcome = run.follow(cell, following(Strategy.PROPOSED), 0.0)
         return run.finished(_result(specification, cell.name, outcome, run))
 

@@ -10,7 +10,7 @@ from rtstack.trials.run import Run
 from rtstack.trials.run_context import NO_CONTEXT, RunContext
 from rtstack.trials.scoring import failure_reason
 from rtstack.trials.start_motion import StartMotion
-from rtstack.trials.tightening import safety_limits
+from rtstack.trials.tightening import limits_of_arms
 
 
 def run_motion(
@@ -26,7 +26,7 @@ def run_motion(
 
     Returns why it failed, None for a success, and the samples.
     """
-    with Run(description, parameters, plan, safety_limits(description), context, way) as run:
+    with Run(description, parameters, plan, limits_of_arms(description), context, way) as run:
         outcome = run.follow(cell, following(Strategy.PROPOSED), 0.0)
         reason = failure_reason(outcome.end, outcome.detail, outcome.safety_interventions)
         incomplete = run.close({"success": reason is None, "failure_reason": reason})

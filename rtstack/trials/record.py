@@ -8,8 +8,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from hal.cell import Cell
-from hal.description import fr3_urdf
 from hal.realtime import obtainable
+from hal.robots import FR3
 from rtstack.log.errors import LogError
 from rtstack.log.ring import LogState, Rings
 from rtstack.log.writer import Attachment, CellFrames, Evidence, LogProcess
@@ -18,6 +18,7 @@ from rtstack.loop.history import Columns, History
 from rtstack.loop.watchdogs import Trip
 from rtstack.model.cell_description import CellDescription, base_frame
 from rtstack.references.spreading import ExtendedReference
+from rtstack.samples import SIDES
 from rtstack.trials.controllers import CONTROLLERS
 from rtstack.trials.followed import REFERENCE, Followed
 from rtstack.trials.provenance import git_commit, host_report, package_versions
@@ -215,8 +216,7 @@ def open_log(
             rings,
             metadata,
             [
-                Attachment("cell.toml", "application/toml", cell_file.read_bytes()),
-                Attachment("fr3.urdf", "application/xml", fr3_urdf().encode()),
+                *cell_attachments(cell_file, description),
                 *attachments,
                 *attached,
             ],
@@ -280,6 +280,23 @@ def trial_metadata(
     }
 
 
+def cell_attachments(cell_file: Path, description: CellDescription) -> list[Attachment]:
+    """Return the cell's file and its arms' URDFs as every log has them: MODEL.urdf, or SIDE_MODEL.urdf where they
+    differ. Raises OSError."""
+    left, right = description.robots
+    models = {left.name: left} if left is right else {f"left_{left.name}": left, f"right_{right.name}": right}
+    urdfs = [Attachment(f"{name}.urdf", "application/xml", model.urdf.encode()) for name, model in models.items()]
+    return [Attachment("cell.toml", "application/toml", cell_file.read_bytes()), *urdfs]
+
+
+def logged_urdfs(attachments: Sequence[Attachment]) -> tuple[str, str]:
+    """Return the URDFs of the left and of the right arm among a log's attachments, the FR3's where it has none."""
+    texts = {a.name: a.data.decode() for a in attachments if a.name.endswith(".urdf")}
+    own = {side: [text for name, text in texts.items() if name.startswith(f"{side}_")] for side in SIDES}
+    shared = next(iter(texts.values()), FR3.urdf)
+    return (own["left"] or [shared])[0], (own["right"] or [shared])[0]
+
+
 def frames(description: CellDescription, object_name: str) -> CellFrames:
     """Return where the arms stand and how large pads and object are, for /tf and for who draws the log."""
     mounts = []
@@ -294,4 +311,5 @@ def frames(description: CellDescription, object_name: str) -> CellFrames:
     return CellFrames(
         mounts[0], mounts[1], description.pad.size, thing.size if thing else (0.0, 0.0, 0.0),
         (*table.centre_xy, 0.5 * table.top_z), (*table.size_xy, table.top_z),
+        description.left.robot.urdf, description.right.robot.urdf,
     )  # fmt: skip

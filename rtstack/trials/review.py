@@ -11,6 +11,7 @@ from rtstack.control.parameters import DetectorParameters
 from rtstack.log.reader import Event, Log, read_log
 from rtstack.loop.history import Columns
 from rtstack.references.motion import Motion
+from rtstack.trials.record import logged_urdfs
 from rtstack.trials.scoring import Score, SuccessCriterion, score
 
 
@@ -59,6 +60,7 @@ def review_log(path: Path) -> Review:
             _detected(recorded),
             SuccessCriterion(),
             Motion(trial.get("motion", Motion.GRAB)),
+            logged_urdfs(log.attachments),
         )
     return Review(
         path=Path(path),

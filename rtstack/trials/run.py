@@ -16,7 +16,7 @@ from rtstack.loop.publisher import Publisher
 from rtstack.loop.session import Plan, Session, SessionOutcome
 from rtstack.loop.watchdogs import Trip
 from rtstack.model.cell_description import CellDescription
-from rtstack.safety.limits import SafetyLimits
+from rtstack.safety.limits import PairLimits
 from rtstack.samples import Level
 from rtstack.trials.assembly import ControllerFactory, Parameters, Watched, dual_arm_controller, safety_judges
 from rtstack.trials.evidence import evidence_of
@@ -45,7 +45,7 @@ class Run:
     share: Callable[[], float] | None = None
 
     def __init__(
-        self, description: CellDescription, parameters: Parameters, plan: Plan, limits: SafetyLimits,
+        self, description: CellDescription, parameters: Parameters, plan: Plan, limits: PairLimits,
         context: RunContext, way: StartMotion | None,
     ) -> None:  # fmt: skip
         self._description = description

@@ -1,11 +1,13 @@
 """A result from the samples of a trial: the same function on the memory of a run and on a log that was read back."""
 
 from dataclasses import dataclass
+from functools import lru_cache
+from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.limits import FR3
+from hal.robots import FR3
 from rtstack.loop.end import End
 from rtstack.loop.history import Columns
 from rtstack.references.motion import Motion
@@ -56,8 +58,10 @@ FORCE_WINDOW_S = 0.1  # on each side of the nominal impact time: the 200 ms of t
 def score(
     columns: Columns, start_t_ns: int, nominal_impact_s: float, release_s: float,
     detected_impact_s: float | None, criterion: SuccessCriterion, motion: Motion = Motion.GRAB,
+    urdfs: tuple[str, str] = (FR3.urdf, FR3.urdf),
 ) -> Score:  # fmt: skip
-    """Score a trial that began at the robot's time start_t_ns."""
+    """Score a trial that began at the robot's time start_t_ns. urdfs: of the left and of the right arm."""
+    ratings = np.stack([_ratings(urdf) for urdf in urdfs])
     t_s = (columns.arm[0]["t_ns"] - start_t_ns) * 1e-9
     wrench = columns.control["wrench_desired"]  # (2, n, 6)
     moving = columns.control[0]["mode"] != Mode.STOPPING
@@ -78,14 +82,21 @@ def score(
         average_force_norm_linear_n=_mean(linear[window]),
         peak_force_norm=float(norm.max()) if len(norm) else None,
         max_lift_mm=_max_lift_mm(columns.object) if seen else None,
-        peak_torque_ratio=float(np.max(np.abs(columns.arm["tau_J"]) / FR3.tau_max, initial=0.0)),
-        peak_velocity_ratio=float(np.max(np.abs(columns.arm["dq"]) / FR3.dq_max, initial=0.0)),
+        peak_torque_ratio=float(np.max(np.abs(columns.arm["tau_J"]) / ratings[:, :1], initial=0.0)),
+        peak_velocity_ratio=float(np.max(np.abs(columns.arm["dq"]) / ratings[:, 1:], initial=0.0)),
         detected_impact_time_s=detected_impact_s,
         ticks=len(t_s),
         missed_deadlines=int(columns.timing["missed_deadlines"][-1]) if len(t_s) else 0,
         compute_us_p50=float(np.percentile(compute, 50)) if len(t_s) else 0.0,
         compute_us_p99=float(np.percentile(compute, 99)) if len(t_s) else 0.0,
     )
+
+
+@lru_cache(maxsize=16)
+def _ratings(urdf: str) -> Array:
+    """Return the limits of torque Nm and velocity rad/s that a URDF states, (2, 7)."""
+    limits = [joint.attrib for joint in ElementTree.fromstring(urdf).iter("limit")]
+    return np.array([[float(limit[name]) for limit in limits] for name in ("effort", "velocity")])
 
 
 def _mean(values: Array) -> float | None:

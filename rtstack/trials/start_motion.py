@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from hal.cell import Cell
 from hal.displacement import Displacement
 from hal.joint_path import JointPath, JointSpeed
-from hal.limits import FR3
 from rtstack.control.tick import ArmController
 from rtstack.model.cell_description import CellDescription, ObjectDescription
 from rtstack.model.rotation import log_so3
@@ -81,7 +80,8 @@ def start_motion(
             f"joint {joint + 1} of the {SIDES[arm]} arm is {distance[arm, joint]:.2f} rad from the start pose, more "
             f"than longest_rad = {limits.longest_rad:g} under [start_motion]: bring the arm nearer by hand"
         )
-    outside = (goal < FR3.q_lower) | (goal > FR3.q_upper)
+    ranges = [model.limits for model in description.robots]
+    outside = (goal < [each.q_lower for each in ranges]) | (goal > [each.q_upper for each in ranges])
     if outside.any():
         arm, joint = np.argwhere(outside)[0]
         raise TrialError(f"the start pose is beyond the limit of joint {joint + 1} of the {SIDES[arm]} arm")

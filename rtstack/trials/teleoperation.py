@@ -20,7 +20,7 @@ from rtstack.trials.run_context import NO_CONTEXT, RunContext
 from rtstack.trials.scoring import failure_reason
 from rtstack.trials.specification import TeleoperationSpecification
 from rtstack.trials.start_motion import StartMotion
-from rtstack.trials.tightening import safety_limits
+from rtstack.trials.tightening import limits_of_arms
 
 _AS_WANTED = (End.COMPLETED, End.RELEASED)
 
@@ -43,8 +43,9 @@ def run_teleoperation(
     """
     parameters = parameters or cell_parameters(description)
     check_object(specification.object, description)
-    limits = safety_limits(description)
-    guide = TeleoperationGuide(mailbox, specification.job, Reach.within(limits), specification.stop_on_release, clock)
+    limits = limits_of_arms(description)
+    reach = Reach.within(limits[0])
+    guide = TeleoperationGuide(mailbox, specification.job, reach, specification.stop_on_release, clock)
     control = parameters.control
     plan = Plan.guided(guide, control.stiffness_teleoperation, control.period_s)
     with Run(description, parameters, plan, limits, context.with_watchdog(guide), way) as run:

@@ -10,7 +10,7 @@ from pydantic.dataclasses import dataclass as checked
 
 from rtstack.configuration import STRICT, load_toml
 from rtstack.model.cell_description import CellDescription
-from rtstack.safety.limits import HARDWARE, LimitWidened, SafetyLimits
+from rtstack.safety.limits import LimitWidened, PairLimits, SafetyLimits, hardware_limits
 from rtstack.trials.errors import TrialError
 from rtstack.trials.specification import Tightening
 
@@ -27,9 +27,18 @@ def load_tightening(path: Path) -> Tightening:
     return tuple((key, tuple(value) if isinstance(value, list) else value) for key, value in sorted(table.items()))
 
 
-def safety_limits(description: CellDescription, tightening: Tightening = ()) -> SafetyLimits:
-    """Return the limits of a trial on a cell. Raises TrialError with the first one that would be wider."""
+def safety_limits(description: CellDescription, tightening: Tightening = (), side: int = 0) -> SafetyLimits:
+    """Return the limits of the left (0) or right (1) arm in a trial on a cell. Raises as `limits_of_arms` does."""
+    return limits_of_arms(description, tightening)[side]
+
+
+def limits_of_arms(description: CellDescription, tightening: Tightening = ()) -> PairLimits:
+    """Return the limits of both arms in a trial on a cell. Raises TrialError with the first one that would be wider."""
     try:
-        return HARDWARE.tightened(description.safety).tightened(dict(tightening))
+        left, right = (
+            hardware_limits(model).tightened(description.safety).tightened(dict(tightening))
+            for model in description.robots
+        )
+        return left, right
     except LimitWidened as error:
         raise TrialError(f"{error} (cell {description.name})") from None

@@ -14,7 +14,7 @@ from rtstack.references.motion import Motion
 from rtstack.references.recording import ReferenceError
 from rtstack.references.source import load_reference
 from rtstack.references.spreading import ExtendedReference
-from rtstack.safety.limits import SafetyLimits
+from rtstack.safety.limits import PairLimits
 from rtstack.samples import Level, Mode, Reaction
 from rtstack.trials.assembly import Parameters, Watched, arm_controllers, cell_parameters
 from rtstack.trials.controllers import controller_factory
@@ -28,7 +28,7 @@ from rtstack.trials.run_observer import RunEvent
 from rtstack.trials.scoring import Score, SuccessCriterion, failure_reason, score
 from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.start_motion import StartMotion
-from rtstack.trials.tightening import safety_limits
+from rtstack.trials.tightening import limits_of_arms
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class PreparedTrial:
     description: CellDescription
     parameters: Parameters
     reference: ExtendedReference
-    limits: SafetyLimits
+    limits: PairLimits
     monitor: PairParameters | None = None
     tuned_by: Path | None = None
 
@@ -77,7 +77,7 @@ def prepare_trial(
     parameters = parameters or cell_parameters(description)
     check_object(specification.object, description)
     controller_factory(specification.controller)
-    limits = safety_limits(description, specification.safety)
+    limits = limits_of_arms(description, specification.safety)
     try:
         reference = load_reference(
             Path(specification.reference), arm_controllers(description, parameters), parameters.detector
@@ -137,6 +137,7 @@ def run_trial(
         values = score(
             run.history.columns(), outcome.start_t_ns, reference.nominal_impact_s, reference.release_s,
             run.first_impact_s, criterion or SuccessCriterion(), reference.motion,
+            (prepared.description.left.robot.urdf, prepared.description.right.robot.urdf),
         )  # fmt: skip
         return run.finished(_result(prepared, cell.name, outcome, values, run))
 

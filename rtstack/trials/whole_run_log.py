@@ -8,7 +8,6 @@ that a worker which is killed leaves no half log under a trial's id.
 from pathlib import Path
 from typing import Any
 
-from hal.description import fr3_urdf
 from hal.files import replacing
 from rtstack.log.batches import BatchWriter
 from rtstack.log.frames import CellFrames
@@ -37,7 +36,7 @@ class WholeRunLog(RunSamples):
             with replacing(self.path) as partial, open(partial, "wb") as file:
                 sink = McapSink(file)
                 sink.begin(self._metadata.items(), self._attachments)
-                writer = BatchWriter(sink, Scenery(self._frames, fr3_urdf()))
+                writer = BatchWriter(sink, Scenery(self._frames))
                 if self.history is not None:
                     writer.write(self.history.batches())
                 writer.finish(result, "closed", self.evidence, {})

@@ -37,11 +37,11 @@ class DrivenBox(ControlBox):
         generators.start_motion(motion, body, setting, np.array(state["q"]))
         self._torques()
         spare, command = np.zeros(1, MOTION_RECORD)[0], np.zeros(1, ROBOT_COMMAND)[0]
-        generators.follow_joints(spare, command, int(Generator.JOINT_POSITION), state["q"])
+        generators.follow_joints(spare, command, int(Generator.JOINT_POSITION), setting, state["q"])
         generators.follow_cartesian(spare, command, int(Generator.CARTESIAN_VELOCITY), body, setting, state["q"])
         generators.extrapolate(spare, int(Generator.JOINT_POSITION), body, setting)
         generators.ends_too_fast(spare)
-        generators.take_target(spare, command)
+        generators.take_target(spare, command, setting)
         generators.approach_target(spare)
 
     @property
@@ -103,9 +103,11 @@ class DrivenBox(ControlBox):
         """Take a ROBOT_COMMAND for the next ms; a bad one is a reflex and never reaches the plant."""
         errors = 0
         if self._motion["asynchronous"]:
-            errors = generators.take_target(self._motion, command)
+            errors = generators.take_target(self._motion, command, self._setting)
         elif self._generator in JOINT_GENERATORS:
-            errors = generators.follow_joints(self._motion, command, int(self._generator), self._state["q"])
+            errors = generators.follow_joints(
+                self._motion, command, int(self._generator), self._setting, self._state["q"]
+            )
         elif self._generator in CARTESIAN_GENERATORS:
             errors = generators.follow_cartesian(
                 self._motion, command, int(self._generator), self._scratch[0], self._setting, self._state["q"]

@@ -1,7 +1,7 @@
 """The robot's motion generators: what a client asks for, checked, and as joint positions. Compiled.
 
-Limits of the joints: hal.limits. Cartesian limits: libfranka, rate_limiting.h, for the FR3. What leaves them ends the
-motion with the vendor's error; everything that is broken is named.
+The limits are the model's (hal/robots), as the arm's settings hold them. What leaves them ends the motion with the
+vendor's error; everything that is broken is named.
 """
 
 from math import acos, cos, sin, sqrt
@@ -9,7 +9,7 @@ from math import acos, cos, sin, sqrt
 import numpy as np
 
 from hal.compilation import compiled
-from hal.limits import CONTROL_PERIOD_S, FR3
+from hal.limits import CONTROL_PERIOD_S
 from hal.robot_errors import error_bit
 from sim_robot.arm_description import JOINTS
 from sim_robot.fci.protocol import Generator
@@ -20,11 +20,7 @@ DT = CONTROL_PERIOD_S
 JOINT_POSITION, JOINT_VELOCITY = int(Generator.JOINT_POSITION), int(Generator.JOINT_VELOCITY)
 CARTESIAN_POSITION, CARTESIAN_VELOCITY = int(Generator.CARTESIAN_POSITION), int(Generator.CARTESIAN_VELOCITY)
 
-# velocity, acceleration, jerk: m, rad, and the elbow's rad (libfranka 0.21, rate_limiting.h: kMaxTranslational*,
-# kMaxRotational*, kMaxElbow*, each less kLimitEps there, since the client's limiter aims below what the robot checks)
-_TRANSLATION = (3.0, 9.0, 4500.0)
-_ROTATION = (2.5, 17.0, 8500.0)
-_ELBOW = (1.5, 10.0, 5000.0)
+_TRANSLATION, _ROTATION, _ELBOW = 0, 1, 2  # rows of cartesian_limits
 # a client that limits itself meets the velocity limits exactly: the states it starts from are float32
 _SPARE = 1.01
 # The published accelerations and jerks bind the client; where the robot stops is not published. franky-control moves
@@ -42,9 +38,6 @@ _ASYNCHRONOUS_ACCELERATION, _SETTLING = 5.0, 25.0
 # a motion may end this fast, rad/s: the rest is braked by the controller
 _END_VELOCITY = 0.1
 _IK_DAMPING = 1e-4
-_JOINTS = np.array(
-    [FR3.q_lower, FR3.q_upper, FR3.dq_max, FR3.velocity_offset, FR3.deceleration, FR3.ddq_max, FR3.dddq_max]
-)
 
 VIA_PLANNING = error_bit("joint_via_motion_generator_planning_joint_limit_violation")
 JMG_START = error_bit("joint_position_motion_generator_start_pose_invalid")
@@ -67,9 +60,9 @@ CMG_JOINT_ACCELERATION_JUMP = error_bit("cartesian_motion_generator_joint_accele
 
 
 @compiled
-def _judge_joints(q, dq, ddq, dddq, position, velocity, velocity_jump, acceleration_jump):
-    """Errors of one joint step, (7,) each; written so that NaN is an error."""
-    mask, L = 0, _JOINTS
+def _judge_joints(q, dq, ddq, dddq, L, position, velocity, velocity_jump, acceleration_jump):
+    """Errors of one joint step, (7,) each; L: the setting's joint_limits. Written so that NaN is an error."""
+    mask = 0
     for j in range(JOINTS):
         if not L[0, j] <= q[j] <= L[1, j]:
             mask |= position
@@ -87,10 +80,10 @@ def _judge_joints(q, dq, ddq, dddq, position, velocity, velocity_jump, accelerat
 
 
 @compiled
-def _beyond(ddq, dddq):
+def _beyond(ddq, dddq, L):
     """True when a joint step, (7,) each, is beyond the published limits, with a spare for float32 states."""
-    for j in range(JOINTS):
-        if abs(ddq[j]) > _SPARE * _JOINTS[5, j] + 0.5 or abs(dddq[j]) > _SPARE * _JOINTS[6, j] + 500.0:
+    for j in range(JOINTS):  # noqa: SIM110 - compiled
+        if abs(ddq[j]) > _SPARE * L[5, j] + 0.5 or abs(dddq[j]) > _SPARE * L[6, j] + 500.0:
             return True
     return False
 
@@ -218,7 +211,7 @@ def _start_of(commanded, measured, desired):
 
 
 @compiled
-def follow_joints(motion, command, kind, q_measured):
+def follow_joints(motion, command, kind, setting, q_measured):
     """Take a joint position or velocity; return the errors, and change nothing when there are any.
 
     q_measured (7,): where the first position of a motion may start, besides where the arm is desired to be.
@@ -239,20 +232,23 @@ def follow_joints(motion, command, kind, q_measured):
             q[j] = motion.q_d[j] + dq[j] * DT
         ddq[j] = (dq[j] - motion.dq_d[j]) / DT
         dddq[j] = (ddq[j] - motion.ddq_d[j]) / DT
-    mask |= _judge_joints(q, dq, ddq, dddq, JMG_POSITION, JMG_VELOCITY, JMG_VELOCITY_JUMP, JMG_ACCELERATION_JUMP)
+    limits = setting.joint_limits
+    mask |= _judge_joints(
+        q, dq, ddq, dddq, limits, JMG_POSITION, JMG_VELOCITY, JMG_VELOCITY_JUMP, JMG_ACCELERATION_JUMP
+    )
     if mask == 0:
         motion.first = 0
-        motion.beyond += _beyond(ddq, dddq)
+        motion.beyond += _beyond(ddq, dddq, limits)
         for j in range(JOINTS):
             motion.q_d[j], motion.dq_d[j], motion.ddq_d[j] = q[j], dq[j], ddq[j]
     return mask
 
 
 @compiled
-def take_target(motion, command):
+def take_target(motion, command, setting):
     """Take a target of an asynchronous motion; return the errors, and change nothing when there are any."""
     for j in range(JOINTS):
-        if not _JOINTS[0, j] <= command.q_c[j] <= _JOINTS[1, j]:
+        if not setting.joint_limits[0, j] <= command.q_c[j] <= setting.joint_limits[1, j]:
             return VIA_PLANNING
     for j in range(JOINTS):
         motion.target[j] = command.q_c[j]
@@ -281,6 +277,7 @@ def follow_cartesian(motion, command, kind, body, setting, q_measured):
     q_measured (7,): where the first pose of a motion may start, besides where the arm is desired to be.
     """
     T, twist = np.empty((4, 4)), np.empty(6)
+    limits, most = setting.joint_limits, setting.cartesian_limits
     q_start, elbow_start = motion.q_d.copy(), motion.elbow_c[0]
     mask = 0
     if kind == CARTESIAN_POSITION:
@@ -323,11 +320,11 @@ def follow_cartesian(motion, command, kind, body, setting, q_measured):
     for i in range(6):
         rate[i] = (twist[i] - motion.O_dP_EE_c[i]) / DT
         jump[i] = (rate[i] - motion.O_ddP_EE_c[i]) / DT
-    if not (_norm(twist, 0) <= _SPARE * _TRANSLATION[0] and _norm(twist, 3) <= _SPARE * _ROTATION[0]):
+    if not (_norm(twist, 0) <= _SPARE * most[_TRANSLATION, 0] and _norm(twist, 3) <= _SPARE * most[_ROTATION, 0]):
         mask |= CMG_VELOCITY
-    if not (_norm(rate, 0) <= _TOLERATED * _TRANSLATION[1] and _norm(rate, 3) <= _TOLERATED * _ROTATION[1]):
+    if not (_norm(rate, 0) <= _TOLERATED * most[_TRANSLATION, 1] and _norm(rate, 3) <= _TOLERATED * most[_ROTATION, 1]):
         mask |= CMG_VELOCITY_JUMP
-    if not (_norm(jump, 0) <= _TOLERATED * _TRANSLATION[2] and _norm(jump, 3) <= _TOLERATED * _ROTATION[2]):
+    if not (_norm(jump, 0) <= _TOLERATED * most[_TRANSLATION, 2] and _norm(jump, 3) <= _TOLERATED * most[_ROTATION, 2]):
         mask |= CMG_ACCELERATION_JUMP
     with_elbow, elbow = command.valid_elbow != 0, command.elbow_c[0]
     delbow, ddelbow = 0.0, 0.0
@@ -340,12 +337,12 @@ def follow_cartesian(motion, command, kind, body, setting, q_measured):
             mask |= CMG_ELBOW_SIGN
         delbow = (elbow - elbow_start) / DT
         ddelbow = (delbow - motion.delbow_c[0]) / DT
-        if not (_JOINTS[0, 2] <= elbow <= _JOINTS[1, 2] and abs(delbow) <= _SPARE * _ELBOW[0]):
+        if not (limits[0, 2] <= elbow <= limits[1, 2] and abs(delbow) <= _SPARE * most[_ELBOW, 0]):
             mask |= CMG_ELBOW
         # the vendor has no name of its own for an elbow that jumps
-        if not (abs(ddelbow) <= _TOLERATED * _ELBOW[1]):
+        if not (abs(ddelbow) <= _TOLERATED * most[_ELBOW, 1]):
             mask |= CMG_ELBOW
-        if not (abs(ddelbow - motion.ddelbow_c[0]) / DT <= _TOLERATED * _ELBOW[2]):
+        if not (abs(ddelbow - motion.ddelbow_c[0]) / DT <= _TOLERATED * most[_ELBOW, 2]):
             mask |= CMG_ELBOW
     if mask != 0:
         return mask
@@ -359,11 +356,12 @@ def follow_cartesian(motion, command, kind, body, setting, q_measured):
         ddq[j] = (dq[j] - motion.dq_d[j]) / DT
         dddq[j] = (ddq[j] - motion.ddq_d[j]) / DT
     mask |= _judge_joints(
-        q, dq, ddq, dddq, CMG_JOINT_POSITION, CMG_JOINT_VELOCITY, CMG_JOINT_VELOCITY_JUMP, CMG_JOINT_ACCELERATION_JUMP
-    )
+        q, dq, ddq, dddq, limits, CMG_JOINT_POSITION, CMG_JOINT_VELOCITY, CMG_JOINT_VELOCITY_JUMP,
+        CMG_JOINT_ACCELERATION_JUMP,
+    )  # fmt: skip
     if mask == 0:
         motion.first, motion.with_elbow = 0, with_elbow
-        motion.beyond += _beyond(ddq, dddq)
+        motion.beyond += _beyond(ddq, dddq, limits)
         motion.O_T_EE_d[:], motion.O_T_EE_c[:] = T, T
         for i in range(6):
             motion.O_dP_EE_d[i], motion.O_dP_EE_c[i], motion.O_ddP_EE_c[i] = twist[i], twist[i], rate[i]

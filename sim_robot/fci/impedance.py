@@ -5,7 +5,6 @@ from math import sqrt
 import numpy as np
 
 from hal.compilation import compiled
-from hal.limits import FR3
 from sim_robot.arm_description import JOINTS
 from sim_robot.fci.robot_state import product
 from sim_robot.kinematics import cholesky, forward_kinematics, solve
@@ -14,7 +13,6 @@ from sim_robot.kinematics import cholesky, forward_kinematics, solve
 _MASS, _INERTIA = 4.0, 0.1
 # holds the elbow, Nm/rad and Nms/rad, in what motion of the joints leaves the end effector
 _NULL_STIFFNESS, _NULL_DAMPING = 20.0, 5.0
-_TAU_MAX = np.array(FR3.tau_max)
 
 
 @compiled
@@ -72,4 +70,5 @@ def cartesian_impedance(state, motion, setting, measured, desired, tau):
         total = null[j]
         for i in range(6):
             total += J[i, j] * (wrench[i] - b[i])
-        tau[j] = max(-_TAU_MAX[j], min(_TAU_MAX[j], total))
+        most = setting.joint_limits[7, j]
+        tau[j] = max(-most, min(most, total))

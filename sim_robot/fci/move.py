@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.limits import FR3
+from hal.limits import ArmLimits
 from hal.robot_errors import error_bit
 from sim_robot.fci.protocol import Generator
 
@@ -50,18 +50,16 @@ class MoveRequest:
         """Return the request of unpacked protocol.PAYLOADS[Command.MOVE]."""
         return cls(values[0], values[1], values[2:5], values[5:8], bool(values[8]), values[9:16])
 
-    @property
-    def valid(self) -> bool:
-        """False when a deviation, or the velocity of an asynchronous motion, is out of range. NaN is."""
+    def valid(self, limits: ArmLimits) -> bool:
+        """False when a deviation, or the velocity of an asynchronous motion, is out of the arm's range. NaN is."""
         if not all(0.0 <= value < math.inf for value in (*self.path, *self.goal)):
             return False
-        within = (0.0 <= one <= most + 1e-3 for one, most in zip(self.velocity, FR3.dq_max, strict=True))
+        within = (0.0 <= one <= most + 1e-3 for one, most in zip(self.velocity, limits.dq_max, strict=True))
         return not self.asynchronous or all(within)
 
-    @property
-    def largest_velocity(self) -> tuple[float, ...]:
+    def largest_velocity(self, limits: ArmLimits) -> tuple[float, ...]:
         """Of an asynchronous motion, (7,) rad/s. A client that names none may use all there is."""
-        return self.velocity if any(self.velocity) else tuple(FR3.dq_max)
+        return self.velocity if any(self.velocity) else tuple(limits.dq_max)
 
     @property
     def tolerances(self) -> Tolerances:

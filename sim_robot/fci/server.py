@@ -48,8 +48,8 @@ class Server:
                 on_command=lambda command, side=side: self.stations[side].take(command),
                 on_gone=functools.partial(self._gone, side),
             )
-            hand = (scene.left, scene.right)[side].hand
-            settings = Settings(self._settings[side], scene.pad, parameters.holding.stiffness, hand)
+            hand, model = (scene.left, scene.right)[side].hand, cell.plant.robots[side]
+            settings = Settings(self._settings[side], model, scene.pad, parameters.holding.stiffness, hand)
             stations.append(
                 make_station(
                     cell,

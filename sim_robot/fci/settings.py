@@ -1,10 +1,11 @@
-"""What a client can set on an arm, with the values that hold until it does."""
+"""What a client can set on an arm, with the values that hold until it does, and the limits that it cannot set."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hal.limits import COLLISION_TORQUES
-from sim_robot.arm_description import JOINTS, fr3_description
+from hal.robots import RobotModel
+from sim_robot.arm_description import JOINTS, arm_description
 from sim_robot.hand_parameters import FrankaHand
 from sim_robot.scene import Pad
 
@@ -30,6 +31,10 @@ SETTINGS_RECORD = np.dtype(
         ("force_thresholds", "f8", (4, 6)),
         ("K_theta", "f8", JOINTS),
         ("K_x", "f8", 6),
+        # of the model: rows q_lower, q_upper, dq_max, velocity_offset, deceleration, ddq_max, dddq_max, tau_max; and
+        # velocity, acceleration and jerk of translation, rotation and elbow
+        ("joint_limits", "f8", (8, JOINTS)),
+        ("cartesian_limits", "f8", (3, 3)),
     ]
 )
 
@@ -67,17 +72,28 @@ class Settings:
     """One arm's settings; `record` is one SETTINGS_RECORD. A setter that raises InvalidSetting changes nothing."""
 
     def __init__(
-        self, record: np.void, pad: Pad, joint_stiffness: tuple[float, ...], hand: FrankaHand | None = None
+        self,
+        record: np.void,
+        model: RobotModel,
+        pad: Pad,
+        joint_stiffness: tuple[float, ...],
+        hand: FrankaHand | None = None,
     ) -> None:
         """hand: what Desk has set as the end effector instead of the pad."""
         self.record = record
-        size, flange = np.array(pad.size), fr3_description().flange_offset_z
+        size, flange = np.array(pad.size), arm_description(model).flange_offset_z
+        limits, cartesian = model.limits, model.cartesian
+        record["joint_limits"] = [
+            limits.q_lower, limits.q_upper, limits.dq_max, *limits.enforced_velocity_law(), limits.ddq_max,
+            limits.dddq_max, limits.tau_max,
+        ]  # fmt: skip
+        record["cartesian_limits"] = cartesian.translation, cartesian.rotation, cartesian.elbow
         record["F_T_NE"] = np.eye(4)
-        record["F_T_NE"][2, 3] = pad.face_offset_z - flange
+        record["F_T_NE"][2, 3] = pad.flange_to_face
         record["flange_offset_z"] = flange
         record["NE_T_EE"], record["EE_T_K"] = np.eye(4), np.eye(4)
         record["m_ee"] = pad.mass
-        record["F_x_Cee"] = (0.0, 0.0, pad.face_offset_z - flange - size[2] / 2.0)
+        record["F_x_Cee"] = (0.0, 0.0, pad.flange_to_face - size[2] / 2.0)
         record["I_ee"] = np.diag(pad.mass / 12.0 * (np.sum(size**2) - size**2)).ravel()
         self._face_T_NE = np.eye(4)
         if hand is not None:

@@ -5,7 +5,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hal.description import fr3_urdf
 from hal.errors import RecoveryRefused
 from hal.robot_errors import ROBOT_ERRORS, error_bit
 from hal.state import RobotMode
@@ -81,7 +80,7 @@ class Station:
         self.due_ns = _NEVER_NS  # until when an answer to that state counts, ns of time.time_ns
         self.joined = False  # the client has answered at least once since Move
         self.answers, self._shown_ns, self._shown_before_ns = AnswerTimes(), 0, 0
-        self._cell, self._side = cell, side
+        self._cell, self._side, self._robot = cell, side, cell.plant.robots[side]
         self._wire, self._bytes = wire, wire.view(np.uint8).data
         self._shown_errors = self._shown_reason = self._reason = 0
         self._move_id: int | None = None
@@ -257,7 +256,7 @@ class Station:
             # in lockstep no state follows until the client has answered the last one: this cannot wait for it
             self.link.reply(command, command_id, bytes((SetStatus.NOT_POSSIBLE,)))
         elif command == Command.GET_ROBOT_MODEL:
-            self.link.reply(command, command_id, bytes((SetStatus.SUCCESS,)) + fr3_urdf().encode())
+            self.link.reply(command, command_id, bytes((SetStatus.SUCCESS,)) + self._robot.urdf.encode())
         elif command == Command.AUTOMATIC_ERROR_RECOVERY:
             self._recover_at_rest(command_id)
         else:
@@ -269,7 +268,7 @@ class Station:
         status = MoveStatus.MOTION_STARTED
         if self.box.mode != RobotMode.IDLE:
             status = MoveStatus.NOT_POSSIBLE
-        elif not (_possible(request) and request.valid):
+        elif not (_possible(request) and request.valid(self._robot.limits)):
             status = MoveStatus.INVALID_ARGUMENT
         elif generator in CARTESIAN_GENERATORS and self.box.singular():
             status = MoveStatus.SINGULAR_START
@@ -284,7 +283,7 @@ class Station:
         if not self.patient:  # the plant has stood still since: an answer to a state from before Move is as good
             self.first_id = self.message_id + 1
         self.motion["watching"] = 1
-        largest_velocity = request.largest_velocity if request.asynchronous else None
+        largest_velocity = request.largest_velocity(self._robot.limits) if request.asynchronous else None
         self.box.begin(Controller(controller), Generator(generator), largest_velocity)
         self._tolerances = request.tolerances
         self._refresh()

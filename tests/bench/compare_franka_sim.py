@@ -22,12 +22,11 @@ from pathlib import Path
 import numpy as np
 import pylibfranka as franka
 
-import hal.description
 from hal.realtime import realtime_thread
+from hal.robots import FR3
 
 RIVAL = "franka-sim==1.1.7"
 RIVAL_ADDRESS = "127.0.77.1"
-ARM = Path(hal.description.__file__).parent / "fr3.urdf"
 # its command binds every interface; this is the same server, as the command makes it, on loopback. Its own model is
 # downloaded from elsewhere at its first start: it gets ours, whose capsules cost it less than its meshes
 RIVAL_PROGRAM = f"""
@@ -75,9 +74,11 @@ def rival(folder: Path, seconds: float) -> Pace:
 @contextmanager
 def _rival_server(folder: Path) -> Iterator[None]:
     command = [str(folder / "bin" / "python"), "-c", RIVAL_PROGRAM]
+    arm = folder / "fr3.urdf"
+    arm.write_text(FR3.urdf)
     process = subprocess.Popen(
         command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=folder, start_new_session=True,
-        env=os.environ | {"FR3_MJCF": str(ARM)},
+        env=os.environ | {"FR3_MJCF": str(arm)},
     )  # fmt: skip
     try:
         _wait_for(RIVAL_ADDRESS, process)

@@ -10,22 +10,21 @@ import zstandard
 from websockets.sync.client import connect
 
 from console.meshes import LINKS, capsule_parts, full_parts, light_parts
-from console.scene import fr3_joints, turned
+from console.scene import joints_of, turned
 from console.scene_server import SECRET_HEADER
 from console.scenes import Detail
-from hal.description import fr3_urdf
-from hal.limits import FR3
+from hal.robots import FR3
 
 
 def test_the_chain_of_frames_agrees_with_pinocchio():
-    model = pinocchio.buildModelFromXML(fr3_urdf())
+    model = pinocchio.buildModelFromXML(FR3.urdf)
     data = model.createData()
     generator = np.random.default_rng(3)
     for _ in range(20):
-        q = generator.uniform(FR3.q_lower, FR3.q_upper)
+        q = generator.uniform(FR3.limits.q_lower, FR3.limits.q_upper)
         pinocchio.forwardKinematics(model, data, q)
         T = np.eye(4)
-        for number, joint in enumerate(fr3_joints()):
+        for number, joint in enumerate(joints_of(FR3)[:-1]):
             step = trimesh.transformations.quaternion_matrix(turned(joint, q[number]))
             step[:3, 3] = joint.position
             T = T @ step
@@ -35,7 +34,7 @@ def test_the_chain_of_frames_agrees_with_pinocchio():
 @pytest.mark.parametrize("link", LINKS)
 def test_every_link_has_a_shape_of_its_size_in_every_detail(link):
     boxes = []
-    for parts in (full_parts(link), light_parts(link), capsule_parts(link)):
+    for parts in (full_parts(FR3, link), light_parts(FR3, link), capsule_parts(FR3, link)):
         vertices = np.vstack([part.vertices for part in parts])
         assert all(part.faces.max() < len(part.vertices) for part in parts)
         boxes.append((vertices.min(axis=0), vertices.max(axis=0)))

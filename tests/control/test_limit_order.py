@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import deploy
-from hal.limits import FR3
+from hal.robots import FR3
 from rtstack.model.cell_description import CellDescription, load_cell_description
 from rtstack.safety.judge import Reason, SafetyJudge, Verdict
 from rtstack.safety.limits import SafetyLimits
@@ -41,7 +41,7 @@ def tightened(cell: CellDescription, rng: np.random.Generator) -> CellDescriptio
 
 def fastest(room: np.ndarray, limits: SafetyLimits) -> np.ndarray:
     """Return the judge's velocity limit (7,), rad/s, `room` (7,) rad before a position limit."""
-    allowed = np.sqrt(2.0 * FR3.deceleration * room) - FR3.velocity_offset
+    allowed = np.sqrt(2.0 * FR3.limits.deceleration * room) - FR3.limits.velocity_offset
     return np.minimum(limits.dq_max, np.maximum(0.0, allowed))
 
 

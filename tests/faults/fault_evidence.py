@@ -8,14 +8,14 @@ from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from hal.limits import FR3
+from hal.robots import FR3
 from rtstack.log.errors import LogError
 from rtstack.log.recover import recover
 
 FIELDS = ("q", "dq", "tau_J", "tau_ext_hat_filtered", "tau_applied", "momentum_residual")
 MOST_LOST_S = 0.5
 TICK_NS = 1_000_000
-STEP_NM = FR3.tau_rate_max * 1e-3 + 1e-6
+STEP_NM = FR3.limits.tau_rate_max * 1e-3 + 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,13 +81,13 @@ def beyond_limits(evidence: Evidence) -> list[str]:
         tau, q, dq = arm["tau_applied"], arm["q"], arm["dq"]
         if not np.isfinite(tau).all():
             found.append(f"{side}: a torque that is no number was sent")
-        elif (np.abs(tau) > FR3.tau_max).any():
+        elif (np.abs(tau) > FR3.limits.tau_max).any():
             found.append(f"{side}: a torque beyond tau_max was sent")
         elif (jump := _largest_jump(arm["t_ns"], tau)) > STEP_NM:
             found.append(f"{side}: a torque jumped by {jump:.3f} Nm")
-        if ((q < FR3.q_lower) | (q > FR3.q_upper)).any():
+        if ((q < FR3.limits.q_lower) | (q > FR3.limits.q_upper)).any():
             found.append(f"{side}: a joint left its range")
-        if (np.abs(dq) > FR3.dq_max).any():
+        if (np.abs(dq) > FR3.limits.dq_max).any():
             found.append(f"{side}: a joint left its velocity limit")
     return found
 

@@ -10,8 +10,8 @@ from fci_raw import ANYWHERE, RawClient
 from fci_server import Served
 from test_motion_starts import moving_state
 
-from hal.limits import FR3
 from hal.robot_errors import ROBOT_ERRORS
+from hal.robots import FR3
 from hal.state import RobotMode
 from sim_robot.fci.protocol import Command, Generator
 from sim_robot.scene import load_scene
@@ -50,8 +50,8 @@ def with_acceleration(step: float) -> Callable[[int, np.void], float]:
 
 def creeping(_: int, state: np.void) -> float:
     """As fast as joint 7 may be so near to its limit, and slower than it is judged beyond that."""
-    room = max(FR3.q_upper[6] - float(state["q_d"][6]), 0.0)
-    allowed = np.sqrt(2.0 * FR3.deceleration[6] * room) - FR3.velocity_offset[6]
+    room = max(FR3.limits.q_upper[6] - float(state["q_d"][6]), 0.0)
+    allowed = np.sqrt(2.0 * FR3.limits.deceleration[6] * room) - FR3.limits.velocity_offset[6]
     return max(8e-4, min(0.004, 0.5 * allowed))
 
 

@@ -14,8 +14,8 @@ from fci_client import DAMPING, STIFFNESS, connect, go_home, hold, move_to, smoo
 from fci_raw import RawClient
 from fci_server import Served
 
-from hal.limits import FR3
 from hal.robot_errors import ROBOT_ERRORS
+from hal.robots import FR3
 from hal.state import RobotMode
 from sim_robot.cell import simulated_cell
 from sim_robot.fci.protocol import Controller, Generator, MoveStatus
@@ -104,15 +104,15 @@ def cycles_since_answer(states: list[np.void], tick: int) -> int:
 
 def beyond(state: np.void) -> bool:
     """A joint outside its position limits."""
-    return bool(np.any((state["q"] > FR3.q_upper) | (state["q"] < FR3.q_lower)))
+    return bool(np.any((state["q"] > FR3.limits.q_upper) | (state["q"] < FR3.limits.q_lower)))
 
 
 def too_fast(state: np.void) -> bool:
     """A joint faster than the limit for its position allows."""
     spare = load_plant_parameters().reflexes.velocity_tolerance
-    for sign, room in ((1.0, FR3.q_upper - state["q"]), (-1.0, state["q"] - FR3.q_lower)):
-        braked = np.sqrt(2.0 * FR3.deceleration * np.maximum(room, 0.0)) - FR3.velocity_offset
-        if np.any(sign * state["dq"] - spare > np.minimum(FR3.dq_max, np.maximum(0.0, braked))):
+    for sign, room in ((1.0, FR3.limits.q_upper - state["q"]), (-1.0, state["q"] - FR3.limits.q_lower)):
+        braked = np.sqrt(2.0 * FR3.limits.deceleration * np.maximum(room, 0.0)) - FR3.limits.velocity_offset
+        if np.any(sign * state["dq"] - spare > np.minimum(FR3.limits.dq_max, np.maximum(0.0, braked))):
             return True
     return False
 

@@ -14,8 +14,7 @@ import pytest
 from fci_server import Served
 from scipy.optimize import linprog
 
-from hal.description import fr3_urdf
-from hal.limits import FR3
+from hal.robots import FR3
 
 PROGRAM = Path(__file__).with_name("franky_limits_program.py")
 # libfranka, rate_limiting.h, for the FR3
@@ -31,7 +30,7 @@ def franky(address: str, *arguments: str) -> str:
 
 def smallest_joint_acceleration(q: np.ndarray, direction: np.ndarray) -> float:
     """Smallest largest joint acceleration, rad/s^2, for 1 m/s^2 from rest along a direction (3,) of the flange's."""
-    model = pin.buildModelFromXML(fr3_urdf())
+    model = pin.buildModelFromXML(FR3.urdf)
     data = model.createData()
     J = pin.computeFrameJacobian(model, data, q, model.getFrameId("link8"), pin.LOCAL)
     bound = np.ones((7, 1))
@@ -51,7 +50,7 @@ def test_frankys_limits_are_not_the_fr3s(lockstep: Served) -> None:
     translation, rotation, *joints = (float(word) for word in franky(lockstep.left, "limits").split())
     assert translation > FR3_TRANSLATION
     assert rotation > FR3_ROTATION
-    assert (np.array(joints) > FR3.ddq_max).sum() >= 4
+    assert (np.array(joints) > FR3.limits.ddq_max).sum() >= 4
 
 
 @pytest.mark.parametrize(("share", "said"), [(0.2, "arrived"), (0.5, "discontinuity"), (1.0, "discontinuity")])
@@ -61,4 +60,4 @@ def test_a_pose_that_needs_more_of_the_joints_than_they_may(lockstep: Served, sh
     assert said in outcome
     q = np.array([float(word) for word in outcome.split("|")[1].split()])
     needed = share * float(outcome.split("|")[2]) * smallest_joint_acceleration(q, np.array([1.0, 0.0, 0.0]))
-    assert (needed < FR3.ddq_max[0]) == (said == "arrived")
+    assert (needed < FR3.limits.ddq_max[0]) == (said == "arrived")

@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 from probe_client import TORQUES
 
-from hal.description import fr3_urdf
 from hal.robot_errors import ROBOT_ERRORS
+from hal.robots import FR3
 from hal.state import RobotMode
 from sim_robot.fci.protocol import HEADER, PORT, ROBOT_COMMAND, ROBOT_STATE, Command, Controller, response
 
@@ -110,7 +110,7 @@ class Prop:
             if command == Command.CONNECT:
                 self._client_port, body = struct.unpack("<HH", payload)[1], struct.pack("<BH", 0, 10)
             elif command == Command.GET_ROBOT_MODEL:
-                body += fr3_urdf().encode()
+                body += FR3.urdf.encode()
             elif command == Command.MOVE:
                 body = b"\1"
                 self._state["robot_mode"], self._state["controller_mode"] = RobotMode.MOVE, Controller.EXTERNAL

@@ -7,7 +7,7 @@ from fci_client import connect, go_home, hold, torque_control
 from fci_raw import RawClient
 from fci_server import Served
 
-from hal.limits import FR3
+from hal.robots import FR3
 from sim_robot.fci.protocol import Command, SetStatus
 
 # what RobotState exposes and a standing arm may truly have at zero: desired rates, flags, a load that nobody set
@@ -40,7 +40,7 @@ def test_the_layout_is_that_of_this_pylibfranka(lockstep: Served) -> None:
     assert state.I_load == pytest.approx(with_load[2])
     assert state.m_ee == pytest.approx(0.35)
     assert state.m_total == pytest.approx(0.85)
-    assert np.all((np.array(state.q) > FR3.q_lower) & (np.array(state.q) < FR3.q_upper))
+    assert np.all((np.array(state.q) > FR3.limits.q_lower) & (np.array(state.q) < FR3.limits.q_upper))
     assert np.array(state.theta) == pytest.approx(state.q, abs=5e-3)
     assert state.O_ddP_O == pytest.approx([0.0, 0.0, -9.81])
     assert state.elbow == [state.q[2], -1.0]

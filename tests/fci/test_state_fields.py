@@ -11,7 +11,8 @@ import pytest
 from fci_raw import RawClient
 from fci_server import serve
 
-from sim_robot.arm_description import fr3_description
+from hal.robots import FR3
+from sim_robot.arm_description import arm_description
 from sim_robot.fci.protocol import ROBOT_STATE, Command, MoveStatus
 from sim_robot.fci.robot_state import ACCELEROMETER_BIT, ACCELEROMETER_NOISE
 from sim_robot.kinematics import KINEMATICS_RECORD, forward_kinematics
@@ -94,8 +95,8 @@ def motions() -> dict[str, np.ndarray]:
 def jacobian(q: np.ndarray) -> np.ndarray:
     """Of the end effector as the arm has it, (6, 7), from the nominal kinematics."""
     body = np.zeros(1, KINEMATICS_RECORD)[0]
-    body["T_parent_joint"] = fr3_description().T_parent_joint
-    body["face_offset_z"] = load_scene().pad.face_offset_z
+    body["T_parent_joint"] = arm_description(FR3).T_parent_joint
+    body["face_offset_z"] = arm_description(FR3).flange_offset_z + load_scene().pad.flange_to_face
     forward_kinematics(body, np.array(q, dtype=float))
     return np.array(body["J"])
 

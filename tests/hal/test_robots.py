@@ -8,9 +8,7 @@ import pinocchio as pin
 import pytest
 from robot_files import SHORTER, with_key, write_robot
 
-from hal import limits
-from hal.extensions import ExtensionError
-from hal.robots import FER, FR3, ROBOTS, RobotFileError, RobotModel, read_robot, robot
+from hal.robots import FER, FR3, ROBOTS, RobotError, RobotModel, read_robot, robot
 
 
 def test_ours_are_registered_as_any_package_s_are() -> None:
@@ -20,7 +18,7 @@ def test_ours_are_registered_as_any_package_s_are() -> None:
 
 
 def test_an_unknown_model_is_refused_with_those_that_there_are() -> None:
-    with pytest.raises(ExtensionError, match=r"unknown robot model 'ur5': choose one of fer, fr3$"):
+    with pytest.raises(RobotError, match=r"unknown robot model 'ur5': choose one of fer, fr3, or the path of a TOML$"):
         robot("ur5")
 
 
@@ -96,7 +94,7 @@ def test_a_model_is_two_files_in_a_folder_of_the_user_s(tmp_path: Path) -> None:
 def test_a_mistake_is_one_line_with_its_key(tmp_path: Path, key: str, value: str | None, complaint: str) -> None:
     path = write_robot(tmp_path)
     path.write_text(with_key(path.read_text(), key, value))
-    with pytest.raises(RobotFileError, match=f"^{path}: {complaint}") as caught:
+    with pytest.raises(RobotError, match=f"^{path}: {complaint}") as caught:
         read_robot(path)
     assert "\n" not in str(caught.value)
 
@@ -123,10 +121,5 @@ def test_a_mistake_in_the_urdf_names_the_part(tmp_path: Path, before: str, after
     text = urdf.read_text()
     assert before in text
     urdf.write_text(text.replace(before, after))
-    with pytest.raises(RobotFileError, match=complaint):
+    with pytest.raises(RobotError, match=complaint):
         read_robot(path)
-
-
-def test_both_halves_of_the_transition_agree() -> None:
-    for name in ("q_lower", "q_upper", "dq_max", "velocity_offset", "deceleration", "ddq_max", "dddq_max", "tau_max"):
-        np.testing.assert_array_equal(getattr(limits.FR3, name), getattr(FR3.limits, name))

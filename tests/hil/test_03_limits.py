@@ -12,7 +12,7 @@ from hil_robot import Robot
 from hal.cell import LEFT, RIGHT
 from hal.errors import CommandRejected
 from hal.fci import FciPair
-from hal.limits import FR3
+from hal.robots import FR3
 from hal.state import RobotMode
 
 PORT, VERSION = 1337, 10
@@ -40,7 +40,12 @@ def test_the_robots_limits_are_those_we_keep(robot, side, record_property) -> No
         name: np.array([float(joint.find("limit").attrib[name]) for joint in joints])
         for name in ("lower", "upper", "velocity", "effort")
     }
-    ours = {"lower": FR3.q_lower, "upper": FR3.q_upper, "velocity": FR3.dq_max, "effort": FR3.tau_max}
+    ours = {
+        "lower": FR3.limits.q_lower,
+        "upper": FR3.limits.q_upper,
+        "velocity": FR3.limits.dq_max,
+        "effort": FR3.limits.tau_max,
+    }
     # stricter than the robot is safe, the other way round is a reflex
     spare = {name: (found[name] - ours[name]) * (-1 if name == "lower" else 1) for name in ours}
     for name, values in spare.items():

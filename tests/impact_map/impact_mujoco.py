@@ -11,9 +11,10 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
+from hal.robots import FR3
 from rtstack.impact_map import solvers
 from rtstack.impact_map.reflected import joint_inertia
-from sim_robot.arm_description import fr3_description
+from sim_robot.arm_description import arm_description
 
 DT = 1e-5  # s
 RADIUS = 1e-3  # m, of a contact point
@@ -122,7 +123,7 @@ def _mjcf(scene, problem):
 
 def _arm(name, arm, scene, hand):
     """Return the MJCF of an arm by the plant's own reading of the URDF, which is not the controller's."""
-    description = fr3_description()
+    description = arm_description(FR3)
     armature = joint_inertia(scene.reflected)
     xml, closing = f'<body pos="{_text(arm.base_position)}" quat="{_text(arm.base_orientation_wxyz)}">', "</body>"
     for i, (link, T) in enumerate(zip(description.links[1:], description.T_parent_joint, strict=True)):
@@ -153,7 +154,7 @@ def _place(scene, name):
     arm = scene.arms[name]
     w, *xyz = arm.base_orientation_wxyz
     rotation, position = Rotation.from_quat([*xyz, w]).as_matrix(), np.array(arm.base_position)
-    for T, q in zip(fr3_description().T_parent_joint, arm.q, strict=True):
+    for T, q in zip(arm_description(FR3).T_parent_joint, arm.q, strict=True):
         position = position + rotation @ T[:3, 3]
         rotation = rotation @ T[:3, :3] @ Rotation.from_rotvec([0.0, 0.0, q]).as_matrix()
     return position, rotation

@@ -6,7 +6,7 @@ import numpy as np
 
 from rtstack.impact_map import Arm, Box, Contact, Plane, ReflectedInertia, Scene
 from rtstack.impact_map.bodies import arm_body
-from rtstack.impact_map.scene import FR3_PAD
+from rtstack.impact_map.scene import DEFAULT_PAD
 
 KINDS = ("grab", "grab", "push", "fall", "stack")
 # both pads' faces at y = +-0.15 m, z = 0.3 m
@@ -76,7 +76,7 @@ def _arm(side, rng):
         arm = Arm((-0.4, y, 0.0), tuple(q), dq=tuple(rng.normal(0.0, 0.5, 7)))
     else:
         arm = Arm((-0.4, y, 0.0), tuple(q), pad_twist=(*linear, *rng.normal(0.0, 0.3, 3)))
-    return arm, arm_body(arm, FR3_PAD, ReflectedInertia.NONE)[1]
+    return arm, arm_body(arm, DEFAULT_PAD, ReflectedInertia.NONE)[1]
 
 
 def _box(rng, size, centre, rotation):

@@ -26,7 +26,7 @@ from rtstack.impact_map import (
 )
 from rtstack.impact_map.bodies import arm_body
 from rtstack.impact_map.patch import Face, face_on_face
-from rtstack.impact_map.scene import FR3_PAD
+from rtstack.impact_map.scene import DEFAULT_PAD
 
 IMPACTS = Path(__file__).resolve().parents[2] / "deploy" / "impacts"
 GRAB = load_scene(IMPACTS / "grab.toml")
@@ -175,8 +175,8 @@ def test_reflected_inertia_is_added_to_the_joints(kind):
     table_i = {"B_theta": [0.2, 0.2, 0.15, 0.15, 0.067, 0.067, 0.067], "B": [0.6, 0.6, 0.45, 0.45, 0.2, 0.2, 0.2]}
     added = np.diag(table_i.get(kind.value, np.zeros(7)))
     arm = GRAB.arms["left"]
-    bare = arm_body(arm, FR3_PAD, ReflectedInertia.NONE)[0].M
-    np.testing.assert_allclose(arm_body(arm, FR3_PAD, kind)[0].M, bare + added, atol=1e-15)
+    bare = arm_body(arm, DEFAULT_PAD, ReflectedInertia.NONE)[0].M
+    np.testing.assert_allclose(arm_body(arm, DEFAULT_PAD, kind)[0].M, bare + added, atol=1e-15)
 
 
 def test_more_inertia_of_the_motors_makes_the_box_faster():
@@ -203,7 +203,7 @@ def test_arms_may_give_joint_velocities_and_mirrored_arms_are_mirrored():
     right = Arm((-0.4, -0.5, 0.0), tuple(LEFT_Q * MIRROR), dq=(-0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     twists = []
     for arm in (left, right):
-        body = arm_body(arm, FR3_PAD, ReflectedInertia.NONE)[0]
+        body = arm_body(arm, DEFAULT_PAD, ReflectedInertia.NONE)[0]
         np.testing.assert_array_equal(body.velocity, arm.dq)
         twists.append(body.twist(body.velocity))
     np.testing.assert_allclose(twists[0], twists[1] * [1, -1, 1, -1, 1, -1], atol=1e-12)

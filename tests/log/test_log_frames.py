@@ -11,7 +11,7 @@ from log_samples import MS, WrittenLog
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from hal.description import fr3_urdf
+from hal.robots import FR3
 from rtstack.log.frames import quaternions_of
 from rtstack.samples import SIDES
 
@@ -40,7 +40,7 @@ def in_world(tree: dict[str, tuple[str, np.ndarray]], frame: str) -> np.ndarray:
 
 
 def test_the_links_are_where_pinocchio_says(written: WrittenLog) -> None:
-    model = pin.buildModelFromXML(fr3_urdf())
+    model = pin.buildModelFromXML(FR3.urdf)
     data = model.createData()
     checked = 0
     for t_ns, tree in messages(written):

@@ -18,7 +18,6 @@ from log_samples import MS, WrittenLog
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from hal.description import fr3_urdf
 from rtstack.log.cell_urdf import cell_urdf, shapes_of
 from rtstack.log.reader import read_log
 from rtstack.log.voxels import VOXELS
@@ -36,7 +35,7 @@ def decoded(path: Path, topic: str) -> list[tuple[int, object]]:
 
 
 def test_every_link_of_the_urdf_is_a_frame_of_every_tf_message(written: WrittenLog) -> None:
-    urdf = cell_urdf(written.cell, fr3_urdf())
+    urdf = cell_urdf(written.cell)
     links = {link.attrib["name"] for link in ElementTree.fromstring(urdf).findall("link")}
     assert links == FRAMES | {"world", "table", "object"}
     transforms = decoded(written.path, "/tf")
@@ -49,7 +48,7 @@ def test_every_link_of_the_urdf_is_a_frame_of_every_tf_message(written: WrittenL
 
 
 def test_pinocchio_puts_the_urdfs_links_where_tf_has_them(written: WrittenLog) -> None:
-    model = pin.buildModelFromXML(cell_urdf(written.cell, fr3_urdf()))
+    model = pin.buildModelFromXML(cell_urdf(written.cell))
     data = model.createData()
     for t_ns, message in decoded(written.path, "/tf")[:5]:
         tree = {transform.child_frame_id: transform for transform in message.transforms}
@@ -152,7 +151,7 @@ def test_a_box_is_one_voxel_and_a_link_is_filled_with_them(written: WrittenLog) 
     centres, volume = filled("/shapes/right_pad", written.path)
     np.testing.assert_allclose(centres, [(0.0, 0.0, -0.5 * written.cell.pad_size_m[2])], atol=1e-12)
     # link3 is two capsules: every voxel lies in the URDF's solids, and what pinocchio's library finds inside is filled
-    shapes = [s for s in shapes_of(cell_urdf(written.cell, fr3_urdf())) if s.link == "left_link3"]
+    shapes = [s for s in shapes_of(cell_urdf(written.cell)) if s.link == "left_link3"]
     solids = []
     for s in shapes:
         turn = pin.rpy.rpyToMatrix(*s.rpy)

@@ -9,7 +9,7 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import make_interp_spline
 
-from hal.limits import FR3
+from hal.robots import FR3
 from rtstack.control.records import POINT
 from rtstack.model.rotation import log_so3
 from rtstack.playback.limits import check_playback, loads
@@ -135,7 +135,7 @@ def test_the_quickest_that_is_allowed_is_within_the_limits(cell, arms, middle, s
     limits = safety_limits(cell)
     for speed in np.geomspace(FASTEST, SLOWEST, 8):
         try:
-            check_playback(paths, speed, limits, cell)
+            check_playback(paths, speed, (limits, limits), cell)
             break
         except TrialError:
             continue
@@ -150,11 +150,11 @@ def test_the_quickest_that_is_allowed_is_within_the_limits(cell, arms, middle, s
         model = arm.model.pin_model
         data = model.createData()
         for k in range(0, len(s), 7):
-            assert np.all(dq[k] <= FR3.dq_upper(q[k]))
-            assert np.all(dq[k] >= FR3.dq_lower(q[k]))
+            assert np.all(dq[k] <= FR3.limits.dq_upper(q[k]))
+            assert np.all(dq[k] >= FR3.limits.dq_lower(q[k]))
             torque = pin.rnea(model, data, q[k], dq[k], ddq[k])  # pyright: ignore[reportAttributeAccessIssue]
             torque = torque + default_parameters().inertia.B_theta * ddq[k]  # not the equations of limits.py
-            assert np.all(np.abs(torque) <= FR3.tau_max)
+            assert np.all(np.abs(torque) <= FR3.limits.tau_max)
             assert np.all((q[k] > limits.q_lower) & (q[k] < limits.q_upper))
         place = paths[side].stations["position"]
         assert np.all((place >= limits.ee_lower) & (place <= limits.ee_upper))
@@ -169,4 +169,4 @@ def test_a_speed_is_refused_for_the_reason_that_it_has(cell, arms, middle):
     assert quick[2].share == pytest.approx(8.0 * slow[2].share)  # jerk
     for speed in (0.09, 4.1, float("nan")):
         with pytest.raises(TrialError, match=r"choose 0\.1 to 4 times"):
-            check_playback((path, path), speed, limits, cell)
+            check_playback((path, path), speed, (limits, limits), cell)

@@ -7,7 +7,7 @@ from math import cos, hypot, isfinite, pi, sin, sqrt
 
 import numpy as np
 
-from hal.limits import FR3
+from hal.robots import FR3
 from rtstack.safety.judge import Base, Reason, SafetyLimits
 
 # Craig's convention: a of the previous link, d, alpha of the previous link; the flange last
@@ -15,7 +15,7 @@ DH = [
     (0.0, 0.333, 0.0), (0.0, 0.0, -pi / 2), (0.0, 0.316, pi / 2), (0.0825, 0.0, pi / 2), (-0.0825, 0.384, -pi / 2),
     (0.0, 0.0, pi / 2), (0.088, 0.0, pi / 2), (0.0, 0.107, 0.0),
 ]  # fmt: skip
-BRAKING = [max(a, b) for a, b in zip(FR3.ddq_max, FR3.deceleration, strict=True)]
+BRAKING = [max(a, b) for a, b in zip(FR3.limits.ddq_max, FR3.limits.deceleration, strict=True)]
 REACTION_S = 2e-3
 
 
@@ -52,7 +52,7 @@ def face_velocity(q: np.ndarray, dq: np.ndarray, base: Base) -> np.ndarray:
     return (face(q + h * dq, base) - face(q - h * dq, base)) / (2 * h)
 
 
-# ends and radius in the link's frame: what hal/description/fr3.urdf draws, and the pad as the judge bounds it
+# ends and radius in the link's frame: what hal/robots/franka.urdf draws, and the pad as the judge bounds it
 CAPSULES = [
     (0, (-0.09, 0, 0.06), (-0.06, 0, 0.06), 0.06), (1, (0, 0, -0.333), (0, 0, -0.05), 0.06),
     (2, (0, 0, -0.06), (0, 0, 0.06), 0.06), (3, (0, 0, -0.22), (0, 0, -0.07), 0.06),
@@ -105,7 +105,7 @@ def joint_reason(sample: np.ndarray, residual: np.ndarray, limits: SafetyLimits)
         if not (lower <= q <= upper and lower <= end <= upper):
             return Reason.JOINT_POSITION, i + 1
         room = upper - q if dq > 0 else q - lower
-        allowed = sqrt(2.0 * FR3.deceleration[i] * room) - FR3.velocity_offset[i]
+        allowed = sqrt(2.0 * FR3.limits.deceleration[i] * room) - FR3.limits.velocity_offset[i]
         if abs(dq) > min(limits.dq_max[i], max(0.0, allowed)):
             return Reason.JOINT_VELOCITY, i + 1
         if not -limits.tau_J_max[i] <= sample["tau_J"][0, i] <= limits.tau_J_max[i]:

@@ -67,7 +67,7 @@ def judges_of(cell: CellDescription) -> Judges:
     """Return what makes the pair of judges of a cell, with any limits."""
     left, right = (Base(m.base_position, m.base_orientation_wxyz) for m in (cell.left, cell.right))
     tool = Tool(cell.pad.size, cell.pad.flange_to_face)
-    return lambda limits: pair_of_judges(limits, left, right, tool)
+    return lambda limits: pair_of_judges((limits, limits), left, right, tool)
 
 
 def replay(trial: Recorded, pair: tuple[SafetyJudge, SafetyJudge], places: Places | None = None) -> Intervention | None:

@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 from judge_oracle import CAPSULES, DH
 
-from hal.limits import FR3
+from hal.robots import FR3
 from rtstack.safety.body import Base, Tool, _turn, arm_body
 from rtstack.safety.limits import HARDWARE
 from rtstack.safety.records import StopProfile, empty_memory, rules
@@ -45,11 +45,12 @@ def test_joints_and_face_are_where_the_published_table_says():
 def test_a_pad_is_inside_its_capsule_whatever_its_shape():
     for size in ((0.1, 0.1, 0.03), (0.04, 0.2, 0.3), (0.3, 0.02, 0.5)):
         body = arm_body(Base(), Tool(size, 0.4))
-        a, b = body["ends"][-1]
+        pad = int(body["first"][-1]) - 1
+        a, b = body["ends"][pad]
         corners = np.array(np.meshgrid(*([-s / 2, s / 2] for s in size))).reshape(3, -1).T
         for corner in corners + [0.0, 0.0, 0.107 + 0.4 - size[2] / 2]:
             along = np.clip((corner - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
-            assert np.linalg.norm(corner - a - along * (b - a)) == pytest.approx(body["radius"][-1])
+            assert np.linalg.norm(corner - a - along * (b - a)) == pytest.approx(body["radius"][pad])
 
 
 def test_the_rules_are_one_record_that_nobody_writes_to():
@@ -63,8 +64,8 @@ def test_the_rules_are_one_record_that_nobody_writes_to():
     assert (rule["dt"], rule["reaction"], rule["hold_share"]) == (1e-3, 2e-3, pytest.approx(0.05))
     assert rule["tau_step"] == pytest.approx(0.9999)
     assert (rule["gap_max_ns"], rule["skew_max_ns"]) == (20_000_000, 20_000_000)
-    np.testing.assert_array_equal(rule["velocity_offset"], FR3.velocity_offset)
-    np.testing.assert_array_equal(rule["deceleration"], FR3.deceleration)
+    np.testing.assert_array_equal(rule["velocity_offset"], FR3.limits.velocity_offset)
+    np.testing.assert_array_equal(rule["deceleration"], FR3.limits.deceleration)
 
 
 def test_an_empty_memory_has_a_record_an_arm():

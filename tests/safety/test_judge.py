@@ -5,12 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hal.limits import CONTROL_PERIOD_S, FR3
+from hal.limits import CONTROL_PERIOD_S
+from hal.robots import FR3
 from rtstack.safety.judge import Reason, SafetyJudge, Verdict
 from rtstack.samples import ARM_SAMPLE
 
 HOME = np.array([0.0, 0.0, 0.0, -1.6, 0.0, 2.0, 0.0])
-STEP = FR3.tau_rate_max * CONTROL_PERIOD_S
+STEP = FR3.limits.tau_rate_max * CONTROL_PERIOD_S
 
 
 def _sample(q=HOME, dq=0.0, tau_desired=0.0, tau_J=0.0) -> np.ndarray:
@@ -43,31 +44,31 @@ def test_torque_never_exceeds_its_limit(joint):
     judge, sample = SafetyJudge(), _sample()
     for tick in range(200):
         # now and then what it has: who wants too much without end is stopped
-        wanted = FR3.tau_max[joint] + 5.0 if tick % 3 else sample["tau_applied"][0, joint]
+        wanted = FR3.limits.tau_max[joint] + 5.0 if tick % 3 else sample["tau_applied"][0, joint]
         sample["tau_desired"][0, joint] = wanted
         judge.judge(sample)
-        assert sample["tau_applied"][0, joint] <= FR3.tau_max[joint]
-    assert sample["tau_applied"][0, joint] == FR3.tau_max[joint]
+        assert sample["tau_applied"][0, joint] <= FR3.limits.tau_max[joint]
+    assert sample["tau_applied"][0, joint] == FR3.limits.tau_max[joint]
 
 
 def _broken(joint: int, what: str) -> tuple[np.ndarray, Reason]:
     sample = _sample()
     if what == "position_up":
-        sample["q"][0, joint] = FR3.q_upper[joint] - 0.004
+        sample["q"][0, joint] = FR3.limits.q_upper[joint] - 0.004
         return sample, Reason.JOINT_POSITION
     if what == "position_down":
-        sample["q"][0, joint] = FR3.q_lower[joint] + 0.004
+        sample["q"][0, joint] = FR3.limits.q_lower[joint] + 0.004
         return sample, Reason.JOINT_POSITION
     if what == "velocity":
-        sample["dq"][0, joint] = FR3.dq_max[joint] * 0.99
+        sample["dq"][0, joint] = FR3.limits.dq_max[joint] * 0.99
         return sample, Reason.JOINT_VELOCITY
     if what == "velocity_near_limit":
         # what the robot itself allows there, without the judge's margin
-        sample["q"][0, joint] = FR3.q_lower[joint] + 0.05
-        sample["dq"][0, joint] = FR3.dq_lower(sample["q"][0])[joint]
+        sample["q"][0, joint] = FR3.limits.q_lower[joint] + 0.05
+        sample["dq"][0, joint] = FR3.limits.dq_lower(sample["q"][0])[joint]
         return sample, Reason.JOINT_VELOCITY
     if what == "measured_torque":
-        sample["tau_J"][0, joint] = -FR3.tau_max[joint] - 0.01
+        sample["tau_J"][0, joint] = -FR3.limits.tau_max[joint] - 0.01
         return sample, Reason.MEASURED_TORQUE
     sample[what][0, joint] = np.nan
     return sample, Reason.NOT_FINITE
@@ -116,6 +117,6 @@ def test_whatever_is_wanted_the_answer_is_finite_limited_and_continuous(seed, va
         judge.judge(sample)
         applied = sample["tau_applied"][0].copy()
         assert np.all(np.isfinite(applied))
-        assert np.all(np.abs(applied) <= FR3.tau_max)
+        assert np.all(np.abs(applied) <= FR3.limits.tau_max)
         assert np.all(np.abs(applied - last) <= STEP)
         last = applied

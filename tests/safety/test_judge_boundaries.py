@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from judge_oracle import BRAKING, REACTION_S, arm_reason, face, face_velocity, joint_reason, limited
 from judge_samples import HOME, arm_sample
 
-from hal.limits import FR3
+from hal.robots import FR3
 from rtstack.safety.judge import Base, Reason, SafetyJudge, Verdict
 from rtstack.safety.judge import judge as compiled
 from rtstack.safety.limits import HARDWARE
@@ -50,7 +50,7 @@ def test_each_joint_line_is_exactly_where_its_definition_says(joint):
     for name, line in lines.items():
         for sign in (1.0, -1.0):
             for value, wrong in zip(_around(sign * line), (False, False, True), strict=True):
-                sample, residual = arm_sample(q=(FR3.q_lower + FR3.q_upper) / 2), np.zeros(7)
+                sample, residual = arm_sample(q=(FR3.limits.q_lower + FR3.limits.q_upper) / 2), np.zeros(7)
                 (residual if name == "residual" else sample[name][0])[joint] = value
                 expected = (reasons[name], joint + 1) if wrong else (Reason.NONE, 0)
                 assert _reason(sample, residual, replace(HARDWARE, ee_speed_max=99.0)) == expected
@@ -85,7 +85,7 @@ def test_the_velocity_line_depends_on_the_position(joint):
             sample = arm_sample()
             q = HARDWARE.q_upper[joint] - room if sign > 0 else HARDWARE.q_lower[joint] + room
             room_there = HARDWARE.q_upper[joint] - q if sign > 0 else q - HARDWARE.q_lower[joint]
-            allowed = np.sqrt(2.0 * FR3.deceleration[joint] * room_there) - FR3.velocity_offset[joint]
+            allowed = np.sqrt(2.0 * FR3.limits.deceleration[joint] * room_there) - FR3.limits.velocity_offset[joint]
             allowed = min(HARDWARE.dq_max[joint], max(0.0, allowed))
             sample["q"][0, joint] = q
             for factor, wrong in ((1.0, False), (1.0 + 1e-12, True)):
@@ -114,7 +114,7 @@ def test_face_and_velocity_are_those_of_the_published_kinematics():
     rng = np.random.default_rng(1)
     judge = SafetyJudge(base=TURNED)
     for t_ms in range(5):
-        q, dq = rng.uniform(FR3.q_lower + 0.5, FR3.q_upper - 0.5), rng.normal(size=7) * 0.3
+        q, dq = rng.uniform(FR3.limits.q_lower + 0.5, FR3.limits.q_upper - 0.5), rng.normal(size=7) * 0.3
         judge.judge(arm_sample(t_ms, q=q, dq=dq))
         np.testing.assert_allclose(judge.memory["face_world"][0], face(q, TURNED), atol=1e-12)
         np.testing.assert_allclose(judge.memory["face_velocity"][0], face_velocity(q, dq, TURNED), atol=1e-8)
@@ -257,7 +257,7 @@ def _evidence(sample, reason: Reason, joint: int, residual=NONE, limits=HARDWARE
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_the_evidence_of_a_joint_is_what_was_found_and_what_was_allowed(joint, sign):
     line = (HARDWARE.q_upper if sign > 0 else HARDWARE.q_lower)[joint]
-    middle = (FR3.q_lower + FR3.q_upper) / 2
+    middle = (FR3.limits.q_lower + FR3.limits.q_upper) / 2
     for place, dq in ((line - sign * 1e-3, sign * 2.0), (line + sign * 0.1, -sign * 0.5), (line + sign * 0.1, 0.0)):
         sample = arm_sample()
         sample["q"][0, joint], sample["dq"][0, joint] = place, dq

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from judge_oracle import distance, nearest
 from judge_samples import HOME, arm_sample
 
-from hal.limits import FR3
+from hal.robots import FR3
 from rtstack.safety.geometry import arm_distance, segment_distance
 from rtstack.safety.judge import Base, Reason, SafetyJudge, Tool, Verdict, pair_of_judges
 from rtstack.safety.limits import HARDWARE
@@ -24,7 +24,7 @@ CLOSE = 0.9  # m between two bases: the arms' reach overlaps
 
 
 def _pair(limits=HARDWARE, right: Base = RIGHT) -> tuple[SafetyJudge, SafetyJudge]:
-    return pair_of_judges(limits, LEFT, right, Tool())
+    return pair_of_judges((limits, limits), LEFT, right, Tool())
 
 
 def _both(judges, t_ms: int, **fields) -> tuple[Verdict, Verdict]:
@@ -72,7 +72,7 @@ def test_the_arms_distance_is_that_of_their_capsules():
     rng = np.random.default_rng(2)
     for _ in range(12):
         right = Base((rng.uniform(-0.5, 0.9), rng.uniform(-0.9, 0.9), rng.uniform(-0.3, 0.3)), (0.3, 0.1, 0.2, 0.9))
-        q = rng.uniform(FR3.q_lower + 0.3, FR3.q_upper - 0.3, (2, 7))
+        q = rng.uniform(FR3.limits.q_lower + 0.3, FR3.limits.q_upper - 0.3, (2, 7))
         judges = _pair(replace(HARDWARE, ee_speed_max=9.0), right)
         for judge, angles in zip(judges, q, strict=True):
             judge.judge(arm_sample(q=angles))
@@ -329,7 +329,7 @@ def test_a_judge_has_the_base_the_tool_and_the_profile_that_it_was_given():
     assert rule["base_position"].tolist() == [1.0, 2.0, 3.0]
     assert rule["face"].tolist() == pytest.approx([0.0, 0.0, 0.607])
     assert rule["reaction"] == 0.004
-    for judge, x in zip(pair_of_judges(HARDWARE, base, Base(), tool, profile), (1.0, 0.0), strict=True):
+    for judge, x in zip(pair_of_judges((HARDWARE, HARDWARE), base, Base(), tool, profile), (1.0, 0.0), strict=True):
         rule = judge._rules[0]
         assert (rule["base_position"][0], rule["face"][2], rule["reaction"]) == (x, pytest.approx(0.607), 0.004)
     rule = SafetyJudge()._rules[0]

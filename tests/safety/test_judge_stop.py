@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from judge_samples import HOME, arm_sample
 
-from hal.limits import FR3
+from hal.robots import FR3
 from rtstack.safety.judge import Reason, SafetyJudge
 from rtstack.safety.limits import HARDWARE
 from rtstack.safety.records import StopProfile
@@ -16,12 +16,12 @@ from rtstack.safety.records import StopProfile
 # run as plain Python, numpy warns about inf - inf; compiled code does not
 pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")
 
-BRAKING = np.maximum(FR3.ddq_max, FR3.deceleration)
+BRAKING = np.maximum(FR3.limits.ddq_max, FR3.limits.deceleration)
 GENTLE = 0.999
 
 
 def test_the_braking_is_one_that_the_arm_has_and_that_its_velocity_limits_need():
-    assert np.all(FR3.deceleration <= BRAKING)
+    assert np.all(FR3.limits.deceleration <= BRAKING)
     assert SafetyJudge()._rules["braking"][0].tolist() == BRAKING.tolist() == [10, 10, 10, 10, 17, 10, 17]
 
 
@@ -37,7 +37,7 @@ def test_from_any_state_inside_the_limits_a_stop_ends_inside_them(joint, where, 
     q[joint] = lower + where * (upper - lower)
     dq = np.zeros(7)
     room = upper - q[joint] if fast > 0 else q[joint] - lower
-    allowed = np.sqrt(2 * FR3.deceleration[joint] * room) - FR3.velocity_offset[joint]
+    allowed = np.sqrt(2 * FR3.limits.deceleration[joint] * room) - FR3.limits.velocity_offset[joint]
     dq[joint] = GENTLE * fast * min(HARDWARE.dq_max[joint], max(0.0, allowed))
     judge = SafetyJudge()
     judge.judge(arm_sample(0, q=q, dq=dq))
@@ -49,7 +49,7 @@ def test_from_any_state_inside_the_limits_a_stop_ends_inside_them(joint, where, 
         step = np.clip(wanted - dq, -BRAKING * 1e-3, BRAKING * 1e-3)
         q = q + (dq + step / 2) * 1e-3
         dq = dq + step
-        assert np.all((FR3.q_lower <= q) & (q <= FR3.q_upper))
+        assert np.all((FR3.limits.q_lower <= q) & (q <= FR3.limits.q_upper))
         if t_ms > 5 and not dq.any():
             break
     assert not dq.any()

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hal.limits import FR3
+from hal.robots import FR3
 from rtstack.cells import default_cell_file
 from rtstack.configuration import ConfigurationError
 from rtstack.model.cell_description import load_cell_description
@@ -19,11 +19,11 @@ LOWER = ("q_lower", "ee_lower", "arm_distance_min")
 
 
 def test_the_hardware_s_limits_are_those_of_hal_and_a_margin_inside():
-    np.testing.assert_allclose(HARDWARE.q_lower, FR3.q_lower + 0.005)
-    np.testing.assert_allclose(HARDWARE.q_upper, FR3.q_upper - 0.005)
-    np.testing.assert_allclose(HARDWARE.dq_max, 0.98 * FR3.dq_max)
+    np.testing.assert_allclose(HARDWARE.q_lower, FR3.limits.q_lower + 0.005)
+    np.testing.assert_allclose(HARDWARE.q_upper, FR3.limits.q_upper - 0.005)
+    np.testing.assert_allclose(HARDWARE.dq_max, 0.98 * FR3.limits.dq_max)
     for name in ("tau_max", "tau_J_max"):
-        assert getattr(HARDWARE, name) == tuple(FR3.tau_max)
+        assert getattr(HARDWARE, name) == tuple(FR3.limits.tau_max)
     assert HARDWARE.tau_rate_max == 1000.0
     assert HARDWARE.power_max == pytest.approx(4 * 87 * 2.62 + 12 * (5.26 + 4.18 + 5.26))
     assert (HARDWARE.ee_speed_max, HARDWARE.arm_distance_min) == (3.0, 0.02)
@@ -107,7 +107,7 @@ def test_the_controllers_lines_are_inside_the_judges_wherever_a_table_draws_them
     braked = np.sqrt(2.0 * line["deceleration"] * room) - line["velocity_offset"]
     controllers = np.minimum(line["dq_max"], braked)
     judges = limits.dq_upper(limits.q_upper - room)
-    margin = np.minimum(0.02 * FR3.dq_max, np.array(limits.dq_max) / 2)
+    margin = np.minimum(0.02 * FR3.limits.dq_max, np.array(limits.dq_max) / 2)
     assert np.all(line["dq_max"] > 0.0)
     assert np.all((controllers <= judges - margin + 1e-12) | (controllers < 0.0))
     assert np.all((line["tau_max"] < limits.tau_max) & (line["tau_J_max"] < limits.tau_J_max))

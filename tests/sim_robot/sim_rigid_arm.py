@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio as pin
 
-from hal.description import fr3_urdf
+from hal.robots import FR3
 from sim_robot.scene import Pad
 
 
@@ -11,11 +11,11 @@ class RigidArm:
     """Rigid dynamics and the kinematics of the pad's face, in the arm's base frame (axes of the world here)."""
 
     def __init__(self, pad: Pad) -> None:
-        self.model = pin.buildModelFromXML(fr3_urdf())
-        centre = pin.SE3(np.eye(3), np.array([0.0, 0.0, pad.face_offset_z - pad.size[2] / 2.0]))
-        self.model.appendBodyToJoint(7, pin.Inertia.FromBox(pad.mass, *pad.size), centre)
-        face = pin.SE3(np.eye(3), np.array([0.0, 0.0, pad.face_offset_z]))
+        self.model = pin.buildModelFromXML(FR3.urdf)
         link8 = self.model.frames[self.model.getFrameId("link8")]
+        face = link8.placement * pin.SE3(np.eye(3), np.array([0.0, 0.0, pad.flange_to_face]))
+        centre = link8.placement * pin.SE3(np.eye(3), np.array([0.0, 0.0, pad.flange_to_face - pad.size[2] / 2.0]))
+        self.model.appendBodyToJoint(7, pin.Inertia.FromBox(pad.mass, *pad.size), centre)
         self._face = self.model.addFrame(
             pin.Frame("face", link8.parentJoint, link8.parentFrame, face, pin.FrameType.OP_FRAME)
         )

@@ -173,15 +173,9 @@ def turn(tick: int) -> np.ndarray:
     return np.array([min(tick, 30.0), 0, 0, 0, 0, 0, 0])
 
 
-@pytest.mark.parametrize(
-    ("reflexes", "name"),
-    [
-        ({"largest_speed": 0.05}, "cartesian_velocity_violation"),
-        ({"largest_power": 5.0}, "power_limit_violation"),
-    ],
-)
-def test_an_arm_beyond_a_limit_of_its_own_is_stopped(reflexes: dict, name: str) -> None:
-    cell = strict_cell(**reflexes)
+def test_an_arm_beyond_its_power_is_stopped() -> None:
+    name = "power_limit_violation"
+    cell = strict_cell(largest_power=5.0)
     assert run_until_rejected(cell, turn) == (name,)
     assert_latched(cell, name)
     assert_recovers(cell)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from rtstack.impact_map import ReflectedInertia, Status, converged
-from rtstack.impact_map.problem import JOINTS, Problem
+from rtstack.impact_map.problem import Problem
 from rtstack.impact_map.reflected import joint_inertia
 from rtstack.papers.impact_maps.feedback import Direction
 from rtstack.planning import PlanError, PlannedMotion
@@ -59,8 +59,8 @@ def with_inertia(problem: Problem, was: ReflectedInertia, kind: ReflectedInertia
     """Return the problem with another inertia of the arms' motors: velocities before the impact stay."""
     M = problem.M.copy()
     for body, where in zip(problem.bodies, problem.slices, strict=True):
-        if len(body.velocity) == JOINTS:
-            M[where, where] += np.diag(joint_inertia(kind) - joint_inertia(was))
+        if body.robot is not None:
+            M[where, where] += np.diag(joint_inertia(kind, body.robot) - joint_inertia(was, body.robot))
     L = np.linalg.cholesky(M)
     whitening = np.linalg.inv(L)
     return replace(problem, M=M, whitening=whitening, A=whitening @ problem.J.T, w=problem.velocity @ L)

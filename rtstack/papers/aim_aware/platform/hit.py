@@ -19,7 +19,8 @@ from rtstack.monitor.monitor import Monitor
 from rtstack.monitor.parameters import MonitorParameters
 from rtstack.papers.aim_aware.planar.parameters import NotNegative, Positive
 from rtstack.papers.aim_aware.platform.plan import HitPlan
-from rtstack.safety.judge import Base, Reason, SafetyJudge, Tool
+from rtstack.safety.judge import Reason, SafetyJudge, Tool
+from rtstack.safety.limits import hardware_limits
 from rtstack.samples import Mode, QpStatus
 
 Six = tuple[NotNegative, NotNegative, NotNegative, NotNegative, NotNegative, NotNegative]
@@ -74,8 +75,8 @@ class Hitter:
 
     def judge(self) -> SafetyJudge:
         """Return a fresh judge, within the hardware's limits."""
-        base = Base(self.mounting.base_position, self.mounting.base_orientation_wxyz)
-        return SafetyJudge(base=base, tool=Tool(self.pad.size, self.pad.flange_to_face))
+        limits = hardware_limits(self.mounting.robot)
+        return SafetyJudge(limits, self.mounting.base, Tool(self.pad.size, self.pad.flange_to_face))
 
 
 def hit(arm: Arm, hitter: Hitter, plan: HitPlan, monitoring: MonitorParameters, until: int | None = None) -> Hit:

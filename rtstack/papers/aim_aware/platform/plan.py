@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rtstack.control.parameters import InertiaParameters
 from rtstack.control.records import POINT
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import ArmMounting, Pad
@@ -97,7 +96,7 @@ def _points(
     x, dx, ddx = reference
     points = np.zeros(len(x), POINT)
     q, dq = np.zeros((2, len(x), 7))
-    B_theta = np.diag(InertiaParameters().B_theta)
+    B_theta = np.diag(model.robot.B_theta)
     for way in (range(k_d, len(x)), range(k_d - 1, -1, -1)):  # outwards from the impact, whose joints are known
         near = q_d
         for k in way:

@@ -7,6 +7,9 @@ from pathlib import Path
 from hal.robots import FR3
 
 SHORTER = 0.95  # of some of the arm's lengths
+# its pad's face where the grabbing cell's arms have theirs at home; the right arm's is the mirror
+HOME = (-0.301958, 0.067801, 0.267025, -2.551376, -1.61049, 1.573128, 1.045714)
+MIRROR = (-1, 1, -1, 1, -1, 1, -1)
 DQ_MAX = (1.9, 1.8, 1.9, 1.8, 2.2, 2.2, 2.2)
 
 
@@ -22,6 +25,7 @@ def robot_files(name: str = "shorty") -> tuple[str, str]:
     text = with_key(text, "urdf", f'"{name}.urdf"')  # the first one: the other one is among the sources
     text = with_key(text, "joints", str([f"{name}_joint{number}" for number in range(1, 8)]))
     text = with_key(text, "flange", f'"{name}_link8"')
+    text = with_key(text, "meshes", None)
     return with_key(text, "dq_max", str(list(DQ_MAX))), urdf
 
 
