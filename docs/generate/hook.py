@@ -17,6 +17,7 @@ from http_api import http_api_page  # noqa: E402
 from limits import approach_ms, limit_table, measured_share, velocity_margin  # noqa: E402
 from log_topics import host_clock_fields, log_messages, topic_table  # noqa: E402
 from mkdocs.structure.files import File, Files  # noqa: E402
+from robot_models import robot_models  # noqa: E402
 from versions import pinned  # noqa: E402
 from watchdogs import watchdogs  # noqa: E402
 
@@ -47,6 +48,7 @@ FILLED = {
     "{{ decisions }}": decision_list,
     "{{ papers }}": papers,
     "{{ watchdogs }}": watchdogs,
+    "{{ robot_models }}": robot_models,
     "{{ fidelity_fields }}": fidelity_fields,
     "{{ fidelity_errors }}": fidelity_errors,
     "{{ fidelity_commands }}": fidelity_commands,

@@ -112,7 +112,7 @@ def find_joint(sample, residual, rule, memory):
         if q + min(travel, 0.0) < lower:
             note(memory, i, q + min(travel, 0.0), lower)
             return JOINT_POSITION
-        # source FR3, see hal.limits
+        # the velocity law of the arm, see hal.limits
         room = upper - q if dq > 0.0 else q - lower
         fastest = math.sqrt(2.0 * rule["deceleration"][i] * room) - rule["velocity_offset"][i]
         fastest = min(rule["dq_max"][i], max(0.0, fastest))
