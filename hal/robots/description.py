@@ -74,10 +74,10 @@ def _joint(source: Element, number: int, kind: str, limits: ArmLimits | None) ->
         joint.append(Element("axis", xyz="0 0 1"))
         values = {"lower": limits.q_lower, "upper": limits.q_upper, "velocity": limits.dq_max, "effort": limits.tau_max}
         joint.append(Element("limit", {key: repr(float(array[number])) for key, array in values.items()}))
-        if limits.velocity_law_enforced:
-            law = {"velocity_offset": limits.velocity_offset, "deceleration_limit": limits.deceleration}
-            law = {key: repr(float(array[number])) for key, array in law.items()}
-            joint.append(Element("position_based_velocity_limits", law))
+        offset, deceleration = limits.enforced_velocity_law()  # libfranka refuses an arm without them
+        law = {"velocity_offset": offset, "deceleration_limit": deceleration}
+        law = {key: repr(float(array[number])) for key, array in law.items()}
+        joint.append(Element("position_based_velocity_limits", law))
     return joint
 
 

@@ -29,8 +29,10 @@ def test_the_urdf_has_the_limits_of_the_table(model: RobotModel) -> None:
     np.testing.assert_array_equal(found.upperPositionLimit, model.limits.q_upper)
     np.testing.assert_array_equal(found.velocityLimit, model.limits.dq_max)
     np.testing.assert_array_equal(found.effortLimit, model.limits.tau_max)
-    laws = ElementTree.fromstring(model.urdf).findall("joint/position_based_velocity_limits")
-    assert len(laws) == (7 if model is FR3 else 0)
+    laws = [law.attrib for law in ElementTree.fromstring(model.urdf).iter("position_based_velocity_limits")]
+    offset, deceleration = model.limits.enforced_velocity_law()
+    np.testing.assert_array_equal([float(law["velocity_offset"]) for law in laws], offset)
+    np.testing.assert_array_equal([float(law["deceleration_limit"]) for law in laws], deceleration)
 
 
 def test_the_fer_s_arm_reaches_where_the_vendor_says() -> None:
