@@ -115,8 +115,8 @@ def test_each_arm_has_the_numbers_of_its_own_model(tmp_path: Path) -> None:
     assert left.model.robot is FER
     assert right.model.robot.title == "Shorty"
     assert left.model.p7[0] != right.model.p7[0]  # the right arm is shorter
-    assert [float(arm._B_theta[0]) for arm in (left, right)] == [0.2, 0.1]
-    assert [float(arm._p1[0]) for arm in (left, right)] == [0.54615, 0.7]
+    assert [float(arm._observer["B_theta"].flat[0]) for arm in (left, right)] == [0.2, 0.1]
+    assert [float(arm._observer["p1"].flat[0]) for arm in (left, right)] == [0.54615, 0.7]
     judges = safety_judges(cell)
     assert float(judges[1]._rules["dq_max"][0, 0]) == 0.98 * DQ_MAX[0]
     assert float(judges[0]._rules["dq_max"][0, 0]) == 0.98 * FER.limits.dq_max[0]
