@@ -98,7 +98,7 @@ def test_the_log_is_the_one_that_the_log_process_writes(finished, command, cell,
 
 def test_a_trial_that_the_judge_ends_leaves_its_evidence_in_the_log(finished, cell, tmp_path):
     reference = finished.out / "references" / "rice_box-0.mcap"
-    specification = TrialSpecification(str(reference), safety=(("dq_max", (0.2,) * 7),))
+    specification = TrialSpecification(str(reference), safety=(("ee_speed_max", 0.1),))
     prepared = prepare_trial(specification, cell)
     log = WholeRunLog(tmp_path / "faulted.mcap", {}, [], frames(cell, specification.object))
     opened = open_conditioned_cell(
@@ -110,7 +110,7 @@ def test_a_trial_that_the_judge_ends_leaves_its_evidence_in_the_log(finished, ce
         opened.close()
     left = read_log(log.path)
     assert left.metadata["fault"]["end"] == End.SAFETY
-    assert "faster than its position allows" in left.metadata["fault"]["detail"]
+    assert "the end effector is too fast" in left.metadata["fault"]["detail"]
     assert "last_second.npz" in {attachment.name for attachment in left.attachments}
 
 
