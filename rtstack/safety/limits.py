@@ -55,7 +55,7 @@ class SafetyLimits:
     (it swings above the command after an impact), tau_ext_max both the robot's estimate of the external torque and the
     controller's momentum residual, power_max the sum of |tau_J dq|'s balance, state_gap_max_s the robot's time between
     two states that differ, pair_skew_max_s the time for which one arm is answered without a new state of the other.
-    arm: the model's own, for what nobody tightens: braking and the velocity limit near a position limit.
+    arm: the model's own, for what cannot be tightened: braking and the velocity limit near a position limit.
     """
 
     q_lower: Seven

@@ -15,7 +15,8 @@ from rtstack.model.cell_description import CellDescription, load_cell_descriptio
 from rtstack.safety.judge import Reason, SafetyJudge, Verdict
 from rtstack.safety.limits import SafetyLimits
 from rtstack.samples import Mode, QpStatus
-from rtstack.trials.assembly import arm_controllers, cell_parameters, safety_limits
+from rtstack.trials.assembly import arm_controllers, cell_parameters
+from rtstack.trials.tightening import safety_limits
 
 CELLS = sorted((Path(next(iter(deploy.__path__))) / "cells").glob("*.toml"))
 STEP_S = 1e-3

@@ -35,7 +35,7 @@ from console.review.conversion import convert
 from console.review.series import Tabled, csv_lines
 from console.review.signals import signals
 from docs.generate.log_topics import log_messages, topic_table
-from rtstack.cli.cells import default_cell_file, load_description
+from rtstack.cells import default_cell_file, load_description
 from rtstack.log.reader import read_log
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.demonstration import run_demonstration

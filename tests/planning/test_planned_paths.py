@@ -186,7 +186,7 @@ def test_accelerations_are_those_of_the_middle_of_a_held_torque():
 def test_what_the_torque_rate_holds_back_is_repaid():
     """A robot that follows a step of torque by 1 Nm a tick has given as much as the step a little later."""
     step = np.array([5.4, -3.0, 0.7, 1.0, 0.0, -1.2, 2.5])
-    wanted = np.tile(step, (100, 1)) + repaid(held_back(step, 1e-3), 100, 1e-3)
+    wanted = np.tile(step, (100, 1)) + repaid(held_back(step, 1000.0, 1e-3), 100, 1e-3)
     given, torque = np.zeros(7), np.zeros(7)
     for tick in wanted:
         torque += np.clip(tick - torque, -1.0, 1.0)

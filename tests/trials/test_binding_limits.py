@@ -23,7 +23,8 @@ from rtstack.model.cell_description import CellDescription
 from rtstack.model.rotation import exp_so3
 from rtstack.references.demonstration import end_effector_pose
 from rtstack.samples import Mode, QpStatus
-from rtstack.trials.assembly import arm_controllers, cell_parameters, safety_limits
+from rtstack.trials.assembly import arm_controllers, cell_parameters
+from rtstack.trials.tightening import safety_limits
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.motion import run_motion
 from rtstack.trials.record import open_log
