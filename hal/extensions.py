@@ -15,11 +15,13 @@ class ExtensionError(Exception):
 
 @dataclass(frozen=True)  # without slots: Python 3.11 cannot set the type that a generic class was made for
 class ExtensionPoint(Generic[T]):
-    """A group of entry points. what: one thing of the group, for messages; kind: the type that all of them have."""
+    """A group of entry points. what: one thing of the group, for messages; kind: the type that all of them have;
+    ours: rtstack itself offers some, so that an empty group means an old installation."""
 
     group: str
     what: str
     kind: type[T]
+    ours: bool = True
 
     def names(self) -> tuple[str, ...]:
         """Return the names that are offered, sorted. Imports nothing."""
@@ -28,6 +30,8 @@ class ExtensionPoint(Generic[T]):
     def check(self, name: str) -> str:
         """Return a name that is offered. Imports nothing. Raises ExtensionError."""
         names = self.names()
+        if not names and not self.ours:
+            raise ExtensionError(f"unknown {self.what} {name!r}: no installed package offers one")
         if not names:
             raise ExtensionError(f"no {self.what} is installed: the installation is older than its sources: make setup")
         if name not in names:

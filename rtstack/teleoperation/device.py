@@ -45,4 +45,6 @@ class InputDevice(Protocol):
 
 
 # each a callable (argument: str) -> InputDevice; argument: what stands behind NAME: on the command line, "" for nothing
-DEVICES = ExtensionPoint[Callable[[str], InputDevice]]("rtstack.devices", "input device", cast(Any, Callable))
+DEVICES = ExtensionPoint[Callable[[str], InputDevice]](
+    "rtstack.devices", "input device", cast(Any, Callable), ours=False
+)

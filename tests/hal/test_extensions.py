@@ -1,6 +1,7 @@
 """Extension points, with packages that are installed: a folder on the path with its metadata."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
@@ -48,6 +49,8 @@ def test_what_cannot_be_loaded_names_its_package_and_spoils_no_other(
 def test_an_installation_without_any_says_what_to_do() -> None:
     with pytest.raises(ExtensionError, match=r"no thing is installed: .*: make setup"):
         POINT.load("first")
+    with pytest.raises(ExtensionError, match="unknown thing 'first': no installed package offers one"):
+        replace(POINT, ours=False).load("first")
 
 
 def test_a_name_that_two_packages_offer_is_refused_and_no_other(install: Install) -> None:

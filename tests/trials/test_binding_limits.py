@@ -24,12 +24,12 @@ from rtstack.model.rotation import exp_so3
 from rtstack.references.demonstration import end_effector_pose
 from rtstack.samples import Mode, QpStatus
 from rtstack.trials.assembly import arm_controllers, cell_parameters
-from rtstack.trials.tightening import safety_limits
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.motion import run_motion
 from rtstack.trials.record import open_log
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import DemonstrationSpecification
+from rtstack.trials.tightening import safety_limits
 
 TOUCHES = 1e-5  # rad/s^2 and Nm: as near as the solvers come
 SECOND = 1000  # ticks
