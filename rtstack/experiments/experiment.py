@@ -5,6 +5,7 @@ runs; a task gives a row for each of its cases; rows give a report. The engine d
 a Dask scheduler, what is missing after an interruption, retries, the table of results, progress, figures and page.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -92,7 +93,7 @@ S = TypeVar("S", bound=Specification)
 C = TypeVar("C", bound=Case)
 
 
-class Experiment(Generic[S, C]):
+class Experiment(ABC, Generic[S, C]):
     """A kind of experiment: a plug-in is a subclass. An instance of it is one campaign.
 
     An instance stays in the runner's process; only tasks go to the workers. The class is imported to list plans, too:
@@ -132,9 +133,9 @@ class Experiment(Generic[S, C]):
         return {}
 
     @classmethod
+    @abstractmethod
     def read(cls, path: Path, quick: bool) -> S:
         """Read and check a plan file, its sample where `quick`. Raises ConfigurationError with one line."""
-        raise NotImplementedError
 
     def size(self) -> int:
         """Return how many cases there are to run; asked again once the stages are done."""
@@ -147,17 +148,17 @@ class Experiment(Generic[S, C]):
         """
         yield from ()
 
+    @abstractmethod
     def cases(self, rows: Sequence[Row]) -> Sequence[C]:
         """Return the cases that are known with these results, in order; asked again once all of them were run."""
-        raise NotImplementedError
 
     def adopt(self, cases: Sequence[C]) -> Iterable[Row]:
         """Return rows of cases that were run, and logged, but not kept: the program was killed in between."""
         return ()
 
+    @abstractmethod
     def tasks(self, cases: Sequence[C]) -> Iterable[Task]:
         """Return the tasks that make the rows of these cases."""
-        raise NotImplementedError
 
     def robot_s(self, row: Row) -> float:
         """Return how many seconds of the robot's time a row took."""
@@ -167,6 +168,6 @@ class Experiment(Generic[S, C]):
         """Remove what workers that were killed have left. Called once the cases were run."""
         return
 
+    @abstractmethod
     def report(self, results: Results) -> Report:
         """Return claims, tables and figures of these results."""
-        raise NotImplementedError

@@ -7,6 +7,7 @@ The name is what a plan file says as `kind = "my-kind"`; the object is a subclas
 (rtstack.experiments.experiment). It is imported when a plan asks for its kind, or when plans are listed.
 """
 
+import inspect
 import sys
 import tomllib
 from functools import lru_cache
@@ -34,6 +35,11 @@ def kind_named(name: str) -> type[Experiment[Any, Any]]:
     if not issubclass(kind, Experiment):
         raise TrialError(f"kind of experiment {name!r}: {kind.__qualname__} is no subclass of {Experiment.__module__}"
                          f".{Experiment.__qualname__}; repair or uninstall its package")  # fmt: skip
+    if inspect.isabstract(kind):  # said now, not once all its cases have run
+        missing = ", ".join(sorted(kind.__abstractmethods__))
+        raise TrialError(
+            f"kind of experiment {name!r}: {kind.__qualname__} does not define {missing}; repair its package"
+        )
     return kind
 
 

@@ -15,7 +15,7 @@ OURS = {"reference-spreading", "impact-map-validation", "aim-aware-planar", "aim
 
 @pytest.fixture
 def plugin(tmp_path, monkeypatch):
-    """Install a package of three kinds: one that works and brings a plan, and two that do not."""
+    """Install a package of three kinds: one that works and brings a plan, and three that do not."""
     (tmp_path / "counting_plugin.py").write_text(
         "from pathlib import Path\nfrom tests.support.counting import CountingExperiment\n"
         "class Counting(CountingExperiment):\n    @classmethod\n    def plans(cls):\n"
@@ -26,7 +26,7 @@ def plugin(tmp_path, monkeypatch):
     (information / "METADATA").write_text("Metadata-Version: 2.1\nName: counting-plugin\nVersion: 1.2\n")
     (information / "entry_points.txt").write_text(
         "[rtstack.experiments]\ncounting = counting_plugin:Counting\nbroken = counting_plugin:Missing\n"
-        "strange = pathlib:Path\n"
+        "strange = pathlib:Path\nunfinished = rtstack.experiments.experiment:Experiment\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "counting.toml").write_text(PLAN)
@@ -55,6 +55,11 @@ def test_an_unknown_campaign_names_the_known_ones():
         plan_file("nope")
 
 
+def test_a_kind_that_lacks_a_method_is_refused_before_anything_runs(plugin):
+    with pytest.raises(TrialError, match="'unfinished': Experiment does not define cases, read, report, tasks"):
+        kind_named("unfinished")
+
+
 def test_an_unknown_kind_names_the_known_ones(tmp_path):
     path = tmp_path / "plan.toml"
     path.write_text('kind = "nope"\n')
@@ -67,7 +72,7 @@ def test_a_plug_in_brings_its_kind_and_its_plan_and_a_broken_one_is_a_line(plugi
     assert file.path == plugin / "counting.toml"
     kind = kind_named(kind_of(file.path))
     assert (kind.__name__, kind.read(file.path, False).size()) == ("Counting", 3)
-    broken, strange = capsys.readouterr().err.splitlines()
+    broken, strange, _unfinished = capsys.readouterr().err.splitlines()
     assert broken.startswith("rtstack: warning: kind of experiment 'broken': counting_plugin:Missing of ")
     assert "cannot be loaded: AttributeError" in broken
     assert strange.startswith("rtstack: warning: kind of experiment 'strange': Path is no subclass of")
