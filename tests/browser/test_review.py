@@ -345,8 +345,11 @@ def test_nothing_can_be_pressed_before_it_does_something(page, late):
 
 def contrast(page: Page, selector: str) -> float:
     """WCAG contrast of an element's text with what is behind it."""
-    return page.locator(selector).first.evaluate(
-        """element => {
+    expect(page.locator(selector).first).to_be_visible()
+    # found and measured at once: an element that the page replaces in between has no style
+    return page.evaluate(
+        """selector => {
+            const element = document.querySelector(selector);
             const numbers = (colour) => colour.match(/[\\d.]+/g).map(Number);
             const light = ([r, g, b]) => [r, g, b].map((v) => v / 255)
               .map((v) => (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4))
@@ -357,7 +360,8 @@ def contrast(page: Page, selector: str) -> float:
             const a = light(numbers(getComputedStyle(element).color));
             const b = light(numbers(getComputedStyle(behind).backgroundColor));
             return (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
-        }"""
+        }""",
+        selector,
     )
 
 
