@@ -55,8 +55,15 @@ def test_a_token_is_made_used_and_revoked_and_a_viewer_is_invited(browser, tmp_p
         page.reload()
         expect(row).to_have_count(1, timeout=PATIENCE_MS)
         assert word not in page.content()  # once
-        page.on("dialog", lambda dialog: dialog.accept())
         row.get_by_text("Revoke").click()
+        question = page.get_by_role("alertdialog")
+        expect(question).to_contain_text("Revoke the token of <b>plotter?")
+        page.keyboard.press("Escape")
+        expect(question).to_have_count(0)
+        expect(row.get_by_text("Revoke")).to_be_focused()
+        expect(row).to_have_count(1)
+        row.get_by_text("Revoke").click()
+        question.get_by_text("Revoke", exact=True).click()
         expect(row).to_have_count(0, timeout=PATIENCE_MS)
         assert httpx.get(f"{served.base}/api/me", headers=headers, trust_env=False, timeout=60.0).status_code == 401
         expect(page.locator("#audit tbody")).to_contain_text("revoked token", timeout=PATIENCE_MS)

@@ -1,6 +1,7 @@
 // The page Access: invitations, tokens and the audit trail. What is shown once is in this page only, until it is left.
 
 import { get, post, remove } from "./api.js";
+import { ask } from "./dialog.js";
 import { showError } from "./errors.js";
 import { when } from "./formats.js";
 import { startFrame } from "./frame.js";
@@ -114,7 +115,8 @@ class Page {
   }
 
   async revoke(token) {
-    if (!confirm(`Revoke the token of ${token.name}? Its program is refused from then on.`)) return;
+    const details = "Its program is refused from then on. This cannot be undone.";
+    if (!(await ask({ question: `Revoke the token of ${token.name}?`, details, yes: "Revoke", bad: true }))) return;
     try {
       await remove(`/api/tokens/${token.id}`);
     } catch (error) {

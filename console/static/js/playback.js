@@ -2,6 +2,7 @@
 
 import { post } from "./api.js";
 import { whyNot } from "./control.js";
+import { ask } from "./dialog.js";
 import { showError } from "./errors.js";
 
 const ACTIVE = ["starting", "running", "stopping"];
@@ -22,8 +23,9 @@ export function startPlayback(id, live) {
   $("arms-play").addEventListener("click", async () => {
     const speed = parseFloat($("arms-speed").value);
     const where = document.querySelector(".badge.real") ? "the REAL arms" : "the simulated arms";
-    const question = `Both of ${where} go to where this log begins, then along its path at ${speed} times its speed. Nothing may be in their way: take the object out of the cell. Play it?`;
-    if (!confirm(question)) return;
+    const question = `Play this log on ${where} at ${speed}x?`;
+    const details = "Both arms go to where the log begins, then along its path. Nothing may be in their way: take the object out of the cell.";
+    if (!(await ask({ question, details, yes: "Play" }))) return;
     $("arms-play").disabled = true;
     try {
       await post("/api/jobs/playback", { log: id, speed });

@@ -1,6 +1,7 @@
 // A recording: what is extracted from it, the impact's time by hand, and what a person says about it.
 
 import { get, post } from "./api.js";
+import { ask } from "./dialog.js";
 import { showError } from "./errors.js";
 import { startFrame } from "./frame.js";
 import { startPlayback } from "./playback.js";
@@ -127,7 +128,8 @@ class Page {
   }
 
   async discard() {
-    if (!confirm("Remove this recording's file? It cannot be brought back.")) return;
+    const details = "Its file is removed from the folder of logs and cannot be brought back.";
+    if (!(await ask({ question: "Discard this recording?", details, yes: "Discard", bad: true }))) return;
     try {
       await post(`/api/recordings/${id}/discard`);
       location.href = "/";

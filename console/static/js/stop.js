@@ -1,6 +1,7 @@
 // STOP: the button, and the space bar anywhere but in a text field, in the scene's frame too. It never asks.
 
 import { post } from "./api.js";
+import { closeDialog } from "./dialog.js";
 import { showError } from "./errors.js";
 
 const TEXT_TYPES = new Set(["text", "search", "number", "email", "url", "password", "tel"]);
@@ -14,6 +15,7 @@ export function isTextField(element) {
 export async function stop() {
   const button = document.getElementById("stop");
   button.dataset.state = "requested";
+  closeDialog(); // a question about a motion is out of date
   try {
     await post("/api/stop");
   } catch (error) {
