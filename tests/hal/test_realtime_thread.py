@@ -1,6 +1,9 @@
 """Real-time threads, who stands beside them, and what neither may pass on."""
 
+import ctypes
+import platform
 import socket
+import struct
 import subprocess
 import sys
 import threading
@@ -65,6 +68,27 @@ def test_without_the_right_everything_stays_ordinary_and_nothing_is_said() -> No
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
     assert (done.stdout, done.stderr) == ("other 0\nother\n", "")
+
+
+def _slice_ns() -> int:
+    """The calling thread's slice as the kernel tells it: sched_getattr(2), 0 where it is the kernel's own."""
+    attributes = ctypes.create_string_buffer(48)
+    number = {"x86_64": 315, "aarch64": 275}[platform.machine()]
+    assert ctypes.CDLL(None).syscall(number, 0, attributes, len(attributes), 0) == 0
+    return int(struct.unpack("=IIQiIQQQ", attributes.raw)[5])
+
+
+def test_an_ordinary_thread_has_short_slices_as_long_as_it_keeps_real_time() -> None:
+    def slices() -> tuple[int, int, int]:
+        before = _slice_ns()
+        with realtime_thread(priority=0):
+            return before, _slice_ns(), scheduling()[1]
+
+    kernel = tuple(int(part) for part in platform.release().split(".")[:2])
+    before, within, priority = _in_a_thread(slices)
+    assert priority == 0
+    assert within == (100_000 if kernel >= (6, 12) else before)
+    assert _slice_ns() == before
 
 
 def test_sockets_of_this_machine_alone_are_no_robots() -> None:
