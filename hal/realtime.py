@@ -126,7 +126,7 @@ def _try_schedule(policy: int, parameters: os.sched_param) -> bool:
 
 
 def _try_slice(nanoseconds: int) -> None:
-    """Ask for slices of this length for the calling ordinary thread, 0 for the kernel's own; refused is left as it is."""
+    """Ask for slices of this length for the calling ordinary thread, 0 for the kernel's own; refusal is no error."""
     if _SCHED_SETATTR is None or os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK != os.SCHED_OTHER:
         return
     nice = os.getpriority(os.PRIO_PROCESS, 0)
