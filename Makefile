@@ -42,13 +42,13 @@ coverage: setup  ## the judge and the arming state machine: every branch run by 
 	$(BIN)/coverage report --show-missing --fail-under=100
 
 mutate: setup  ## change the judge in one place at a time: do its tests notice? (resumes, .mutants/)
-	@$(BIN)/python tests/safety/mutate.py --minutes 120 --jobs 2
+	@$(BIN)/python -m tests.programs.mutate --minutes 120 --jobs 2
 
 explore: setup  ## 10000 sequences of events: no motion without arming, no way out of a fault but recovery
 	RTSTACK_SEQUENCES=10000 $(BIN)/python -m pytest --timeout=0 --hypothesis-show-statistics tests/safety/test_arming.py
 
 faults: setup  ## each fault at each moment, kill -9 of each process: what happens, in a table (resumes, out/faults/)
-	@status=0; $(BIN)/python tests/faults/matrix.py || status=$$?; $(BIN)/python tests/faults/kills.py && exit $$status
+	@status=0; $(BIN)/python -m tests.programs.fault_matrix || status=$$?; $(BIN)/python -m tests.programs.fault_kills && exit $$status
 
 screenshots: setup  ## look at every page, and take the documentation's pictures anew (docs/screenshots)
 	RTSTACK_SCREENSHOTS=1 $(BIN)/python -m pytest tests/browser/test_look.py
@@ -57,37 +57,37 @@ fuzz-api: setup  ## ten minutes of made-up requests to a console of its own: no 
 	RTSTACK_FUZZ_SECONDS=200 $(BIN)/python -m pytest -s tests/console/test_api_schema.py
 
 soak: setup  ## half an hour of the whole stack at work: memory, descriptors, missed deadlines
-	@$(BIN)/python tests/bench/soak.py --minutes 30
+	@$(BIN)/python -m tests.programs.soak --minutes 30
 
 dead-man: setup  ## key, tab, browser and console let go of moving arms: the first stopping torque within 350 ms? (BARE=1: no 3D scene)
-	@$(BIN)/python tests/bench/dead_man.py $(if $(BARE),--bare)
+	@$(BIN)/python -m tests.programs.dead_man $(if $(BARE),--bare)
 
 recompute: setup  ## a campaign's numbers from its logs, without our code: make recompute OUT=DIR
-	@$(BIN)/python tests/papers/reference_spreading/recompute.py $(OUT)
+	@$(BIN)/python -m tests.programs.recompute $(OUT)
 
 kill-campaign: setup  ## campaigns killed with -9 and resumed, TRIALS=N or the whole plan: the same results? (resumes, out/)
-	@$(BIN)/python tests/experiments/kill_campaign.py out/killed $(if $(TRIALS),--trials $(TRIALS))
+	@$(BIN)/python -m tests.programs.kill_campaign out/killed $(if $(TRIALS),--trials $(TRIALS))
 
 hil: setup  ## the numbered suite against arms: make hil CELL=LEFT,RIGHT HIL="--marks --motion" (report: out/hil/); else simulated
 	$(BIN)/python -m pytest -p no:cacheprovider tests/hil $(if $(CELL),--cell $(CELL)) --hil-report out/hil/$$(date +%Y-%m-%dT%H-%M-%S).md $(HIL)
 
 link-table: setup  ## what delay, jitter, loss, duplicates and reordering between PC and robot a trial stands (out/link/link.md)
-	@$(BIN)/python tests/network/link_table.py --out out/link
+	@$(BIN)/python -m tests.programs.link_table --out out/link
 
 cluster: setup  ## three workers in three namespaces, one killed, one cut off: the same table? (TRIALS=40; out/cluster)
-	@$(BIN)/python tests/network/cluster.py out/cluster $(if $(TRIALS),--trials $(TRIALS))
+	@$(BIN)/python -m tests.programs.cluster out/cluster $(if $(TRIALS),--trials $(TRIALS))
 
 impact-oracles: setup  ## the impact map against independent oracles, in 1000 random configurations
-	@$(BIN)/python tests/impact_map/oracles.py --configurations 1000
+	@$(BIN)/python -m tests.programs.impact_oracles --configurations 1000
 
 random-plans: setup  ## 100 random plans: do the accepted ones succeed, would the refused ones have? (resumes, .random-plans/)
-	@$(BIN)/python tests/planning/random_plans.py
+	@$(BIN)/python -m tests.programs.random_plans
 
 unseen-grabs: setup  ## 20 planned grabs at unseen speeds and heights, as planned and with a wrong velocity (resumes, .unseen-grabs/)
-	@$(BIN)/python tests/planning/unseen_grabs.py
+	@$(BIN)/python -m tests.programs.unseen_grabs
 
 good-trials: setup  ## 140 grabs without an intervention, and one with each limit in reach (resumes, .good-trials/)
-	@$(BIN)/python tests/safety/good_trials.py
+	@$(BIN)/python -m tests.programs.good_trials
 
 docs: setup  ## the documentation's site, warnings as errors, into out/site
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict && echo "look at it: $(BIN)/python -m http.server --bind 127.0.0.1 --directory out/site"

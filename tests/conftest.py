@@ -25,6 +25,8 @@ from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
 
+# helpers assert too, and say what was compared
+pytest.register_assert_rewrite("tests.support")
 # the first example may compile code, and shared machines stall: correctness is never a matter of wall-clock here
 settings.register_profile("shared", deadline=None)
 settings.load_profile("shared")

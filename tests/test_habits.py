@@ -1,5 +1,6 @@
 """The habits of the code base, as tests: lint, format, types, and who may import whom."""
 
+import ast
 import subprocess
 import sys
 from pathlib import Path
@@ -36,3 +37,19 @@ def test_constraints_pin_and_name_no_address():
         assert name
         assert version, line
         assert "/" not in line, line
+
+
+def test_tests_share_what_is_in_support_only():
+    """No module of the tests imports a test file or changes where modules are looked for, but for docs/generate."""
+    wrong = []
+    for path in sorted((ROOT / "tests").rglob("*.py")):
+        text = path.read_text()
+        for node in ast.walk(ast.parse(text)):
+            names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            names += [alias.name for alias in node.names] if isinstance(node, ast.Import | ast.ImportFrom) else []
+            if any(part.startswith("test_") for name in names for part in name.split(".")[:3]):
+                wrong.append(f"{path.name}:{node.lineno}: imports a test file")
+            called = ast.unparse(node) if isinstance(node, ast.Call | ast.Assign) else ""
+            if called.startswith(("sys.path.", "sys.path[")) and "docs/generate" not in called:
+                wrong.append(f"{path.name}:{node.lineno}: {called}")
+    assert wrong == []

@@ -23,7 +23,7 @@ GRAVITY = 9.81
 IMPACT_S = 0.04  # the largest torques of the wrist come within 5 ms, those of the base within 20 ms
 STEP_S = 5e-5  # a fifth of what the wrist's link on its joint's spring would stand
 # No joint stiffness or damping of an FR3 is published. These, the damping of a contact and the two of the table and of
-# friction are ours, chosen on 60 random plans (tests/planning/random_plans.py says of which seeds). Measured over
+# friction are ours, chosen on 60 random plans (tests/programs/random_plans.py says of which seeds). Measured over
 # predicted peaks there: the residual of joint 1 0.97 +- 0.04, the torque of joint 6 0.90 +- 0.14
 JOINT_STIFFNESS = 1e4  # Nm/rad
 JOINT_DAMPING = 8.0  # Nms/rad

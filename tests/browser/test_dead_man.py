@@ -1,12 +1,12 @@
-"""Every way to let go of arms that follow stops them, for the reason that it was. How soon: tests/bench/dead_man.py."""
+"""Every way to let go of arms that follow stops them, for the reason that it was. How soon: tests.programs.dead_man."""
 
 import re
 
 import pytest
 from playwright.sync_api import sync_playwright
 
-from tests.bench.dead_man import CAUSES, TRIES, stop_by
 from tests.bench.operator_scene import TOO_EARLY, Chromium, OperatorScene, SceneFailed
+from tests.programs.dead_man import CAUSES, TRIES, stop_by
 
 pytestmark = [pytest.mark.browser, pytest.mark.alone]
 MOST_TICKS = 2  # from the tick that says why to both arms' first stopping torque: docs/watchdogs.md

@@ -8,9 +8,10 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from doc_blocks import PAGES, ROOT, RUNBOOK, Block, Use, blocks_of, inline_commands
-from doc_parser import commands_of, problem_of, unknown_word
-from doc_run import Page
+
+from tests.support.docs.blocks import PAGES, ROOT, RUNBOOK, Block, Use, blocks_of, inline_commands
+from tests.support.docs.parser import commands_of, problem_of, unknown_word
+from tests.support.docs.run import Page
 
 USES = {Use.RUN, Use.FILE, Use.BACKGROUND} | ({Use.SLOW} if os.environ.get("RTSTACK_DOCS") == "all" else set())
 # blocks outside of the runbook that CI does not run, by their titles: who marks another one counts it here

@@ -7,9 +7,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from doc_run import BIN, PATIENCE_S, environment
 
 from rtstack.log.reader import read_log
+from tests.support.docs.run import BIN, PATIENCE_S, environment
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 

@@ -17,14 +17,15 @@ from rtstack.experiments.version import present
 from rtstack.trials.errors import TrialError
 
 NOT_PERMITTED = 3  # exit status of the script where there can be no namespaces
-CLUSTER = Path(__file__).parents[1] / "network" / "cluster.py"
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.mark.timeout(600)
 def test_one_worker_killed_one_cut_off_and_one_of_another_version(command, finished, tmp_path):
     """In four network namespaces, with logs in an S3-compatible store: the table of the undisturbed campaign."""
     arguments = [tmp_path / "work", "--plan", command.plan, "--undisturbed", finished.out]
-    done = subprocess.run([sys.executable, CLUSTER, *arguments], capture_output=True, text=True)
+    command = [sys.executable, "-m", "tests.programs.cluster", *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
     if done.returncode == NOT_PERMITTED:
         pytest.skip(f"metal: a machine that permits network namespaces; here: {done.stderr.strip()}")
     assert done.returncode == 0, done.stdout + done.stderr

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-FOLDER = Path(__file__).parent
+ROOT = Path(__file__).resolve().parents[2]
 SAMPLE = (
     "stop-asked.idle", "robot-process-killed.teleoperation", "tracker-blind.teleoperation", "reflex.ante",
     "log-process-killed.ante", "packets-lost-for-10-ms.ante", "nan-torque.interim", "exception-in-a-tick.post",
@@ -22,9 +22,9 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(program: str, out: Path, *arguments: str) -> tuple[int, dict[str, dict[str, str]]]:
-    """Run a program of this folder; return its exit status and the rows of its table by case."""
-    command = [sys.executable, str(FOLDER / program), "--out", str(out), *arguments]
-    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    """Run tests.programs.fault_PROGRAM; return its exit status and the rows of its table by case."""
+    command = [sys.executable, "-m", f"tests.programs.fault_{program}", "--out", str(out), *arguments]
+    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=ROOT)
     table = out / "table.csv"
     assert table.exists(), done.stdout
     with table.open(newline="") as file:
@@ -32,7 +32,7 @@ def run(program: str, out: Path, *arguments: str) -> tuple[int, dict[str, dict[s
 
 
 def test_a_sample_of_the_matrix(out: Path) -> None:
-    status, rows = run("matrix.py", out, *(word for case in SAMPLE for word in ("--case", case)))
+    status, rows = run("matrix", out, *(word for case in SAMPLE for word in ("--case", case)))
     assert len(rows) == len(SAMPLE)
     assert {name: row["misses"] for name, row in rows.items() if row["misses"]} == {}
     assert status == 0
@@ -41,7 +41,7 @@ def test_a_sample_of_the_matrix(out: Path) -> None:
 
 
 def test_what_is_not_as_it_has_to_be_is_missed(out: Path) -> None:
-    status, rows = run("sabotage.py", out)
+    status, rows = run("sabotage", out)
     assert status == 1
     said = {row["fault"]: row["misses"] for row in rows.values()}
     assert "the reaction is: goes on" in said["nothing is brought about"]
@@ -53,8 +53,8 @@ def test_what_is_not_as_it_has_to_be_is_missed(out: Path) -> None:
 
 
 def test_what_there_is_not_is_one_line(tmp_path: Path) -> None:
-    command = [sys.executable, str(FOLDER / "matrix.py"), "--out", str(tmp_path / "out"), "--fault", "bad weather"]
-    done = subprocess.run(command, capture_output=True, text=True)
+    command = [sys.executable, "-m", "tests.programs.fault_matrix", "--out", str(tmp_path / "out")]
+    done = subprocess.run([*command, "--fault", "bad weather"], capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 2
     assert "there is no fault 'bad weather'; there are packets lost for 10 ms, " in done.stderr.splitlines()[-1]
     assert not (tmp_path / "out").exists()

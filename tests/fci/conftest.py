@@ -5,7 +5,8 @@ import os
 from collections.abc import Callable, Iterator
 
 import pytest
-from fci_server import Served, serve
+
+from tests.support.fci.server import Served, serve
 
 
 @pytest.fixture(autouse=True)

@@ -5,16 +5,16 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from fci_client import connect, go_home
-from fci_raw import ANYWHERE, RawClient
-from fci_server import Served
-from test_motion_starts import moving_state
 
 from hal.robot_errors import ROBOT_ERRORS
 from hal.robots import FR3
 from hal.state import RobotMode
 from sim_robot.fci.protocol import Command, Generator
 from sim_robot.scene import load_scene
+from tests.support.fci.client import connect, go_home
+from tests.support.fci.motions import moving_state
+from tests.support.fci.raw import ANYWHERE, RawClient
+from tests.support.fci.server import Served
 
 POSE, TWIST = Generator.CARTESIAN_POSITION, Generator.CARTESIAN_VELOCITY
 TICKS = 20_000

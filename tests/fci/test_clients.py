@@ -2,15 +2,14 @@
 
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pylibfranka as franka
-from fci_client import connect
-from fci_raw import RawClient
-from fci_server import Served
 
 from sim_robot.fci.protocol import Command, Controller, Generator, MoveStatus
+from tests.support.fci.client import connect, program_path
+from tests.support.fci.raw import RawClient
+from tests.support.fci.server import Served
 
 RECONNECTS = 100
 TICKS = 1000
@@ -18,7 +17,7 @@ JOINT = 3
 
 
 def program(name: str, address: str, *parts: str) -> subprocess.Popen[str]:
-    command = [sys.executable, str(Path(__file__).with_name(f"{name}_program.py")), address, *parts]
+    command = [sys.executable, str(program_path(name)), address, *parts]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
 
 

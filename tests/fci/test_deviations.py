@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from fci_client import smooth
-from fci_raw import ANYWHERE, Deviation, RawClient
-from fci_server import Served
 
 from hal.robot_errors import ROBOT_ERRORS
 from hal.state import RobotMode
 from sim_robot.fci.protocol import Command, MoveStatus
+from tests.support.fci.client import smooth
+from tests.support.fci.raw import ANYWHERE, Deviation, RawClient
+from tests.support.fci.server import Served
 
 SOFT = np.full(7, 200.0)  # Nm/rad: the arm lags behind by its friction
 WAY = np.array([0.1, -0.2, 0.1, 0.0, 0.2, 0.2, 0.2])  # up, away from the table

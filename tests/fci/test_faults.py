@@ -5,37 +5,15 @@ import time
 import numpy as np
 import pylibfranka as franka
 import pytest
-from fci_client import connect, go_home, hold, torque_control
-from fci_raw import RawClient
-from fci_server import Served
 
-from hal.robot_errors import ROBOT_ERRORS
 from hal.state import RobotMode
 from sim_robot.fci.protocol import Command, MoveStatus
+from tests.support.fci.client import connect, go_home, hold, torque_control
+from tests.support.fci.motions import assert_stopped_and_recover
+from tests.support.fci.raw import RawClient
+from tests.support.fci.server import Served
 
 NAN, INF = float("nan"), float("inf")
-
-
-def names(errors: franka.Errors) -> set[str]:
-    return {name for name in ROBOT_ERRORS if getattr(errors, name)}
-
-
-def assert_stopped_and_recover(robot: franka.Robot, expected: set[str]) -> None:
-    """In reflex with these errors; a Move is refused, a StopMove clears nothing; then the recovery, then control."""
-    state = robot.read_once()
-    assert state.robot_mode == franka.RobotMode.Reflex
-    assert names(state.current_errors) == names(state.last_motion_errors) == expected
-    with pytest.raises(franka.CommandException, match="Reflex"):
-        robot.start_torque_control()
-    robot.stop()
-    assert robot.read_once().robot_mode == franka.RobotMode.Reflex
-    robot.automatic_error_recovery()
-    state = robot.read_once()
-    assert state.robot_mode == franka.RobotMode.Idle
-    assert not names(state.current_errors)
-    q_hold = np.array(state.q)
-    states = torque_control(robot, 50, lambda tick, state: hold(state, q_hold))
-    assert states[-1].robot_mode == franka.RobotMode.Move
 
 
 def fail(robot: franka.Robot, ticks: int, law) -> None:

@@ -6,17 +6,17 @@ largest joint acceleration that can is a bound for all of them.
 
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
-from fci_server import Served
 from scipy.optimize import linprog
 
 from hal.robots import FR3
+from tests.support.fci.client import program_path
+from tests.support.fci.server import Served
 
-PROGRAM = Path(__file__).with_name("franky_limits_program.py")
+PROGRAM = program_path("franky_limits")
 # libfranka, rate_limiting.h, for the FR3
 FR3_TRANSLATION, FR3_ROTATION = 9.0, 17.0
 

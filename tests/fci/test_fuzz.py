@@ -1,8 +1,9 @@
 """A short run of the fuzz program: a server that is thrown nonsense at lives, goes on, leaks nothing and serves."""
 
 import pytest
-from fci_server import Served
-from fuzz import fuzz, leaks
+
+from tests.programs.fuzz import fuzz, leaks
+from tests.support.fci.server import Served
 
 
 def assert_harmed_by_nothing(served: Served) -> None:

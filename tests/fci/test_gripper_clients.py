@@ -5,17 +5,16 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pylibfranka as franka
 import pytest
-from fci_client import connect, hold, torque_control
-from fci_server import Served, serve
 
 from hal.errors import ConnectionLost, GripperFailed, NoGripper
 from hal.fci.gripper import PORT, FciGripper, ask_for_gripper
 from rtstack.check.network import gripper_finding
+from tests.support.fci.client import connect, hold, program_path, torque_control
+from tests.support.fci.server import Served, serve
 
 SCENE = ("--scene", "hand", "--object", "block")
 
@@ -28,7 +27,7 @@ def with_hand() -> Iterator[Served]:
 
 
 def run(program: str, *arguments: str) -> str:
-    path = Path(__file__).with_name(f"{program}_program.py")
+    path = program_path(program)
     finished = subprocess.run(
         [sys.executable, str(path), *arguments], capture_output=True, text=True, timeout=120, check=False
     )
@@ -122,7 +121,7 @@ def test_an_arm_goes_on_in_torque_control_while_the_hand_grasps(with_hand: Serve
     """The gripper's program is another process; the plant keeps the pace of the arm's answers."""
     robot = connect(with_hand.left)
     q_hold = np.array(robot.read_once().q)
-    program = Path(__file__).with_name("grasp_object_program.py")
+    program = program_path("grasp_object")
     command = [sys.executable, str(program), with_hand.left]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         while process.poll() is None:

@@ -12,15 +12,15 @@ import sys
 import time
 from dataclasses import dataclass
 from importlib.metadata import version
-from pathlib import Path
 
 import numpy as np
-from probe_client import TORQUES
 
 from hal.robot_errors import ROBOT_ERRORS
 from hal.robots import FR3
 from hal.state import RobotMode
 from sim_robot.fci.protocol import HEADER, PORT, ROBOT_COMMAND, ROBOT_STATE, Command, Controller, response
+from tests.programs.clients import probe_client
+from tests.programs.clients.probe_client import TORQUES
 
 WANTS = f"pylibfranka {version('pylibfranka')} wants another layout than sim_robot/fci/protocol.py has: "
 STATE_BYTES, COMMAND_BYTES = 1377, 371
@@ -65,7 +65,7 @@ class Prop:
         """Let a real client in a process of its own connect, and return what it made of it."""
         # this process's own address, which no server of another test has
         address = f"127.1.{os.getpid() // 250 % 250}.{1 + os.getpid() % 250}"
-        program = [sys.executable, str(Path(__file__).with_name("probe_client.py")), address]
+        program = [sys.executable, probe_client.__file__, address]
         with (
             socket.create_server((address, PORT)) as listener,
             socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp,

@@ -9,14 +9,14 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
-from fci_client import connect as connect_client
-from fci_client import hold, torque_control
-from fci_raw import RawClient
-from fci_server import Served
 
 from sim_robot.fci.link import ACCEPT_PERIOD_S, MOST_SESSIONS, Link
 from sim_robot.fci.poller import Poller
 from sim_robot.fci.protocol import HEADER, PORT, Command, ConnectStatus
+from tests.support.fci.client import connect as connect_client
+from tests.support.fci.client import hold, torque_control
+from tests.support.fci.raw import RawClient
+from tests.support.fci.server import Served
 
 FLOOD = 3000
 LATER_S = 30.0  # no test waits so long unless it fails

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fci_raw import RawClient
-from fci_server import Served, serve
 
 from hal.robot_errors import ROBOT_ERRORS
 from hal.state import RobotMode
 from sim_robot.fci.protocol import Command, MoveStatus
+from tests.support.fci.raw import RawClient
+from tests.support.fci.server import Served, serve
 
 AT_S = 0.05
 BEFORE = 50  # states that answers were good for

@@ -4,9 +4,10 @@ import random
 import time
 
 import numpy as np
-from fci_raw import RawClient
-from fci_server import Served
-from test_motion_starts import moving_state
+
+from tests.support.fci.motions import moving_state
+from tests.support.fci.raw import RawClient
+from tests.support.fci.server import Served
 
 # around the server's repeats of the first state, 1, 50 and 100 ms
 DELAYS_S = (0.0, 0.0005, 0.002, 0.0495, 0.0505, 0.1, 0.15)

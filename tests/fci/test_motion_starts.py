@@ -8,14 +8,14 @@ from collections.abc import Callable
 import numpy as np
 import pylibfranka as franka
 import pytest
-from fci_client import connect, go_home
-from fci_raw import RawClient
-from fci_server import Served
-from test_motions import CARTESIAN, JOINT, TICKS, run, there_and_back
-from test_motions import DIRECTION as UP
 
 from hal.robot_errors import ROBOT_ERRORS
 from sim_robot.fci.protocol import Command
+from tests.support.fci.client import connect, go_home
+from tests.support.fci.motions import CARTESIAN, JOINT, TICKS, moving_state, run, there_and_back
+from tests.support.fci.motions import DIRECTION as UP
+from tests.support.fci.raw import RawClient
+from tests.support.fci.server import Served
 
 SOFT = 50.0  # Nm/rad: friction, and what gravity compensation leaves, pull the arm away from where it is held
 STEP = 2e-4  # rad, m: ten times the noise of two readings
@@ -75,14 +75,6 @@ def test_an_elbow_that_begins_where_it_is_measured(lockstep: Served) -> None:
             state = raw.state()
             assert state["robot_mode"] == franka.RobotMode.Move.value
             assert abs(state["elbow_c"][0] - elbow[0]) < 1e-6
-
-
-def moving_state(raw: RawClient) -> np.void:
-    """Return the first state that shows the motion."""
-    state = raw.state()
-    while state["robot_mode"] != franka.RobotMode.Move.value:
-        state = raw.state()
-    return state
 
 
 @pytest.mark.parametrize("desired", [False, True])

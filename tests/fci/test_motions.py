@@ -3,38 +3,23 @@
 import subprocess
 import sys
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pylibfranka as franka
 import pytest
-from fci_client import connect, go_home
-from fci_server import Served
-from test_faults import assert_stopped_and_recover
 
-JOINT, CARTESIAN = franka.ControllerMode.JointImpedance, franka.ControllerMode.CartesianImpedance
-DIRECTION = np.array([0.5, -1.0, 0.5, 0.0, 1.0, 1.0, 1.0])  # up, away from the table
-TICKS = 2000
-
-
-def there_and_back(t: float) -> float:
-    return (1.0 - np.cos(2.0 * np.pi * t)) / 2.0
-
-
-def speed(t: float) -> float:
-    return np.pi * np.sin(2.0 * np.pi * t)
-
-
-def run(control, law: Callable[[franka.RobotState, float], object]) -> list[franka.RobotState]:
-    """Run `law(first state, share of the motion)` for two seconds and return the states."""
-    states = []
-    for tick in range(TICKS + 1):
-        state, _ = control.readOnce()
-        states.append(state)
-        command = law(states[0], tick / TICKS)
-        command.motion_finished = tick == TICKS
-        control.writeOnce(command)
-    return states
+from tests.support.fci.client import connect, go_home, program_path
+from tests.support.fci.motions import (
+    CARTESIAN,
+    DIRECTION,
+    JOINT,
+    TICKS,
+    assert_stopped_and_recover,
+    run,
+    speed,
+    there_and_back,
+)
+from tests.support.fci.server import Served
 
 
 def turned(state: franka.RobotState, share: float) -> franka.JointPositions:
@@ -140,7 +125,7 @@ def test_a_link_that_comes_near_the_table(lockstep: Served) -> None:
 
 def test_an_unmodified_franky_program(lockstep: Served) -> None:
     """In its own process: franky and pylibfranka cannot be imported together."""
-    program = Path(__file__).with_name("franky_program.py")
+    program = program_path("franky")
     finished = subprocess.run(
         [sys.executable, str(program), lockstep.left], capture_output=True, text=True, timeout=60, check=False
     )

@@ -9,7 +9,6 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from fci_server import addresses
 
 from hal.robot_errors import error_names
 from hal.state import RobotMode
@@ -21,6 +20,7 @@ from sim_robot.fci.realtime import Realtime, RightClock
 from sim_robot.fci.server import Server
 from sim_robot.plant_parameters import load_plant_parameters
 from sim_robot.scene import load_scene
+from tests.support.fci.server import addresses
 
 US = 1_000
 TORQUE_CONTROL = (2, 4, *(10.0, 3.12, 6.29) * 2, 0, *(0.0,) * 7)  # anywhere

@@ -3,12 +3,12 @@
 import numpy as np
 import pylibfranka as franka
 import pytest
-from fci_client import connect, go_home, hold, torque_control
-from fci_raw import RawClient
-from fci_server import Served
 
 from hal.robots import FR3
 from sim_robot.fci.protocol import Command, SetStatus
+from tests.support.fci.client import connect, go_home, hold, torque_control
+from tests.support.fci.raw import RawClient
+from tests.support.fci.server import Served
 
 # what RobotState exposes and a standing arm may truly have at zero: desired rates, flags, a load that nobody set
 ZERO_AT_REST = {

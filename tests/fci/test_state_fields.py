@@ -8,8 +8,6 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from fci_raw import RawClient
-from fci_server import serve
 
 from hal.robots import FR3
 from sim_robot.arm_description import arm_description
@@ -17,6 +15,8 @@ from sim_robot.fci.protocol import ROBOT_STATE, Command, MoveStatus
 from sim_robot.fci.robot_state import ACCELEROMETER_BIT, ACCELEROMETER_NOISE
 from sim_robot.kinematics import KINEMATICS_RECORD, forward_kinematics
 from sim_robot.scene import load_scene
+from tests.support.fci.raw import RawClient
+from tests.support.fci.server import serve
 
 DT = 1e-3
 MOVE = 2

@@ -6,11 +6,11 @@ import struct
 import numpy as np
 import pylibfranka as franka
 import pytest
-from fci_client import connect, hold, torque_control
-from fci_raw import RawClient
-from fci_server import Served
 
 from sim_robot.fci.protocol import HEADER, PORT, Command, ConnectStatus
+from tests.support.fci.client import connect, hold, torque_control
+from tests.support.fci.raw import RawClient
+from tests.support.fci.server import Served
 
 
 def assert_serves(served: Served) -> None:

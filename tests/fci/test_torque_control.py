@@ -3,8 +3,9 @@
 import numpy as np
 import pylibfranka as franka
 import pytest
-from fci_client import connect, hold, measured, torque_control
-from fci_server import Served
+
+from tests.support.fci.client import connect, hold, measured, torque_control
+from tests.support.fci.server import Served
 
 
 def run_both(served: Served, ticks: int) -> np.ndarray:

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from two_clocks import hold_both
 
 from sim_robot.fci.__main__ import main
 from sim_robot.fci.realtime import RightClock
+from tests.programs.two_clocks import hold_both
 
 
 @pytest.mark.realtime

@@ -3,10 +3,10 @@
 from dataclasses import replace
 
 import pytest
-from foreign_robot import addresses, served
 
 from rtstack.cli.check import link_findings
 from rtstack.model.cell_description import CellDescription
+from tests.support.foreign_robot import addresses, served
 
 TICKS = 1500
 

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from foreign_robot import ForeignRobot, addresses, served
 
 from hal.cell import Cell
 from hal.errors import HardwareError
@@ -32,6 +31,7 @@ from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import FreeRunSpecification, TeleoperationSpecification
 from rtstack.trials.start_motion import start_motion
 from rtstack.trials.teleoperation import run_teleoperation
+from tests.support.foreign_robot import ForeignRobot, addresses, served
 
 pytestmark = [pytest.mark.alone, pytest.mark.timeout(900)]
 JOB = 3

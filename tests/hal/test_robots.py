@@ -6,9 +6,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pinocchio as pin
 import pytest
-from robot_files import SHORTER, with_key, write_robot
 
 from hal.robots import FER, FR3, ROBOTS, RobotError, RobotModel, read_robot, robot
+from tests.support.robot_files import SHORTER, with_key, write_robot
 
 
 def test_ours_are_registered_as_any_package_s_are() -> None:

@@ -16,14 +16,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from hil_report import Entry, write_report
-from hil_robot import Robot
 
 from hal.cell import Cell
 from hal.fci import Tool
 from hal.tracker_link import TrackerLink
 from rtstack.cells import open_cell
 from rtstack.model.cell_description import CellDescription, TrackerAddress
+from tests.support.hil.report import Entry, write_report
+from tests.support.hil.robot import Robot
 
 BIN = Path(sys.executable).parent
 END_S = 30.0

@@ -7,13 +7,13 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hil_robot import Robot
 
 from hal.cell import LEFT, RIGHT
 from hal.errors import CommandRejected
 from hal.fci import FciPair
 from hal.robots import FR3
 from hal.state import RobotMode
+from tests.support.hil.robot import Robot
 
 PORT, VERSION = 1337, 10
 HEADER = struct.Struct("<III")

@@ -4,7 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from hil_robot import Robot
+from tests.support.hil.robot import Robot
 
 HERE = Path(__file__).parent
 

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from impact_scenes import LEFT_Q, MIRROR
 
 from rtstack.control.records import POINT
 from rtstack.impact_map import Contact, SceneError, Status, impact_map, problem_of
 from rtstack.impact_map.bodies import moved_to
 from rtstack.impact_map.grab import grab_impact, grab_scene, joint_state
+from tests.support.impact_map.scenes import LEFT_Q, MIRROR
 
 MASS = 1.25
 BOTH_Q = np.array([LEFT_Q, LEFT_Q * MIRROR])

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from impact_scenes import LEFT_Q, MIRROR
 
 from rtstack.impact_map import (
     Arm,
@@ -27,6 +26,7 @@ from rtstack.impact_map import (
 from rtstack.impact_map.bodies import arm_body
 from rtstack.impact_map.patch import Face, face_on_face
 from rtstack.impact_map.scene import DEFAULT_PAD
+from tests.support.impact_map.scenes import LEFT_Q, MIRROR
 
 IMPACTS = Path(__file__).resolve().parents[2] / "deploy" / "impacts"
 GRAB = load_scene(IMPACTS / "grab.toml")

@@ -1,7 +1,8 @@
 """A sample of the random configurations that oracles.py computes by the thousand."""
 
 import pytest
-from oracles import Tally, check_configuration
+
+from tests.programs.impact_oracles import Tally, check_configuration
 
 SAMPLES, BATCH = 60, 15
 

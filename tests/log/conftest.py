@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from log_samples import RESULT, TICKS, TRIAL, WrittenLog, push_all, random_records
 
 from rtstack.log.ring import Rings
 from rtstack.log.writer import Attachment, CellFrames, LogProcess
 from rtstack.topics import TOPICS
+from tests.support.log.samples import RESULT, TICKS, TRIAL, WrittenLog, push_all, random_records
 
 
 @pytest.fixture(scope="session")

@@ -8,10 +8,10 @@ import time
 from pathlib import Path
 
 import pytest
-from log_samples import RESULT, TRIAL, WrittenLog
 
 from rtstack.log.catalogue import CACHE, Catalogue, LogCondition
 from rtstack.log.errors import LogError
+from tests.support.log.samples import RESULT, TRIAL, WrittenLog
 
 
 @pytest.fixture

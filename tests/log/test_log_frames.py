@@ -7,13 +7,13 @@ import pinocchio as pin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from log_samples import MS, WrittenLog
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from hal.robots import FR3
 from rtstack.log.frames import quaternions_of
 from rtstack.samples import SIDES
+from tests.support.log.samples import MS, WrittenLog
 
 
 def messages(written: WrittenLog) -> Iterator[tuple[int, dict[str, tuple[str, np.ndarray]]]]:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from log_samples import MS, WrittenLog
 from mcap.reader import make_reader
 from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
@@ -19,6 +18,7 @@ from rtstack.log.scenery import scenery_schemas
 from rtstack.log.schema import sample_descriptors
 from rtstack.log.voxels import VOXELS
 from rtstack.topics import TOPICS
+from tests.support.log.samples import MS, WrittenLog
 
 RERUN = Path(sys.executable).with_name("rerun")
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from log_samples import TICKS, TRIAL, WrittenLog
 from mcap.reader import NonSeekingReader, make_reader
 from mcap.writer import CompressionType, Writer
 
@@ -17,6 +16,7 @@ from rtstack.log.reader import read_log
 from rtstack.log.recover import recover
 from rtstack.log.scenery import scenery_schemas
 from rtstack.topics import TOPICS
+from tests.support.log.samples import TICKS, TRIAL, WrittenLog
 
 RERUN = Path(sys.executable).with_name("rerun")
 

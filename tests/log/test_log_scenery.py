@@ -14,7 +14,6 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from log_samples import MS, WrittenLog
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
@@ -22,6 +21,7 @@ from rtstack.log.cell_urdf import cell_urdf, shapes_of
 from rtstack.log.reader import read_log
 from rtstack.log.voxels import VOXELS
 from rtstack.samples import SIDES
+from tests.support.log.samples import MS, WrittenLog
 
 FRAMES = {f"{side}_{name}" for side in SIDES for name in ("base", "pad", *(f"link{k}" for k in range(9)))}
 SOLID = {f"{side}_{name}" for side in SIDES for name in ("pad", *(f"link{k}" for k in range(8)))} | {"table", "object"}

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from log_samples import MS, RESULT, TRIAL, WrittenLog, push_all, random_records
 from mcap.reader import make_reader
 
 from rtstack.log.errors import LogError
@@ -21,6 +20,7 @@ from rtstack.log.ring import CAPACITY, LogState, Rings
 from rtstack.log.scenery import scenery_schemas
 from rtstack.log.writer import LogProcess, check_log_path
 from rtstack.topics import TOPICS
+from tests.support.log.samples import MS, RESULT, TRIAL, WrittenLog, push_all, random_records
 
 # a trial that is killed: pushes for ever, at ten times the robot's pace, and says what it has pushed
 TRIAL_PROGRAM = """

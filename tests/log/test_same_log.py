@@ -4,7 +4,8 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from same_log import RTSTACK, busy_loops, differences, messages
+
+from tests.support.log.same_log import RTSTACK, busy_loops, differences, messages
 
 
 def trial(reference: Path, log: Path, cell: str) -> None:

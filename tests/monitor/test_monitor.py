@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from monitor_oracle import PlainMonitor
 
 from rtstack.configuration import ConfigurationError, from_document
 from rtstack.monitor.monitor import Monitor
 from rtstack.monitor.parameters import MonitorParameters
 from rtstack.monitor.records import Reason, Verdict
+from tests.support.monitor_oracle import PlainMonitor
 
 P = MonitorParameters(
     residual_rate_nm_s=(300.0, 300.0, 300.0), window=15, delay=15, decay_1_s=18.0, configuration_rad=0.067,

@@ -10,9 +10,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from link_table import CLEAN, NOT_PERMITTED, ROWS, VENDOR, Outcome
 
-TABLE = Path(__file__).parent / "link_table.py"
+from tests.programs.link_table import CLEAN, NOT_PERMITTED, ROWS, VENDOR, Outcome
+
+ROOT = Path(__file__).resolve().parents[2]
 LOST, CUT = "answers are lost from the middle on", "both ways are cut"
 
 
@@ -20,8 +21,17 @@ LOST, CUT = "answers are lost from the middle on", "both ways are cut"
 @pytest.mark.timeout(900)
 def test_past_what_the_link_stands_it_ends_with_the_vendors_name_and_arms_at_rest(demonstration) -> None:
     numbers = [str(k) for k, row in enumerate(ROWS) if row.name in (LOST, CUT)]
-    command = [sys.executable, TABLE, "--rows", *numbers, "--reference", demonstration.path, "--json"]
-    done = subprocess.run(command, capture_output=True, text=True)
+    command = [
+        sys.executable,
+        "-m",
+        "tests.programs.link_table",
+        "--rows",
+        *numbers,
+        "--reference",
+        demonstration.path,
+        "--json",
+    ]
+    done = subprocess.run([*command, "--rows", *numbers], capture_output=True, text=True, cwd=ROOT)
     if done.returncode == NOT_PERMITTED:
         pytest.skip(f"metal: a machine that permits network namespaces; here: {done.stderr.strip()}")
     assert done.returncode == 0, done.stderr

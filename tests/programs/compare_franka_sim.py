@@ -1,6 +1,6 @@
 """Our two arms with contact, control and logging, turn by turn with franka-sim's one arm in free space.
 
-`python tests/bench/compare_franka_sim.py --rounds 3 --seconds 60`. The rival is installed by name from PyPI, into
+`python -m tests.programs.compare_franka_sim --rounds 3 --seconds 60`. The rival is installed by name from PyPI, into
 an environment of its own (kept in --environment for the next time) and runs as it comes, in its own process, on a
 loopback address of its own. Both sides are measured alike, by the client: the time between the states that it gets, and
 how far the robot's clock got in the host's time. Nothing else should compute meanwhile.

@@ -1,6 +1,6 @@
 """Dead-man: how long after its cause the arms are given the first torque of a stop, for every way to let go.
 
-    python tests/bench/dead_man.py [--repetitions 10] [--cause NAME] [--bare] [--json FILE]
+    python -m tests.programs.dead_man [--repetitions 10] [--cause NAME] [--bare] [--json FILE]
 
 Starts `rtstack up` with the simulated cell, and a real Chromium in which an operator holds the clutch by a key and jogs
 the left arm by another. Then: the key is released, the tab is hidden by another tab, the tab is closed, the browser
@@ -34,10 +34,9 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-sys.path.insert(0, str(Path(__file__).parents[2]))
 from rtstack.loop.end import End
 from tests.bench.operator_scene import CLUTCH, TOO_EARLY, Chromium, OperatorScene, SceneFailed, wait
-from tests.bench.soak import SoakFailed
+from tests.programs.soak import SoakFailed
 
 ALLOWED_MS = 350.0
 BETWEEN_S = 0.1  # two signs of life, generously: the cause comes at any moment of it

@@ -1,6 +1,6 @@
 """kill -9 of each process in real time: who stops the arms, what becomes of the log, what is left behind.
 
-    python tests/faults/kills.py [--kill NAME] [--out DIR]
+    python -m tests.programs.fault_kills [--kill NAME] [--out DIR]
 
 Part of `make faults`, after the matrix. Exit status 1 where anything was missed.
 """
@@ -16,15 +16,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import psutil
-from fault_evidence import MOST_LOST_S, read_evidence
-from fault_model import CaseResult
-from fault_process import take_charge
-from fault_table import write_table
-from kill_scenes import LONGEST_END_S, Robots, SceneFailed, Stack, Trial
 from mcap.exceptions import McapError
 
 from hal.errors import HardwareError
 from rtstack.log.errors import LogError
+from tests.support.faults.evidence import MOST_LOST_S, read_evidence
+from tests.support.faults.kill_scenes import LONGEST_END_S, Robots, SceneFailed, Stack, Trial
+from tests.support.faults.model import CaseResult
+from tests.support.faults.process import take_charge
+from tests.support.faults.table import write_table
 
 ROOT = Path(__file__).resolve().parents[2]
 TRIES = 3  # a machine that does not keep time may not get the arms into motion
@@ -196,7 +196,7 @@ def play_kill(kill: Kill, reference: Path, folder: Path) -> CaseResult:
 
 def main(arguments: list[str] | None = None) -> int:
     """Play the chosen kills. Returns the exit status."""
-    from matrix import INTERRUPTED, MISSED, make_ground, sources_digest
+    from tests.programs.fault_matrix import INTERRUPTED, MISSED, make_ground, sources_digest
 
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--kill", action="append", choices=[kill.name for kill in KILLS], help="only this one")

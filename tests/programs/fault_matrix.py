@@ -1,6 +1,7 @@
 """The fault matrix: each fault at each moment, in lockstep, over the real client and with the real log process.
 
-    python tests/faults/matrix.py [--fault NAME] [--moment NAME] [--case FAULT.MOMENT] [--jobs 2] [--out DIR] [--fresh]
+    python -m tests.programs.fault_matrix [--fault NAME] [--moment NAME] [--case FAULT.MOMENT] [--jobs 2] [--out DIR]
+        [--fresh]
 
 Writes table.md and table.csv. Exit status 1 where anything was missed. Ctrl-C ends it; started again it goes on, unless
 the sources have changed since. docs/faults.md says how to read the table and to add a fault.
@@ -17,14 +18,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-import fault_catalogue
 import numpy as np
-from fault_case import Ground
-from fault_catalogue import case_name
-from fault_hold import hold
-from fault_model import CaseResult, Fault, Moment
-from fault_process import CaseProcess, take_charge
-from fault_table import write_table
 
 from rtstack.cells import load_description, open_cell
 from rtstack.log.reader import read_log
@@ -34,9 +28,16 @@ from rtstack.trials.record import open_log
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
+from tests.support.faults import catalogue as fault_catalogue
+from tests.support.faults.case import Ground
+from tests.support.faults.catalogue import case_name
+from tests.support.faults.hold import hold
+from tests.support.faults.model import CaseResult, Fault, Moment
+from tests.support.faults.process import CaseProcess, take_charge
+from tests.support.faults.table import write_table
 
 ROOT = Path(__file__).resolve().parents[2]
-SOURCES = ("hal", "sim_robot", "rtstack", "deploy", "tests/faults")
+SOURCES = ("hal", "sim_robot", "rtstack", "deploy", "tests/support/faults")
 MISSED, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
 

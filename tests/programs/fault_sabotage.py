@@ -3,14 +3,13 @@
 import subprocess
 import sys
 
-import fault_catalogue
-import fault_injection as injected
-import fault_model
-import matrix
-from fault_model import Expected, Fault, Moment, Performed, Reaction
-from fault_stage import Stage
-
 from rtstack.samples import Mode
+from tests.programs import fault_matrix as matrix
+from tests.support.faults import catalogue as fault_catalogue
+from tests.support.faults import injection as injected
+from tests.support.faults import model as fault_model
+from tests.support.faults.model import Expected, Fault, Moment, Performed, Reaction
+from tests.support.faults.stage import Stage
 
 STOP = Expected((Reaction.STOP,), "not finite")
 

@@ -1,7 +1,7 @@
 """Throws mutated messages at a server and looks whether it lives, keeps its clock, leaks nothing and serves afterwards.
 
-`python tests/fci/fuzz.py --messages 1000000 --seed 0`. The server is a process of its own on loopback addresses of its
-own. What is thrown depends on the seed alone; bounded by --messages and --seconds.
+`python -m tests.programs.fuzz --messages 1000000 --seed 0`. The server is a process of its own on loopback addresses of
+its own. What is thrown depends on the seed alone; bounded by --messages and --seconds.
 """
 
 import argparse
@@ -16,9 +16,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from fci_client import connect, hold, torque_control
-from fci_raw import RawClient
-from fci_server import Served, serve
 
 from sim_robot.fci.protocol import (
     GRIPPER_HEADER,
@@ -30,6 +27,9 @@ from sim_robot.fci.protocol import (
     Command,
     MoveStatus,
 )
+from tests.support.fci.client import connect, hold, torque_control
+from tests.support.fci.raw import RawClient
+from tests.support.fci.server import Served, serve
 
 WARM_UP = 0.05  # share of the messages before memory counts: buffers and caches fill
 BURST = 32  # datagrams between two states, so that the kernel's queue holds them all

@@ -1,6 +1,6 @@
 """From the mouse to the robot: how long after a mouse event `tau_desired` first follows it, and where the time goes.
 
-    python tests/bench/gizmo_latency.py [--drags 40] [--json FILE]
+    python -m tests.programs.gizmo_latency [--drags 40] [--json FILE]
 
 A stack, a real Chromium with the 3D scene, the clutch held, and the left gizmo dragged again and again from rest. The
 mouse event's time is the host's clock just before it is sent to the browser; the end is the moment at which another
@@ -30,11 +30,10 @@ from playwright.sync_api import sync_playwright
 from rich.console import Console
 from rich.progress import track
 
-sys.path.insert(0, str(Path(__file__).parents[2]))
 from rtstack.loop.target import TARGET
 from tests.bench.operator_scene import Chromium, OperatorScene
-from tests.bench.soak import SoakFailed
 from tests.browser.operator_hands import ARROW_M, HOME, pixel
+from tests.programs.soak import SoakFailed
 
 LEAST_M = 1e-7
 STEP_M = 0.02

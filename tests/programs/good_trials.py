@@ -1,6 +1,6 @@
 """Good trials have no intervention, and every limit in turn made reachable has one in each of them.
 
-    .venv/bin/python tests/safety/good_trials.py [--trials 140] [--jobs 2] [--folder .good-trials]
+    .venv/bin/python -m tests.programs.good_trials [--trials 140] [--jobs 2] [--folder .good-trials]
 
 Records grabs in the direct cell: all controllers, objects and displacements, each with a seed of its own, and a
 demonstration of each object. Then judges every recording anew, alone: within the cell's limits, and with each limit
@@ -28,9 +28,6 @@ from threading import Thread
 from typing import Any
 
 import numpy as np
-from judge_version import digest
-from reachable_limits import LIMITS, cases
-from recorded_trial import Recorded, empty_places, furthest, judges_of, read_recorded, replay
 
 from rtstack.cells import default_cell_file, open_cell
 from rtstack.model.cell_description import CellDescription, load_cell_description
@@ -41,9 +38,12 @@ from rtstack.trials.record import open_log
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
+from tests.support.safety.judge_version import SUPPORT, digest
+from tests.support.safety.reachable_limits import LIMITS, cases
+from tests.support.safety.recorded_trial import Recorded, empty_places, furthest, judges_of, read_recorded, replay
 
 DISPLACEMENTS_MM = (-30.0, 15.0, 0.0, -15.0, 30.0)
-HERE = Path(__file__).resolve().parent
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +79,7 @@ class Recorder:
         """ended: that nobody wants the rest."""
         self._folder, self._ended = folder, ended
         self._cell = load_cell_description(default_cell_file())
-        self._version = digest(HERE / "recorded_trial.py", HERE / "reachable_limits.py", default_cell_file())
+        self._version = digest(SUPPORT / "recorded_trial.py", SUPPORT / "reachable_limits.py", default_cell_file())
 
     @property
     def stop_requested(self) -> bool:
@@ -232,7 +232,7 @@ def main() -> int:
     arguments = argparse.ArgumentParser(description="Good trials, and every limit of the judge in reach of them.")
     arguments.add_argument("--trials", type=int, default=140)
     arguments.add_argument("--jobs", type=int, default=os.cpu_count())
-    arguments.add_argument("--folder", type=Path, default=HERE.parents[1] / ".good-trials")
+    arguments.add_argument("--folder", type=Path, default=ROOT / ".good-trials")
     options = arguments.parse_args()
     for number in (SIGINT, SIGTERM):
         signal(number, default_int_handler)

@@ -1,6 +1,6 @@
 """Minutes of ordinary grabbing over the wire, with every controller, displaced boxes and default thresholds.
 
-`python tests/bench/grab_for_minutes.py --minutes 10`: robot's minutes, in lockstep unless --cell says otherwise. Any
+`python -m tests.programs.grab_for_minutes --minutes 10`: robot's minutes, in lockstep unless --cell says otherwise. Any
 reflex of the robot or intervention of the safety judge is a false trip; exit status 1 then. Ctrl-C ends it.
 """
 

@@ -1,6 +1,6 @@
 """How long the impact map of a dual-arm grab takes: two pads and a table, four corners each, set-up included.
 
-`python tests/bench/impact_maps.py [--maps 500] [--json]`: every map is of another configuration, from the scene
+`python -m tests.programs.impact_maps [--maps 500] [--json]`: every map is of another configuration, from the scene
 to the result; only the arms' model is kept, as it is between any two maps. Beside it, turn by turn, the yardstick: one
 LAPACK solve of 36 equations. Nothing else should compute meanwhile; a map is to take at most 1.5 ms.
 

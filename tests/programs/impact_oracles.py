@@ -1,6 +1,6 @@
 """The rigid impact map against oracles of its own kind, over random configurations.
 
-`python tests/impact_map/oracles.py --configurations 1000 [--seed 0]`: exit status 1 where one of them fails. Each
+`python -m tests.programs.impact_oracles --configurations 1000 [--seed 0]`: exit status 1 where one of them fails. Each
 configuration is a scene (impact_scenes) with its own mass matrix and Jacobian (impact_system). What is checked:
 
   model          mass matrix, Jacobian and velocity, by other routes
@@ -20,11 +20,11 @@ from dataclasses import dataclass, field
 
 import daqp
 import numpy as np
-from impact_mujoco import mujoco_velocity, relaxed_velocity
-from impact_scenes import frictionless, random_scene
-from impact_system import System, system_of
 
 from rtstack.impact_map import Status, impact_map
+from tests.support.impact_map.mujoco import mujoco_velocity, relaxed_velocity
+from tests.support.impact_map.scenes import frictionless, random_scene
+from tests.support.impact_map.system import System, system_of
 
 LAW = 1e-8  # m/s, N s, J
 QUADRATIC = 1e-8  # m/s, rad/s

@@ -1,6 +1,6 @@
 """How far the validation's estimates depend on the end of (29)'s window, from a campaign's logs.
 
-    .venv/bin/python tests/papers/impact_maps/windows.py OUT [--motion grab] [--repetitions 2]
+    .venv/bin/python -m tests.programs.impact_windows OUT [--motion grab] [--repetitions 2]
 
 For each object and case: the error of the prediction with B_theta, %, for windows that end 0.45 to 0.6 s after the
 nominal impact. The paper's ends "after any impact-induced vibrations have vanished": where they have not, the columns

@@ -1,6 +1,6 @@
 """Campaigns that are killed, resumed and run by others give what an undisturbed one gives, at any size.
 
-    python tests/experiments/kill_campaign.py WORK [--trials N | --quick] [--plan reference-spreading] [--cases NAME
+    python -m tests.programs.kill_campaign WORK [--trials N | --quick] [--plan reference-spreading] [--cases NAME
     ...]
 
 Runs the campaign once with one worker, undisturbed, then each case, and compares results.csv (but for the commit) and

@@ -1,6 +1,6 @@
 """What the link between control PC and robot stands: a trial a row, in two network namespaces joined by a bad cable.
 
-    python tests/network/link_table.py [--rows NAME ...] [--reference REC.mcap] [--out DIR] [--json]
+    python -m tests.programs.link_table [--rows NAME ...] [--reference REC.mcap] [--out DIR] [--json]
 
 Robot and control PC are namespaces of their own; the trial is `rtstack trial`, the robot `rtstack sim`. A row is right
 when the trial succeeded, or ended with the vendor's name of what the link did, the arms at rest and a log that can be
@@ -18,12 +18,12 @@ from dataclasses import asdict, dataclass, field
 from importlib.resources import files
 from pathlib import Path
 
-from namespaces import Namespace, NotPermitted, permitted
-from relay import Cable
+from tests.support.network import relay
+from tests.support.network.namespaces import Namespace, NotPermitted, permitted
+from tests.support.network.relay import Cable
 
 BIN = Path(sys.executable).parent
 NOT_PERMITTED = 3  # exit status
-HERE = Path(__file__).parent
 LEFT, RIGHT, CONTROL = "10.77.1.11", "10.77.1.12", "10.77.1.1"
 TRACKER = f"{CONTROL}:1341"
 PATIENCE_S = 240.0
@@ -108,7 +108,7 @@ class Lab:
         self.robot, self.control = Namespace(), Namespace()
         ends = (self.robot.connect(LEFT, RIGHT), self.control.connect(CONTROL))
         self._relay = subprocess.Popen(
-            [sys.executable, str(HERE / "relay.py"), *map(str, ends), str(seed)],
+            [sys.executable, relay.__file__, *map(str, ends), str(seed)],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, pass_fds=ends,
         )  # fmt: skip
         for end in ends:

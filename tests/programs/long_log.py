@@ -1,6 +1,6 @@
 """A long log for the review: real trials' samples, one trial behind the other, through the real log process.
 
-`python tests/bench/long_log.py OUT.mcap LOG.mcap... --minutes 10`: samples and events of the given logs are moved in
+`python -m tests.programs.long_log OUT.mcap LOG.mcap... --minutes 10`: samples and events of the given logs are moved in
 time and pushed into rings tick by tick, as the loop does; the log process makes the file of them, /tf included. What
 was asked and what came out is the first log's. `--spike MINUTE`: one sample of the left arm's fourth torque is 400 Nm.
 """

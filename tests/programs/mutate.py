@@ -1,6 +1,6 @@
 """Mutation testing of the judge and the arming state machine: change one thing, run the tests, see whether they notice.
 
-    .venv/bin/python tests/safety/mutate.py [--minutes 60] [--jobs 1] [--module stop]
+    .venv/bin/python -m tests.programs.mutate [--minutes 60] [--jobs 1] [--module stop]
 
 Own code, because the known tools cannot see it: mutmut leaves decorated functions alone, and all that counts here is
 under `njit`; cosmic-ray rewrites the sources in place, under a stack that may be running them. Here the compiled
@@ -23,13 +23,14 @@ os.environ["NUMBA_DISABLE_JIT"] = "1"  # before anything imports numba
 os.environ["RTSTACK_SEQUENCES"] = "20"
 
 import hypothesis
-from judge_version import MODULES, PACKAGE, digest
-from mutant_tests import Child, Tests
-from mutants import Mutant, mutants
+
+from tests.support.safety.judge_version import MODULES, PACKAGE, SUPPORT, digest
+from tests.support.safety.mutant_tests import Child, Tests
+from tests.support.safety.mutants import Mutant, mutants
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
-TESTS = [path for path in sorted(HERE.glob("test_*.py")) if not path.stem.endswith(("_plant", "_trials"))]
+TESTS = sorted(path for path in (ROOT / "tests/safety").glob("test_*.py") if not path.stem.endswith("_plant"))
 # what needs many runs of the judge says nothing about a mutant that the others do not; it runs with the compiled judge
 CHOICE = "not from_any_state and not masses_that and not whatever_is_wanted"
 SURVIVORS = HERE / "mutation_survivors.txt"
@@ -44,7 +45,7 @@ class Results:
         RESULTS.mkdir(exist_ok=True)
         (RESULTS / ".gitignore").write_text("*\n")
         self._path = RESULTS / f"{digest()}.tsv"
-        self._tests = digest(*TESTS, HERE / "judge_oracle.py", HERE / "judge_samples.py", modules=())
+        self._tests = digest(*TESTS, SUPPORT / "judge_oracle.py", SUPPORT / "judge_samples.py", modules=())
         self.killed: dict[str, bool] = {}
         self.by_other_tests: set[str] = set()
         tolerated = listed()
@@ -120,7 +121,6 @@ def main() -> int:
     arguments.add_argument("--module", choices=MODULES, action="append")
     options = arguments.parse_args()
     os.nice(5)
-    sys.path[:0] = [str(ROOT)]
     os.chdir(ROOT)
     signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background of a script it is ignored
     hypothesis.settings.register_profile(

@@ -1,6 +1,6 @@
 """Random plans: of those that are accepted, how many succeed; of those that are refused, how many would have.
 
-    .venv/bin/python tests/planning/random_plans.py [--plans 100] [--jobs 2] [--folder .random-plans] [--first-seed N]
+    .venv/bin/python -m tests.programs.random_plans [--plans 100] [--jobs 2] [--folder .random-plans] [--first-seed N]
 
 Each seed draws a motion (one of five is a push), an object of the cell, its mass (as the cell says, or, of two out of
 five, any of MASSES: the simulated object weighs the same), the pads' height on it, and speed and rise within what a
@@ -47,7 +47,7 @@ MASSES = (0.3, 5.0)  # kg
 SPEEDS, RISES = (0.05, 0.8), (0.1, 0.5)  # m/s
 PUSHES, OTHER_MASSES, DEFAULTS = 0.2, 0.4, 0.2  # shares
 EDGE_M = 1e-3  # of the room that the pads have on the object's face
-HERE = Path(__file__).resolve().parent
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +156,7 @@ def _followed(planned: PlannedMotion, cell: CellDescription, asked: Drawn) -> tu
 
 def _scene(asked: Drawn) -> str:
     """Return the simulated cell's own scene, where the object weighs what was asked for."""
-    text = (HERE.parents[1] / "sim_robot" / "scenes" / "grab.toml").read_text(encoding="utf-8")
+    text = (ROOT / "sim_robot" / "scenes" / "grab.toml").read_text(encoding="utf-8")
     before, head, after = text.partition(f"[objects.{asked.object}]\n")
     lines = after.split("\n")
     first = next(k for k, line in enumerate(lines) if line.startswith("mass = "))
@@ -199,7 +199,7 @@ def main() -> int:
     arguments = argparse.ArgumentParser(description="Random plans, accepted and refused, followed in simulation.")
     arguments.add_argument("--plans", type=int, default=100)
     arguments.add_argument("--first-seed", type=int, default=FIRST_SEED)
-    arguments.add_argument("--folder", type=Path, default=HERE.parents[1] / ".random-plans")
+    arguments.add_argument("--folder", type=Path, default=ROOT / ".random-plans")
     arguments.add_argument("--jobs", type=int, default=os.cpu_count())
     options = arguments.parse_args()
     options.folder.mkdir(exist_ok=True)

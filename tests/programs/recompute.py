@@ -1,6 +1,6 @@
 """Recompute a campaign's numbers from its MCAP files alone, and compare them with what it says.
 
-    python tests/papers/reference_spreading/recompute.py DIR [--plan deploy/campaigns/reference-spreading.toml] [--jobs
+    python -m tests.programs.recompute DIR [--plan deploy/campaigns/reference-spreading.toml] [--jobs
     2] [--trials N]
 
 Nothing of ours is imported: mcap, mcap_protobuf and numpy. Each number of results.csv that the report uses, then Table
@@ -26,7 +26,8 @@ from statistics import NormalDist
 from typing import Any
 
 import numpy as np
-from recomputed_trial import recompute
+
+from tests.support.recomputed_trial import recompute
 
 TOLERANCE = 1e-6  # relative, of numbers that are sums in another order
 RICE_BOX = "rice_box"

@@ -1,13 +1,13 @@
 """How fast a long log is reviewed, and what that costs in memory: figures for a quiet machine.
 
-`python tests/bench/review.py LOG.mcap [--spike SECONDS]`: a console that serves for real, and Chromium beside it, moved
-by real input. Every figure is from the event, as the browser dates it, to two frames after what it led to was drawn:
+`python -m tests.programs.review LOG.mcap [--spike SECONDS]`: a console that serves for real, and Chromium beside it,
+moved by real input. Every figure is from the event, as the browser dates it, to two frames after what it led to was drawn:
 the first plot from the click on the log's link (of a log that was never read, and of one that was), a zoom from the
 turn of the wheel, the key or the end of the drag to the curves of the new window, a scrub from the mouse's move on the
 slider to the values at the cursor, which come once the scene was told. Each is waited for two minutes at most: what has
 not come by then ends the run, with the figures so far and exit status 1. Memory is the largest of the console and of
 its readers. With --spike, where one sample of left.tau_J.4 is 400 Nm, the spike is looked for at every zoom: in the
-API's answer, and in the pixels of the screen. Make such a log with tests/bench/long_log.py.
+API's answer, and in the pixels of the screen. Make such a log with tests/programs/long_log.py.
 """
 
 import argparse
@@ -28,8 +28,9 @@ from rich.progress import Progress
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from curve_pixels import drawn, highest_seen
-from long_log import SPIKE_NM
 from served_console import serve_console
+
+from tests.programs.long_log import SPIKE_NM
 
 _CHROMIUM = "/usr/bin/chromium"
 _ARGUMENTS = ["--headless", "--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader", "--use-angle=swiftshader"]

@@ -1,6 +1,6 @@
 """The same command again and again, quiet and loaded, direct and lockstep: where do the logs differ but in the clocks?
 
-`python tests/bench/same_logs.py [--runs 10] [--cells direct,lockstep] [--loops 2] [--out DIR]`: each run's log is
+`python -m tests.programs.same_logs [--runs 10] [--cells direct,lockstep] [--loops 2] [--out DIR]`: each run's log is
 compared with the first one of its cell, message by message. A loaded run has as many busy loops beside it.
 """
 
@@ -10,8 +10,7 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "log"))
-from same_log import RTSTACK, busy_loops, differences, messages
+from tests.support.log.same_log import RTSTACK, busy_loops, differences, messages
 
 
 def run(*arguments: object) -> None:

@@ -1,6 +1,6 @@
 """How long a silence of the client is before the robot stops: a table. Needs a machine that does nothing else.
 
-python tests/bench/silences.py [--times 100] [--priority 0] [--milliseconds 15 18 21 22 25 30]
+python -m tests.programs.silences [--times 100] [--priority 0] [--milliseconds 15 18 21 22 25 30]
 
 A client answers each state of torque control, is silent for so long (asleep, or busy on its CPU), and goes on with the
 newest state that it finds. The robot has to stop at 20 lost packets, which is 20 ms: a silence of 21 ms and more is
@@ -10,18 +10,15 @@ caught each time, one of 18 ms never. What the host did to the server meanwhile,
 import argparse
 import sys
 import time
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "fci"))
 
 import numpy as np
-from fci_client import DAMPING, STIFFNESS
-from fci_raw import RawClient
-from fci_server import serve
 
 from hal.robot_errors import ROBOT_ERRORS
 from hal.state import RobotMode
 from sim_robot.fci.protocol import Command
+from tests.support.fci.client import DAMPING, STIFFNESS
+from tests.support.fci.raw import RawClient
+from tests.support.fci.server import serve
 
 BEFORE, AFTER = 40, 60
 COMMUNICATION = ROBOT_ERRORS.index("communication_constraints_violation")

@@ -1,6 +1,6 @@
 """A soak of the whole stack: an operator at work for half an hour, watched by others, and what that costs the host.
 
-    python tests/bench/soak.py [--minutes 30] [--viewers 2] [--json FILE]
+    python -m tests.programs.soak [--minutes 30] [--viewers 2] [--json FILE]
 
 Starts `rtstack up` with the simulated cell. A client signs in, takes control, arms, and then over and over records a
 demonstration, runs trials on it, downloads and reviews a log, while viewers read the live socket. After each round the

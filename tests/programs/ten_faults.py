@@ -1,8 +1,8 @@
 """The faults of a client and of contact, in real time, again and again: is each caught in time, by its vendor's name?
 
-python tests/bench/ten_faults.py [--rounds 20] [--loops 0]
+python -m tests.programs.ten_faults [--rounds 20] [--loops 0]
 
-Each case is the test of tests/fci/test_fault_delay.py, against a server that keeps the clock instead of lockstep: the
+Each case is that of tests/fci/test_fault_delay.py, against a server that keeps the clock instead of lockstep: the
 reflex within two cycles of its condition (20 lost packets and two cycles for a stall), the vendor's error name, a
 recovery, and a motion home. --loops: busy loops beside it. A case that fails is shown with what the server says of its
 host's stalls: a client that is late on such a host is judged by states that it has not seen. Exit status 1 with one.
@@ -16,42 +16,38 @@ import sys
 import traceback
 from collections.abc import Callable
 from contextlib import ExitStack
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "fci"))
-sys.path.insert(0, str(Path(__file__).parents[1] / "log"))
 
 import numpy as np
-import test_fault_delay as delay
-from fci_server import Served, serve
-from same_log import busy_loops
 
 from hal.realtime import realtime_thread
+from tests.support.fci import fault_delay as delay
+from tests.support.fci.server import Served, serve
+from tests.support.log.same_log import busy_loops
 
 Case = Callable[[Served], None]
 CASES: dict[str, Case] = {
-    "NaN": functools.partial(delay.test_a_bad_torque, joint=3, values=[np.nan]),
-    "Inf": functools.partial(delay.test_a_bad_torque, joint=3, values=[np.inf]),
-    "200 Nm": functools.partial(delay.test_a_bad_torque, joint=1, values=[200.0]),
-    "alternating 40 Nm": functools.partial(delay.test_a_bad_torque, joint=2, values=[40.0, -40.0]),
-    "stall of 25 ms": functools.partial(delay.test_a_client_that_stalls, stall_ms=25),
-    "stall of 300 ms": functools.partial(delay.test_a_client_that_stalls, stall_ms=300),
-    "overspeed, stepped": functools.partial(delay.test_a_joint_that_is_too_fast, nm_per_ms=0.9),
-    "overspeed, ramped": functools.partial(delay.test_a_joint_that_is_too_fast, nm_per_ms=0.05),
+    "NaN": functools.partial(delay.bad_torque, joint=3, values=[np.nan]),
+    "Inf": functools.partial(delay.bad_torque, joint=3, values=[np.inf]),
+    "200 Nm": functools.partial(delay.bad_torque, joint=1, values=[200.0]),
+    "alternating 40 Nm": functools.partial(delay.bad_torque, joint=2, values=[40.0, -40.0]),
+    "stall of 25 ms": functools.partial(delay.stalling_client, stall_ms=25),
+    "stall of 300 ms": functools.partial(delay.stalling_client, stall_ms=300),
+    "overspeed, stepped": functools.partial(delay.joint_too_fast, nm_per_ms=0.9),
+    "overspeed, ramped": functools.partial(delay.joint_too_fast, nm_per_ms=0.05),
     "joint limit, stepped": functools.partial(
-        delay.test_a_push_into_a_joint_limit,
+        delay.push_into_joint_limit,
         rad_per_ms=2e-3,
         condition=delay.too_fast,
         name="joint_velocity_violation",
     ),
     "joint limit, ramped": functools.partial(
-        delay.test_a_push_into_a_joint_limit,
+        delay.push_into_joint_limit,
         rad_per_ms=1e-5,
         condition=delay.beyond,
         name="joint_position_limits_violation",
     ),
-    "contact": delay.test_a_contact_above_its_threshold,
-    "self-collision": delay.test_two_arms_that_come_near_each_other,
+    "contact": delay.contact_above_threshold,
+    "self-collision": delay.self_collision,
 }
 
 

@@ -1,6 +1,6 @@
 """The whole loop against two control boxes with a clock each, which drift past each other.
 
-`python tests/bench/two_clocks.py --seconds 60 --phase-us 500 --drift-ppm 50`: a simulated robot in a process of its
+`python -m tests.programs.two_clocks --seconds 60 --phase-us 500 --drift-ppm 50`: a simulated robot in a process of its
 own, `rtstack bench loop` as its client, and at the end what the robot saw: the time from each state to its answer, by
 its own clock, and the states that were not answered in time. The log then tells at which distance of the two clocks
 answers were lost: where one arm costs the other one's packets, it is where their states come together; what the host

@@ -1,6 +1,6 @@
 """Planned grabs at speeds and heights that nobody has tuned on, with the right and with a wrong post-impact velocity.
 
-    .venv/bin/python tests/planning/unseen_grabs.py [--seeds 20] [--jobs 2] [--folder .unseen-grabs]
+    .venv/bin/python -m tests.programs.unseen_grabs [--seeds 20] [--jobs 2] [--folder .unseen-grabs]
 
 Each seed draws speed, rise and height (RANGES) and is the trial's own seed; each is planned and run three times: as the
 impact map says, and with a post-impact velocity that is 20 % too low and 20 % too high.
@@ -63,7 +63,7 @@ SCALES = (1.0, 0.8, 1.2)
 # seeds from 18300 on were run while plans gave the weight at once, four of them when momentum first lifted; these never
 FIRST_SEED = 18400
 RANGES = {"speed": (0.25, 0.5), "rise": (0.2, 0.35), "height": (0.02, 0.045)}  # m/s, m/s, m
-HERE = Path(__file__).resolve().parent
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,7 +167,7 @@ def main() -> int:
     """Run what is missing; return the exit status."""
     arguments = argparse.ArgumentParser(description="Planned grabs at unseen speeds and heights.")
     arguments.add_argument("--seeds", type=int, default=20)
-    arguments.add_argument("--folder", type=Path, default=HERE.parents[1] / ".unseen-grabs")
+    arguments.add_argument("--folder", type=Path, default=ROOT / ".unseen-grabs")
     arguments.add_argument("--jobs", type=int, default=os.cpu_count())
     options = arguments.parse_args()
     if options.seeds < 2:

@@ -1,6 +1,6 @@
 """What twenty viewers cost the loop: its missed deadlines with them, without them, and beside a stand-in, by turns.
 
-    python tests/bench/viewers.py [--minutes 10] [--viewers 20] [--turn 30] [--json FILE] [--logs DIR]
+    python -m tests.programs.viewers [--minutes 10] [--viewers 20] [--turn 30] [--json FILE] [--logs DIR]
         [--left ADDRESS --right ADDRESS]
 
 Starts `rtstack up` with the simulated cell. One operator moves both arms by hand all the time. Every third turn as many
@@ -50,10 +50,9 @@ from hal.realtime import scheduling
 from rtstack.log.ring import RingReader, Rings
 from rtstack.safety.arming import Phase
 from rtstack.samples import Mode
+from tests.programs.soak import LATE_US, SoakFailed, Stack, Viewer
 
-sys.path.insert(0, str(Path(__file__).parents[2]))
-from tests.bench.soak import LATE_US, SoakFailed, Stack, Viewer
-
+COMMAND = [sys.executable, "-m", "tests.programs.viewers"]
 STAND_IN_S = 0.05  # between its bouts: views come that often
 SETTLE_S = 3.0  # after viewers came or went
 LEAST_VIEWS_HZ = 10.0  # of the 20 that are sent to each viewer
@@ -232,7 +231,7 @@ def _cpu_s(process: psutil.Process) -> float:
 
 def beside(stack: Stack, hands: Hands, share: float, reader: RingReader, seconds: float, turns: Turns) -> None:
     """Measure beside the stand-in."""
-    other = subprocess.Popen([sys.executable, __file__, "--stand-in", str(share)])
+    other = subprocess.Popen([*COMMAND, "--stand-in", str(share)])
     try:
         time.sleep(SETTLE_S)
         measure(reader, stack, hands, seconds, turns, psutil.Process(other.pid))
@@ -245,7 +244,7 @@ def watched(
     stack: Stack, hands: Hands, token: str, count: int, reader: RingReader, seconds: float, turns: Turns
 ) -> None:
     """Measure while viewers look on. Raises SoakFailed where they lost sight of it."""
-    command = [sys.executable, __file__, "--look", stack.base, token, "--viewers", str(count)]
+    command = [*COMMAND, "--look", stack.base, token, "--viewers", str(count)]
     viewers = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
         if not select.select([viewers.stdout], [], [], LONGEST_START_S)[0]:

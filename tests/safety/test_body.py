@@ -3,12 +3,12 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from judge_oracle import CAPSULES, DH
 
 from hal.robots import FR3
 from rtstack.safety.body import Base, Tool, _turn, arm_body
 from rtstack.safety.limits import HARDWARE
 from rtstack.safety.records import StopProfile, empty_memory, rules
+from tests.support.safety.judge_oracle import CAPSULES, DH
 
 
 def test_a_turn_is_urdf_s_roll_pitch_and_yaw():

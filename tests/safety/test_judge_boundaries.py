@@ -7,13 +7,21 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from judge_oracle import BRAKING, REACTION_S, arm_reason, face, face_velocity, joint_reason, limited
-from judge_samples import HOME, arm_sample
 
 from hal.robots import FR3
 from rtstack.safety.judge import Base, Reason, SafetyJudge, Verdict
 from rtstack.safety.judge import judge as compiled
 from rtstack.safety.limits import HARDWARE
+from tests.support.safety.judge_oracle import (
+    BRAKING,
+    REACTION_S,
+    arm_reason,
+    face,
+    face_velocity,
+    joint_reason,
+    limited,
+)
+from tests.support.safety.judge_samples import HOME, arm_sample
 
 # run as plain Python, numpy warns about inf - inf; compiled code does not
 pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from judge_oracle import distance, nearest
-from judge_samples import HOME, arm_sample
 
 from hal.robots import FR3
 from rtstack.safety.geometry import arm_distance, segment_distance
 from rtstack.safety.judge import Base, Reason, SafetyJudge, Tool, Verdict, pair_of_judges
 from rtstack.safety.limits import HARDWARE
 from rtstack.safety.records import StopProfile
+from tests.support.safety.judge_oracle import distance, nearest
+from tests.support.safety.judge_samples import HOME, arm_sample
 
 # run as plain Python, numpy warns about inf - inf; compiled code does not
 pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from reachable_limits import LIMITS, cases
-from recorded_trial import Recorded, empty_places, judges_of, read_recorded, replay
 
 from hal.state import ARM_STATE
 from rtstack.model.cell_description import CellDescription
@@ -12,6 +10,8 @@ from rtstack.safety.judge import Verdict
 from rtstack.safety.limits import HARDWARE, NAMES, SafetyLimits
 from rtstack.samples import ARM_SAMPLE
 from sim_robot.cell import simulated_cell
+from tests.support.safety.reachable_limits import LIMITS, cases
+from tests.support.safety.recorded_trial import Recorded, empty_places, judges_of, read_recorded, replay
 
 TRIALS = [(Controller.PROPOSED, 0.0), (Controller.NO_INTERIM, 30.0)]
 HELD_TICK = 2500  # the box is up

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from judge_samples import HOME, arm_sample
 
 from hal.robots import FR3
 from rtstack.safety.judge import Reason, SafetyJudge
 from rtstack.safety.limits import HARDWARE
 from rtstack.safety.records import StopProfile
+from tests.support.safety.judge_samples import HOME, arm_sample
 
 # run as plain Python, numpy warns about inf - inf; compiled code does not
 pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning")

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_sim_grip import SpringGrip
 
 from hal.errors import CommandRejected, RecoveryRefused
 from hal.robot_errors import ROBOT_ERRORS, error_names
@@ -19,6 +18,7 @@ from sim_robot.faults.file import FaultNeedsLink, faults_in, load_faults
 from sim_robot.faults.kinds import KINDS, OF_NO_ARM, WITHOUT_DURATION
 from sim_robot.scene import load_scene
 from sim_robot.strict_toml import BadParameterFile
+from tests.support.spring_grip import SpringGrip
 
 STIFFNESS, DAMPING = np.array([200.0] * 4 + [50.0] * 3), np.array([20.0] * 4 + [3.0] * 3)
 HOMES = (load_scene().left.home, load_scene().right.home)

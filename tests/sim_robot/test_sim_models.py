@@ -5,8 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from robot_files import DQ_MAX, MIRROR, with_key, write_robot
-from robot_files import HOME as SHORT_HOME
 
 from hal.errors import CommandRejected
 from hal.robot_errors import error_names
@@ -18,6 +16,8 @@ from sim_robot.lab_objects import with_lab_objects
 from sim_robot.plant_parameters import load_plant_parameters
 from sim_robot.scene import load_scene
 from sim_robot.strict_toml import BadParameterFile
+from tests.support.robot_files import DQ_MAX, MIRROR, with_key, write_robot
+from tests.support.robot_files import HOME as SHORT_HOME
 
 HOME = np.array(load_scene().left.home)
 

@@ -9,12 +9,12 @@ from math import exp
 import mujoco
 import numpy as np
 import pytest
-from sim_rigid_arm import RigidArm
 
 from sim_robot.cell import nominal_cell, simulated_cell
 from sim_robot.plant import Plant, SimulationDiverged
 from sim_robot.plant_parameters import ZEROS, load_plant_parameters
 from sim_robot.scene import load_scene
+from tests.support.rigid_arm import RigidArm
 
 SCENE = load_scene()
 PARAMETERS = load_plant_parameters()

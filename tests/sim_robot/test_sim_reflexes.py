@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sim_rigid_arm import RigidArm
 
 from hal.errors import CommandRejected, ConnectionLost, RecoveryRefused
 from hal.state import RobotMode
 from sim_robot.cell import SimulatedCell, simulated_cell
 from sim_robot.plant_parameters import load_plant_parameters
 from sim_robot.scene import load_scene
+from tests.support.rigid_arm import RigidArm
 
 NO_TORQUE = np.zeros(7)
 

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from sim_rigid_arm import RigidArm
 
 from hal.displacement import Displacement
 from hal.errors import ObjectOutOfReach, UnknownObject
@@ -15,6 +14,7 @@ from sim_robot.cell import simulated_cell
 from sim_robot.plant_parameters import load_plant_parameters
 from sim_robot.scene import load_scene
 from sim_robot.strict_toml import BadParameterFile
+from tests.support.rigid_arm import RigidArm
 
 GRAB = (files("sim_robot") / "scenes" / "grab.toml").read_text(encoding="utf-8")
 PLANT = (files("sim_robot") / "parameters" / "plant.toml").read_text(encoding="utf-8")

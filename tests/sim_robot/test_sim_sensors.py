@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sim_rigid_arm import RigidArm
 
 from hal.state import RobotMode
 from sim_robot.cell import SimulatedCell, nominal_cell, simulated_cell
 from sim_robot.scene import load_scene
+from tests.support.rigid_arm import RigidArm
 
 
 def wrenches(cell: SimulatedCell, milliseconds: int) -> np.ndarray:

@@ -16,7 +16,7 @@ import pylibfranka as franka
 ROOT = Path(__file__).parents[2]
 ENVIRONMENTS = ROOT / ".venv-foreign"  # kept from run to run, as .venv is
 VERSIONS = {"franka-sim": "1.1.7", "franky-sim": "1.0.4"}
-HERE = Path(__file__).parent
+PROGRAMS = Path(__file__).parents[1] / "programs" / "robots"
 START_S, END_S = 120.0, 20.0
 # of a robot's millisecond: two Python servers, our loop and its log share two cores, and no run is about their pace
 SLOWNESS = 2.0
@@ -69,7 +69,7 @@ def served(name: str, folder: Path, addresses: tuple[str, str], *more: str) -> I
     """Serve two arms at these addresses, and end them. folder: for what is written; more: the program's arguments."""
     said = folder / "left.txt", folder / "right.txt"
     python = environment(name) / "bin" / "python"
-    program = HERE / f"{name.replace('-', '_')}_program.py"
+    program = PROGRAMS / f"{name.replace('-', '_')}_program.py"
     processes: list[subprocess.Popen[bytes]] = []
     try:
         for address, path in zip(addresses, said, strict=True):

@@ -8,7 +8,6 @@ from subprocess import CompletedProcess
 
 import numpy as np
 import pytest
-from robot_files import DQ_MAX, HOME, MIRROR, write_robot
 
 from hal.robots import FER, FR3, RobotModel
 from rtstack.cells import default_cell_file
@@ -20,6 +19,7 @@ from rtstack.safety.limits import hardware_limits
 from rtstack.samples import ARM_SAMPLE
 from rtstack.trials.assembly import arm_controllers, cell_parameters, safety_judges
 from rtstack.trials.review import review_log
+from tests.support.robot_files import DQ_MAX, HOME, MIRROR, write_robot
 
 
 def cell_of(folder: Path, left: str = "fer", right: str = "fer") -> Path:

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from test_campaign_claims import row, rows, verdicts
 
 from rtstack.papers.reference_spreading.beyond import COMPARED, OURS, THEIRS, judge_beyond, summary
 from rtstack.papers.reference_spreading.evaluation import Evaluation
+from tests.support.campaign_rows import row, rows, verdicts
 
 
 def _pairs(gain, noise=0.05, spread=2.0, repetitions=5):

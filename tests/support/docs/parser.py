@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import typer
-from doc_blocks import ROOT, Block
 
 from rtstack.cli.app import app
+from tests.support.docs.blocks import ROOT, Block
 
 _SEPARATORS = {";", "&&", "||", "|", "(", ")", "&", "\n"}
 _PREFIXES = {"do", "then", "else", "exec", "sudo"}

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from doc_blocks import ROOT, Block, Use
+from tests.support.docs.blocks import ROOT, Block, Use
 
 BIN = Path(sys.executable).parent
 PATIENCE_S = 200.0  # for a block in CI; those that take minutes have no limit

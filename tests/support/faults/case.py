@@ -9,23 +9,6 @@ from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
-from fault_evidence import MOST_LOST_S, Evidence, beyond_limits, read_evidence
-from fault_hold import hold
-from fault_limits import first_violation
-from fault_model import (
-    MODES,
-    MOST_TICKS,
-    MOVING,
-    CaseResult,
-    Expected,
-    Fault,
-    Moment,
-    Performed,
-    Reaction,
-    Recovery,
-    Scripted,
-)
-from fault_stage import Stage, posture
 from mcap.exceptions import McapError
 
 from hal.cell import Cell
@@ -45,6 +28,23 @@ from rtstack.trials.record import TrialLog, open_log
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 from rtstack.trials.trial import PreparedTrial, run_trial
+from tests.support.faults.evidence import MOST_LOST_S, Evidence, beyond_limits, read_evidence
+from tests.support.faults.hold import hold
+from tests.support.faults.limits import first_violation
+from tests.support.faults.model import (
+    MODES,
+    MOST_TICKS,
+    MOVING,
+    CaseResult,
+    Expected,
+    Fault,
+    Moment,
+    Performed,
+    Reaction,
+    Recovery,
+    Scripted,
+)
+from tests.support.faults.stage import Stage, posture
 
 IDLE_MOTION_TICKS = 50  # before an idle case: the script counts from a motion
 IDLE_AT_TICK = 56  # while the plant comes to rest after it

@@ -5,9 +5,9 @@ the robot itself is to notice (20 lost packets) takes the loop as long as the ro
 idle cell stays idle: nothing moves until the cause is gone. A stop that is under way goes on, and keeps its reason.
 """
 
-import fault_injection as injected
-from fault_model import Expected, Fault, Moment, Performed, Reaction, Recovery, Scripted
-from fault_stage import Stage
+from tests.support.faults import injection as injected
+from tests.support.faults.model import Expected, Fault, Moment, Performed, Reaction, Recovery, Scripted
+from tests.support.faults.stage import Stage
 
 LOST_PACKETS = 20  # in a row: the robot's own limit (Franka Control Interface), and the judge's
 LOOKS_AT_LOG_TICKS = 16  # how often the loop asks whether the log process lives

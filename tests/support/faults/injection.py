@@ -8,13 +8,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import psutil
-from fault_stage import Stage
 
 import rtstack.control.program as solvers
 from hal.state import ArmState
 from rtstack.control.program import DaqpProgram, ProxqpProgram, SecondOpinion
 from rtstack.control.tick import ArmController
 from rtstack.samples import Mode, QpStatus
+from tests.support.faults.stage import Stage
 
 TICK_NS = 1_000_000
 

@@ -1,17 +1,12 @@
 """From which tick a log shows what a limit of the judge forbids, by the judge's oracle in plain Python."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
-from fault_evidence import Evidence
 
 from rtstack.model.cell_description import CellDescription
 from rtstack.safety.judge import Base, Reason
 from rtstack.safety.limits import HARDWARE
-
-sys.path.append(str(Path(__file__).parents[1] / "safety"))
-from judge_oracle import arm_reason, joint_reason
+from tests.support.faults.evidence import Evidence
+from tests.support.safety.judge_oracle import arm_reason, joint_reason
 
 OTHERS = {"tau_desired": np.zeros((1, 7)), "O_F_ext_hat_K": np.zeros((1, 6)), "O_T_EE": np.zeros((1, 4, 4))}
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from rtstack.samples import Mode
 
 if TYPE_CHECKING:
-    from fault_stage import Stage
+    from tests.support.faults.stage import Stage
 
 MOST_TICKS = 2  # from where the loop can see a fault to the first stopping torque
 

@@ -14,9 +14,10 @@ import traceback
 from pathlib import Path
 
 import psutil
-from fault_case import Case, Ground
-from fault_catalogue import case_name
-from fault_model import CaseResult, Fault, Moment
+
+from tests.support.faults.case import Case, Ground
+from tests.support.faults.catalogue import case_name
+from tests.support.faults.model import CaseResult, Fault, Moment
 
 PR_SET_CHILD_SUBREAPER = 36  # linux/prctl.h
 NAME = "RTSTACK_FAULT_CASE"  # in the environment of a case and of all that it starts

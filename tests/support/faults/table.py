@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 
-from fault_model import CaseResult
+from tests.support.faults.model import CaseResult
 
 HEAD = ("fault", "moment", "expected", "seen", "ticks", "robot at the end", "log", "recovered", "")
 

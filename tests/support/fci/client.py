@@ -1,14 +1,21 @@
 """Small client programs over pylibfranka that several tests run."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pylibfranka as franka
 
 from sim_robot.scene import load_scene
 
+CLIENTS = Path(__file__).parents[2] / "programs" / "clients"
 STIFFNESS, DAMPING = np.array([200.0] * 4 + [50.0] * 3), np.array([20.0] * 4 + [3.0] * 3)
 MEASURED = ("q", "dq", "tau_J", "tau_J_d", "dtau_J", "theta", "dtheta", "tau_ext_hat_filtered", "O_T_EE")
+
+
+def program_path(name: str) -> Path:
+    """Return the file of a foreign client's program, such as aiofranka."""
+    return CLIENTS / f"{name}_program.py"
 
 
 def connect(address: str) -> franka.Robot:

@@ -4,7 +4,8 @@ import hashlib
 from collections.abc import Iterable
 from pathlib import Path
 
-PACKAGE = Path(__file__).resolve().parents[2] / "rtstack" / "safety"
+SUPPORT = Path(__file__).resolve().parent
+PACKAGE = SUPPORT.parents[2] / "rtstack" / "safety"
 MODULES = ("stop", "checks", "judge", "geometry", "limits", "records", "body", "reasons", "arming")
 
 

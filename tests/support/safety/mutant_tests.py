@@ -20,7 +20,8 @@ from types import CodeType
 
 import coverage
 import pytest
-from mutants import Mutant, functions
+
+from tests.support.safety.mutants import Mutant, functions
 
 PATIENCE_S = 300  # of a processor: no mutant of a judge without loops of its own takes longer
 OPTIONS = ["-s", "--noconftest", "-p", "no:cacheprovider", "-p", "no:terminal", "-c", os.devnull]
@@ -146,7 +147,7 @@ class Tests(First):
     def _run_anew(self, mutant: Mutant) -> str:
         tests = {Path(path).stem for path in self._paths}
         for name in list(sys.modules):
-            if name.partition(".")[0] in ("rtstack", "judge_oracle", "judge_samples", *tests):
+            if name.partition(".")[0] in ("rtstack", *tests) or name.startswith("tests.support.safety.judge_"):
                 del sys.modules[name]
         sys.meta_path.insert(0, _Import(f"rtstack.safety.{mutant.module}", mutant.code))
         first = First(self._value)

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from recorded_trial import Intervention, Places, Recorded
 
 from rtstack.safety.judge import Reason, SafetyLimits
+from tests.support.safety.recorded_trial import Intervention, Places, Recorded
 
 INSIDE = 0.1  # of the range: how far inside the furthest value the line is drawn
 
