@@ -14,17 +14,9 @@ import pytest
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from rtstack.live.client import RUN_PREFIX, SOCKET_NAME, RobotClient
-from tests.browser.operator_hands import Operator
+from tests.support.console.chromium import ARGUMENTS, CHROMIUM
+from tests.support.console.operator_hands import Operator
 
-CHROMIUM = "/usr/bin/chromium"  # Debian's
-ARGUMENTS = [
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--enable-unsafe-swiftshader",
-    "--use-angle=swiftshader",
-    "--disable-background-networking",
-]
 ARM_PATIENCE_S = 120.0
 JOB_TIMEOUT_MS = 120_000  # software rendering beside it makes a paced run several times slower
 

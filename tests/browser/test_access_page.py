@@ -5,7 +5,8 @@ import re
 import httpx
 import pytest
 from playwright.sync_api import expect
-from served_console import serve_console
+
+from tests.support.console.served_console import serve_console
 
 pytestmark = pytest.mark.browser
 PATIENCE_MS = 60_000

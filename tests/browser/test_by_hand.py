@@ -13,7 +13,7 @@ from playwright.sync_api import expect
 
 from rtstack.log.reader import read_log
 from rtstack.samples import SIDES, Mode
-from tests.browser.operator_hands import READY_MS, ClutchLost
+from tests.support.console.operator_hands import READY_MS, ClutchLost
 
 pytestmark = [pytest.mark.browser, pytest.mark.alone, pytest.mark.timeout(900)]
 expect.set_options(timeout=60_000)

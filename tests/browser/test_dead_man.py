@@ -5,8 +5,8 @@ import re
 import pytest
 from playwright.sync_api import sync_playwright
 
-from tests.bench.operator_scene import TOO_EARLY, Chromium, OperatorScene, SceneFailed
 from tests.programs.dead_man import CAUSES, TRIES, stop_by
+from tests.support.console.operator_scene import TOO_EARLY, Chromium, OperatorScene, SceneFailed
 
 pytestmark = [pytest.mark.browser, pytest.mark.alone]
 MOST_TICKS = 2  # from the tick that says why to both arms' first stopping torque: docs/watchdogs.md

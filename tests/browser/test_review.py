@@ -6,15 +6,15 @@ import re
 
 import numpy as np
 import pytest
-from curve_pixels import drawn, highest_seen
 from PIL import Image
 from playwright.sync_api import Page, expect
-from served_console import serve_console
 
 from rtstack.log.reader import read_log
 from rtstack.log.sink import McapSink
 from rtstack.papers.reference_spreading.controllers import Controller
 from rtstack.topics import TOPICS
+from tests.support.console.curve_pixels import drawn, highest_seen
+from tests.support.console.served_console import serve_console
 
 pytestmark = pytest.mark.browser
 expect.set_options(timeout=60_000)  # software rendering beside it makes every answer late

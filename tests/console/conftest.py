@@ -4,7 +4,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from served_console import ServedConsole, serve_console
+
+from tests.support.console.served_console import ServedConsole, serve_console
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ import pytest
 from console.routes.description import OPENAPI_PATH
 from console.tokens import Scope
 from rtstack.live.protocol import JobState
-from tests.console.test_review_api import read, write_log
+from tests.support.console.review_log import read, write_log
 
 SECONDS = int(os.environ.get("RTSTACK_FUZZ_SECONDS", "0"))  # for each way of asking; 0: a number of examples instead,
 FEW = ("--generation-deterministic", "--max-examples", "5")  # so that every machine asks the same

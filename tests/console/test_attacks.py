@@ -26,12 +26,10 @@ from console.scene_server import SECRET_HEADER
 from console.scenes import Detail
 from console.sign_in import INVITATION_S
 from console.tokens import Scope
-from tests.console.test_console_jobs import arm
-from tests.console.test_console_watch import wait_for
-from tests.console.test_review_api import write_log
+from tests.support.console.client import SECRET, arm, cookie_header, socket, wait_for
+from tests.support.console.review_log import write_log
 
 MARKUP = "<img src=x onerror=alert(1)>\"'"
-SECRET = "nobody's business"
 FORGED = msgspec.msgpack.encode(
     {"type": "TransformControlsUpdateMessage", "name": "/grip/left", "wxyz": [1.0, 0, 0, 0], "position": [9.0, 9, 9]}
 )
@@ -49,17 +47,6 @@ def changes(served):
     described = served.application.openapi()["paths"].values()
     assert len(found) >= sum(method != "get" for operations in described for method in operations) > 25
     return found
-
-
-def socket(served, path, **options):
-    """Open a WebSocket as a page would."""
-    options.setdefault("origin", served.base)
-    options.setdefault("subprotocols", ["viser-v1.1.1"] if path.startswith("/viser") else None)
-    return connect(f"ws://127.0.0.1:{served.port}{path}", proxy=None, max_size=None, **options)
-
-
-def cookie_header(cookies):
-    return {"cookie": "; ".join(f"{name}={value}" for name, value in cookies.items())}
 
 
 def refused(served, path, **options):

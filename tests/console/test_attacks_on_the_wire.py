@@ -14,8 +14,7 @@ from websockets.exceptions import ConnectionClosed
 
 import console.server
 from console.tokens import Scope
-from tests.console.test_attacks import SECRET, cookie_header, socket
-from tests.console.test_console_watch import wait_for
+from tests.support.console.client import SECRET, cookie_header, socket, wait_for
 
 HOSTS = ("[::1]:{}", "LOCALHOST:{}", "localhost.:{}", "127.1:{}", "2130706433:{}", "0.0.0.0:{}", "127.0.0.1:0{}",
          "127.0.0.1:{}@evil.example", "127.0.0.1:{}, evil.example", "evil.example/127.0.0.1:{}", "")  # fmt: skip

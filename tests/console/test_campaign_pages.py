@@ -18,7 +18,7 @@ from console.routes.campaigns import REPORT_POLICY
 from rtstack.experiments import page, progress, report, store
 from rtstack.experiments.registry import plan_file
 from rtstack.live.client import RobotClient
-from tests.console.test_console_jobs import arm
+from tests.support.console.client import arm
 
 PATIENCE_S = 240.0
 NO_CONTEXT = "0" * 16

@@ -11,8 +11,7 @@ from websockets.sync.client import connect
 from rtstack.live.client import RobotClient
 from rtstack.live.protocol import JobState
 from rtstack.safety.arming import LEASE_S
-from tests.console.test_console_jobs import arm
-from tests.console.test_console_watch import wait_for
+from tests.support.console.client import arm, wait_for
 
 
 class Clock:

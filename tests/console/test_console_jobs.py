@@ -3,11 +3,7 @@
 import httpx
 import pytest
 
-
-def arm(client, headers):
-    """Take control and arm: what every order needs."""
-    for verb in ("take", "arm"):
-        assert client.post(f"/api/{verb}", json={}, headers=headers).status_code == 200
+from tests.support.console.client import arm
 
 
 def test_an_order_is_taken_once_and_the_second_says_why_not(served):

@@ -4,8 +4,7 @@ import shutil
 
 import pytest
 
-from tests.console.test_console_jobs import arm
-from tests.console.test_console_watch import wait_for
+from tests.support.console.client import arm, wait_for
 
 
 @pytest.fixture

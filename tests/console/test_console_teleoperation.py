@@ -17,8 +17,7 @@ from rtstack.live.protocol import JobState
 from rtstack.loop.target import TARGET, Release
 from rtstack.loop.watchdogs import CLUTCH_S
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, SIDES, Mode
-from tests.console.test_console_jobs import arm
-from tests.console.test_console_watch import wait_for
+from tests.support.console.client import arm, wait_for
 
 POSES = np.array([[0.0, 0.35, 0.26, 1.0, 0.0, 0.0, 0.0], [0.0, -0.35, 0.26, 1.0, 0.0, 0.0, 0.0]])
 ORDER = {"object": "rice_box"}

@@ -1,7 +1,6 @@
 """What the page is told: the robot's own words, and their true age."""
 
 import json
-import time
 
 import numpy as np
 from websockets.sync.client import connect
@@ -11,15 +10,9 @@ from hal.robot_errors import error_bit
 from hal.state import RobotMode
 from rtstack.log.ring import Rings
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, EVENT, TIMING_SAMPLE, Level, Mode
+from tests.support.console.client import wait_for
 
 PATIENCE_S = 60.0
-
-
-def wait_for(condition):
-    deadline = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < deadline, "did not happen"
-        time.sleep(0.01)
 
 
 def push_arm(served, side, t_ns, robot_mode=RobotMode.MOVE, mode=Mode.INTERIM, errors=0):

@@ -16,8 +16,7 @@ from rtstack.cells import default_cell_file
 from rtstack.live.protocol import JobState
 from rtstack.planning import GrabPlan, plan_grab
 from rtstack.planning.file import write_plan
-from tests.console.test_console_jobs import arm
-from tests.console.test_console_watch import wait_for
+from tests.support.console.client import arm, wait_for
 
 
 class Operator:

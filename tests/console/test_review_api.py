@@ -7,55 +7,14 @@ import time
 import httpx
 import numpy as np
 import pytest
-from served_console import serve_console
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from console.review.cache import FOLDER, ReviewCache
 from console.scenes import Detail
 from rtstack.log.catalogue import Catalogue
-from rtstack.log.sink import McapSink
-from rtstack.topics import TOPICS
-
-MS = 1_000_000
-SPIKE_S = 1.234
-
-
-def write_log(path, trial, result=None, spike=80.0, complete=True):
-    """A log of two seconds with a spike of one sample in a torque and an impact."""
-    with open(path, "wb") as file:
-        sink = McapSink(file)
-        sink.write_metadata("trial", trial)
-        sink.attach("cell.toml", "application/toml", f"[pad]\nsize = {trial.get('seed', 0)}\n".encode())
-        batches = {}
-        for topic in TOPICS:
-            batches[topic] = np.zeros(1 if topic == "/events" else 2000, TOPICS[topic].record)
-            batches[topic]["t_ns"] = np.arange(len(batches[topic])) * MS
-        batches["/left/arm"]["tau_J"][round(SPIKE_S * 1e3), 3] = spike
-        batches["/events"]["t_ns"], batches["/events"]["name"] = int(SPIKE_S * 1e9), b"impact"
-        batches["/events"]["text"], batches["/events"]["level"] = b"detected", 2
-        sink.write(batches, {})
-        if not complete:
-            sink.flush()
-            return
-        sink.write_metadata("result", result or {})
-        sink.close()
-
-
-@pytest.fixture
-def logs(served):
-    """Three logs and a file that is none."""
-    return write_logs(served)
-
-
-@pytest.fixture(scope="module")
-def asked(tmp_path_factory):
-    """A client of a console with these logs, and their ids, for tests that only ask; the first log has been read."""
-    with serve_console(tmp_path_factory.mktemp("asked")) as served:
-        logs = write_logs(served)
-        with served.signed_in() as (client, _):
-            read(client, logs["log0.mcap"])
-            yield client, logs
+from tests.support.console.review_log import SPIKE_S, read, write_log
+from tests.support.console.served_console import serve_console
 
 
 def write_logs(served):
@@ -75,15 +34,20 @@ def write_logs(served):
     return {entry.path.name: entry.id for entry in Catalogue(served.logs).entries()}
 
 
-def read(client, log_id):
-    """Ask for a log until all of it has been read."""
-    deadline_s = time.monotonic() + 120.0
-    while True:
-        document = client.get(f"/api/logs/{log_id}").raise_for_status().json()
-        if document["done"]:
-            return document
-        assert time.monotonic() < deadline_s
-        time.sleep(0.1)
+@pytest.fixture
+def logs(served):
+    """Three logs and a file that is none."""
+    return write_logs(served)
+
+
+@pytest.fixture(scope="module")
+def asked(tmp_path_factory):
+    """A client of a console with these logs, and their ids, for tests that only ask; the first log has been read."""
+    with serve_console(tmp_path_factory.mktemp("asked")) as served:
+        logs = write_logs(served)
+        with served.signed_in() as (client, _):
+            read(client, logs["log0.mcap"])
+            yield client, logs
 
 
 def unpacked(data):

@@ -5,7 +5,7 @@ import pytest
 
 from sim_robot.fci.__main__ import main
 from sim_robot.fci.realtime import RightClock
-from tests.programs.two_clocks import hold_both
+from tests.programs.answer_times import hold_both
 
 
 @pytest.mark.realtime

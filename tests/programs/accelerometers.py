@@ -1,10 +1,10 @@
 """Does an accelerometer at each end of each link tell an impact sooner than joint torque sensors do?
 
 `python -m tests.programs.accelerometers [--grabs 200] [--tuning 60] [--seed 1]`: grabs in the direct cell of four
-objects, displaced by up to 30 mm. Each way to detect is the detector of Appendix B on another signal, with thresholds by one
-rule: 1.2 times the largest value in free motion on the tuning grabs, whose arms, noise and demonstrations the judged
-ones never meet. A delay counts from the first millisecond in which the plant's contacts exert anything on that arm; 0:
-the state at its end shows it.
+objects, displaced by up to 30 mm. Each way to detect is the detector of Appendix B on another signal, with thresholds
+by one rule: 1.2 times the largest value in free motion on the tuning grabs, whose arms, noise and demonstrations the
+judged ones never meet. A delay counts from the first millisecond in which the plant's contacts exert anything on that
+arm; 0: the state at its end shows it.
 
 The signals: the robot's own estimate of the external force (`O_F_ext_hat_K`); the same force from M ddq + C dq + g -
 tau_J without an observer (as arXiv 2505.08334 computes it), ddq either the quotient of measured velocities alone, or

@@ -35,8 +35,8 @@ from rich.progress import Progress
 from rich.table import Table
 
 from rtstack.loop.end import End
-from tests.bench.operator_scene import CLUTCH, TOO_EARLY, Chromium, OperatorScene, SceneFailed, wait
-from tests.programs.soak import SoakFailed
+from tests.support.console.operator_scene import CLUTCH, TOO_EARLY, Chromium, OperatorScene, SceneFailed, wait
+from tests.support.console.stack import SoakFailed
 
 ALLOWED_MS = 350.0
 BETWEEN_S = 0.1  # two signs of life, generously: the cause comes at any moment of it

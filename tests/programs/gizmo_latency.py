@@ -31,9 +31,9 @@ from rich.console import Console
 from rich.progress import track
 
 from rtstack.loop.target import TARGET
-from tests.bench.operator_scene import Chromium, OperatorScene
-from tests.browser.operator_hands import ARROW_M, HOME, pixel
-from tests.programs.soak import SoakFailed
+from tests.support.console.operator_hands import ARROW_M, HOME, pixel
+from tests.support.console.operator_scene import Chromium, OperatorScene
+from tests.support.console.stack import SoakFailed
 
 LEAST_M = 1e-7
 STEP_M = 0.02

@@ -1,7 +1,7 @@
 """How fast a long log is reviewed, and what that costs in memory: figures for a quiet machine.
 
 `python -m tests.programs.review LOG.mcap [--spike SECONDS]`: a console that serves for real, and Chromium beside it,
-moved by real input. Every figure is from the event, as the browser dates it, to two frames after what it led to was drawn:
+moved by real input. Every figure is from the event, as the browser dates it, to two frames after its result was drawn:
 the first plot from the click on the log's link (of a log that was never read, and of one that was), a zoom from the
 turn of the wheel, the key or the end of the drag to the curves of the new window, a scrub from the mouse's move on the
 slider to the values at the cursor, which come once the scene was told. Each is waited for two minutes at most: what has
@@ -26,11 +26,9 @@ import psutil
 from playwright.sync_api import Error, Page, sync_playwright
 from rich.progress import Progress
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from curve_pixels import drawn, highest_seen
-from served_console import serve_console
-
 from tests.programs.long_log import SPIKE_NM
+from tests.support.console.curve_pixels import drawn, highest_seen
+from tests.support.console.served_console import serve_console
 
 _CHROMIUM = "/usr/bin/chromium"
 _ARGUMENTS = ["--headless", "--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader", "--use-angle=swiftshader"]

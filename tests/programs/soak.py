@@ -12,27 +12,22 @@ behind. Ctrl-C gives what there is so far.
 import argparse
 import itertools
 import json
-import re
 import signal
 import statistics
 import subprocess
 import sys
-import threading
 import time
 from collections import defaultdict
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import httpx
-import psutil
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
-from websockets.exceptions import ConnectionClosed
-from websockets.sync.client import connect
 
-COMMAND = Path(sys.executable).with_name("rtstack")
+from tests.support.console.stack import COMMAND, SoakFailed, Stack, Viewer
+
 WARM_UP_S = 300.0
 MOST_GROWTH = 0.05
 LATE_US = 2000.0  # between two ticks: a robot that does not wait would have missed one
@@ -40,12 +35,8 @@ KEPT_LOGS = 12  # older ones are deleted, as an operator would
 DISPLACEMENTS_MM = (0.0, -30.0, 30.0)
 CONTROLLERS = ("proposed", "no_reference_spreading", "no_velocity_feedback", "no_interim", "contact_completion")
 SETTLE_S = 1.0  # after a round, before the processes are looked at
-LONGEST_JOB_S = 300.0
+
 OPERATOR = "soak"
-
-
-class SoakFailed(Exception):
-    """The stack did not do what was asked. The message is one line."""
 
 
 @dataclass(slots=True)
@@ -60,105 +51,6 @@ class Samples:
         """Return memory and descriptors since a time."""
         kept = [k for k, t_s in enumerate(self.times_s) if t_s >= begin_s]
         return [self.rss_mb[k] for k in kept], [self.descriptors[k] for k in kept]
-
-
-class Stack:
-    """`rtstack up`, and a session of an operator at its console."""
-
-    def __init__(self, logs: Path, arms: Sequence[str] = ()) -> None:
-        """arms: options of `rtstack up`, none for the simulated cell."""
-        self.logs = logs
-        self.process = subprocess.Popen(
-            [str(COMMAND), "up", "--port", "0", "--logs", str(logs), *arms], stdout=subprocess.PIPE, text=True
-        )
-        assert self.process.stdout is not None
-        found = re.search(r"(http://\S+?)/\?token=(\S+)", self.process.stdout.readline())
-        if found is None:
-            raise SoakFailed("the stack did not come up: see above")
-        self.base, token = found.groups()
-        self.client = httpx.Client(base_url=self.base, trust_env=False, timeout=60.0, follow_redirects=True)
-        page = self.client.get("/", params={"token": token}).raise_for_status().text
-        word = re.search(r'name="csrf-token" content="([^"]+)"', page)
-        if word is None:
-            raise SoakFailed("the page has no word for its requests")
-        self.headers = {"x-csrf-token": word.group(1)}
-        self._members = [psutil.Process(self.process.pid), *psutil.Process(self.process.pid).children()]
-
-    @property
-    def members(self) -> dict[str, psutil.Process]:
-        """Supervisor, robot process and console, by the module that each runs."""
-        named = {"supervisor": self._members[0]}
-        for process in self._members[1:]:
-            words = process.cmdline()
-            if "-m" in words:
-                named[words[words.index("-m") + 1]] = process
-        return named
-
-    def post(self, path: str, **body: object) -> dict:
-        """Make a change. Raises SoakFailed with what the console says."""
-        answer = self.client.post(f"/api/{path}", json=body, headers=self.headers)
-        if answer.is_error:
-            raise SoakFailed(f"{path}: {answer.status_code} {answer.text}")
-        return answer.json()
-
-    def run(self, path: str, **order: object) -> str:
-        """Order a job and wait for its end; return the name of its log. Raises SoakFailed where it failed."""
-        self.post(path, **order)
-        deadline_s = time.monotonic() + LONGEST_JOB_S
-        while time.monotonic() < deadline_s:
-            job = self.client.get("/api/status").raise_for_status().json()["job"]
-            if job is not None and job["state"] in ("done", "stopped", "failed"):
-                if job["state"] != "done":
-                    raise SoakFailed(f"{job['title']}: {job['state']}: {job['reason']}")
-                return job["log"]
-            time.sleep(0.1)
-        raise SoakFailed(f"{path}: no end within {LONGEST_JOB_S:g} s")
-
-    def log_id(self, name: str) -> str:
-        """Return the id of a log by its name."""
-        return next(row["id"] for row in self.client.get("/api/logs").raise_for_status().json() if row["name"] == name)
-
-    def end(self) -> list[str]:
-        """End it as Ctrl-C does; return who or what was left behind."""
-        self.client.close()
-        self.process.send_signal(signal.SIGINT)
-        self.process.communicate(timeout=60.0)
-        _, left = psutil.wait_procs(self._members[1:], timeout=10.0)
-        shared = [path.name for process in self._members for path in Path("/dev/shm").glob(f"rtstack-{process.pid}-*")]
-        status = [f"exit status {self.process.returncode}"] if self.process.returncode else []
-        return status + [f"left behind: {what}" for what in (*left, *shared)]
-
-
-class Viewer:
-    """A page that is open: it reads the live socket, and the operator's answers each view."""
-
-    def __init__(self, stack: Stack, answers: bool) -> None:
-        self._answers = answers
-        self._address = stack.base.replace("http", "ws") + "/live"
-        self._cookie = "; ".join(f"{name}={value}" for name, value in stack.client.cookies.items())
-        self._origin = stack.base
-        self.views = 0
-        self._over = threading.Event()
-        self._thread = threading.Thread(target=self._look, daemon=True)
-        self._thread.start()
-
-    def _look(self) -> None:
-        with connect(self._address, origin=self._origin, additional_headers={"cookie": self._cookie}) as socket:
-            while not self._over.is_set():
-                try:
-                    socket.recv(timeout=1.0)
-                except TimeoutError:
-                    continue
-                except ConnectionClosed:
-                    return
-                self.views += 1
-                if self._answers:
-                    socket.send("beat")
-
-    def close(self) -> None:
-        """Close the page."""
-        self._over.set()
-        self._thread.join()
 
 
 class Soak:

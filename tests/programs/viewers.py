@@ -50,7 +50,8 @@ from hal.realtime import scheduling
 from rtstack.log.ring import RingReader, Rings
 from rtstack.safety.arming import Phase
 from rtstack.samples import Mode
-from tests.programs.soak import LATE_US, SoakFailed, Stack, Viewer
+from tests.programs.soak import LATE_US
+from tests.support.console.stack import SoakFailed, Stack, Viewer
 
 COMMAND = [sys.executable, "-m", "tests.programs.viewers"]
 STAND_IN_S = 0.05  # between its bouts: views come that often

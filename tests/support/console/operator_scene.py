@@ -23,8 +23,8 @@ from rtstack.log.ring import Rings
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox
 from rtstack.samples import SIDES, Mode
-from tests.browser.conftest import ARGUMENTS, CHROMIUM
-from tests.programs.soak import SoakFailed, Stack
+from tests.support.console.chromium import ARGUMENTS, CHROMIUM
+from tests.support.console.stack import SoakFailed, Stack
 
 OPERATOR = "operator"
 CLUTCH, JOG = "c", "e"  # keys: hold the clutch, left hand up
