@@ -11,9 +11,11 @@ from console.log_rows import NoReference, reference_of
 from console.parts import NeedsParts, NeedsSession, Parts
 from console.queue.entry import TrialOrder
 from console.routes.problems import problems
+from console.routes.scene import plan_of
 from rtstack.live.protocol import (
     DemonstrationRequest,
     JobRequest,
+    MoveRequest,
     ObjectName,
     Seed,
     Status,
@@ -22,6 +24,7 @@ from rtstack.live.protocol import (
 from rtstack.log.catalogue import LogEntry
 from rtstack.log.errors import LogError
 from rtstack.messages import MESSAGE, NUMBER, StrictBool
+from rtstack.trials.specification import HandMotion
 
 router = APIRouter(prefix="/api/jobs", tags=["jobs"], responses=problems(409, 503))
 
@@ -60,11 +63,27 @@ def demonstration(order: DemonstrationOrder, session: NeedsSession, parts: Needs
     return start_job(parts, DemonstrationRequest(order.object, order.variation, order.seed, operator=session.operator))
 
 
+@checked(frozen=True, slots=True, config=MESSAGE)
+class MoveOrder:
+    """What the page asks for when the arms are to move by themselves from where they are. See MoveRequest."""
+
+    motion: HandMotion
+
+
+@router.post("/move", status_code=202)
+def move(order: MoveOrder, session: NeedsSession, parts: NeedsParts) -> Status:
+    """Go to the start, put down what is held, or open: on the cell as it is, under the judge."""
+    return start_job(parts, MoveRequest(order.motion, operator=session.operator))
+
+
 @router.post("/trial", status_code=202, responses=problems(404))
 def trial(order: TrialOrder, session: NeedsSession, parts: NeedsParts) -> Status:
     """Start a trial that follows a recording or a plan."""
     followed = followed_by(parts, order.reference)
-    return start_job(parts, order.request(followed.path, session.operator))
+    status = start_job(parts, order.request(followed.path, session.operator))
+    if status.job is not None:
+        parts.scenes.plans.ordered(status.job.number, plan_of(parts, order, order.object))
+    return status
 
 
 def followed_by(parts: Parts, log_id: str) -> LogEntry:

@@ -18,6 +18,7 @@ from rtstack.live.protocol import (
     JobKind,
     JobRequest,
     JobState,
+    MoveRequest,
     PlaybackRequest,
     Status,
     TeleoperationRequest,
@@ -29,6 +30,9 @@ from rtstack.loop.mailbox import Mailbox
 from rtstack.loop.watchdogs import Trip
 from rtstack.safety.arming import Refused
 from rtstack.samples import Level
+from rtstack.trials.specification import HandMotion
+
+MOTION_WORDS = {HandMotion.START: "go to start", HandMotion.PUT_DOWN: "put it down", HandMotion.OPEN: "open"}
 
 
 class JobManager:
@@ -56,7 +60,7 @@ class JobManager:
         cell has no such object.
         """
         names = tuple(self._description.objects)
-        if not isinstance(request, PlaybackRequest) and request.object not in names:
+        if not isinstance(request, PlaybackRequest | MoveRequest) and request.object not in names:
             raise Refused(f"the cell has no object {request.object!r}; it has {', '.join(names)}")
         with self._lock:
             refusal = self._refusal()
@@ -139,6 +143,11 @@ class JobManager:
             self._object = object_name
 
     @property
+    def object(self) -> str:
+        """What the open cell holds."""
+        return self._object
+
+    @property
     def job_number(self) -> int:
         """Number of the newest job, 0 before the first one."""
         return 0 if self._job is None else self._job.number
@@ -190,6 +199,8 @@ def _title(request: JobRequest) -> str:
     if isinstance(request, TrialRequest):
         place = request.specification().displacement.in_words
         return f"{request.controller}, {request.object}, {place}, seed {request.seed}"
+    if isinstance(request, MoveRequest):
+        return MOTION_WORDS[request.motion]
     if isinstance(request, PlaybackRequest):
         return f"{Path(request.source).name} at {request.speed:g}x"
     if isinstance(request, TeleoperationRequest):

@@ -19,6 +19,8 @@ from rtstack.samples import Reaction
 from rtstack.trials.controllers import DEFAULT, ControllerName
 from rtstack.trials.specification import (
     DemonstrationSpecification,
+    HandMotion,
+    MoveSpecification,
     PlaybackSpecification,
     TeleoperationSpecification,
     TrialSpecification,
@@ -46,6 +48,7 @@ class JobKind(StrEnum):
     TRIAL = "trial"
     TELEOPERATION = "teleoperation"
     PLAYBACK = "playback"
+    MOVE = "move"
 
 
 class JobState(StrEnum):
@@ -159,6 +162,19 @@ class PlaybackRequest:
 
 
 @checked(frozen=True, slots=True, config=MESSAGE)
+class MoveRequest:
+    """Ask for a motion from where the arms are, on the cell as it is, by the operator who has armed."""
+
+    motion: HandMotion
+    operator: Operator = field(kw_only=True)
+    verb: Literal["move"] = "move"
+
+    def specification(self, object_name: str) -> MoveSpecification:
+        """Return what the trial module is asked for; object_name: what the cell holds."""
+        return MoveSpecification(self.motion, object_name)
+
+
+@checked(frozen=True, slots=True, config=MESSAGE)
 class TakeRequest:
     """Ask for the lease. `over_from`: from this holder, where they still have it and nothing moves."""
 
@@ -215,7 +231,7 @@ class RecoverRequest:
     verb: Literal["recover"] = "recover"
 
 
-JobRequest = DemonstrationRequest | TrialRequest | TeleoperationRequest | PlaybackRequest
+JobRequest = DemonstrationRequest | TrialRequest | TeleoperationRequest | PlaybackRequest | MoveRequest
 ControlRequest = TakeRequest | ReleaseRequest | BeatRequest | ArmRequest | DisarmRequest | StopRequest | RecoverRequest
 Request = StatusRequest | JobRequest | ControlRequest
 

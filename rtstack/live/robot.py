@@ -33,7 +33,7 @@ from rtstack.live.idle import IdleView
 from rtstack.live.job_manager import JobManager
 from rtstack.live.notify import Notifier, Pulse
 from rtstack.live.parent_watch import watch_parent
-from rtstack.live.protocol import JobRequest, JobState, PlaybackRequest, TeleoperationRequest, TrialRequest
+from rtstack.live.protocol import JobRequest, JobState, MoveRequest, PlaybackRequest, TeleoperationRequest, TrialRequest
 from rtstack.live.service import Service
 from rtstack.live.source import CellSource, live_source
 from rtstack.live.standalone import claim, publish_rings, withdraw_rings
@@ -50,8 +50,9 @@ from rtstack.trials.assembly import safety_judges
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.errors import TrialError
 from rtstack.trials.followed import Followed
+from rtstack.trials.move import prepare_move, run_move
 from rtstack.trials.record import TrialLog, open_log
-from rtstack.trials.result import PlaybackResult, Result
+from rtstack.trials.result import MoveResult, PlaybackResult, Result
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.run_observer import RunEvent
 from rtstack.trials.specification import DemonstrationSpecification, TeleoperationSpecification
@@ -204,6 +205,8 @@ class Robot:
         """Read the reference, put the object in its place, run. What is refused is refused before an arm moves."""
         if isinstance(order, PlaybackRequest):
             return self._playback(order, log)
+        if isinstance(order, MoveRequest):
+            return self._move(order, log)
         description = self._source.description
         prepared = prepare_trial(order.specification(), description) if isinstance(order, TrialRequest) else None
         displacement = order.specification().displacement if isinstance(order, TrialRequest) else Displacement()
@@ -246,6 +249,19 @@ class Robot:
         self._idle.tell(Level.INFO, f"{order.verb} started: {log.name}")
         finish = Finish(self._mailbox, self._job_manager.job_number)
         return run_playback(prepared, cell, self._context(opened), soft_stop=finish, way=way)
+
+    def _move(self, order: MoveRequest, log: Path) -> MoveResult:
+        """Move the arms of the cell that is open, with what they hold."""
+        description = self._source.description
+        cell = self._cell or self._open_or_raise(self._first_object, Displacement(), 0)
+        specification = order.specification(self._job_manager.object)
+        prepared = prepare_move(specification, description, cell)
+        if self._mailbox.stop_requested:
+            raise TrialError("stopped by the operator before it began")
+        opened = open_log(log, specification, description, cell.name, self._source.file, cell=cell)
+        self._job_manager.started(log.name)
+        self._idle.tell(Level.INFO, f"{order.verb} started: {log.name}")
+        return run_move(prepared, cell, self._context(opened))
 
     def _context(self, log: TrialLog) -> RunContext:
         return RunContext(
@@ -290,9 +306,11 @@ def _free_name(logs: Path, order: JobRequest) -> Path:
             what = f"trial-{order.controller}"
         case TeleoperationRequest(recorded=True):
             what = "recording"
+        case MoveRequest():
+            what = f"move-{order.motion.replace('_', '-')}"
         case _:
             what = order.verb
-    stem = f"{stamp}-{what}" if isinstance(order, PlaybackRequest) else f"{stamp}-{what}-{order.object}"
+    stem = f"{stamp}-{what}" if isinstance(order, PlaybackRequest | MoveRequest) else f"{stamp}-{what}-{order.object}"
     path = logs / f"{stem}.mcap"
     number = 2
     while path.exists():

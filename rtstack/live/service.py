@@ -22,6 +22,7 @@ from rtstack.live.protocol import (
     BeatRequest,
     DemonstrationRequest,
     DisarmRequest,
+    MoveRequest,
     PlaybackRequest,
     ProtocolError,
     RecoverRequest,
@@ -99,7 +100,7 @@ def answer(job_manager: JobManager, line: bytes) -> Answer:
 
 def _act(job_manager: JobManager, request: Request) -> None:
     match request:
-        case DemonstrationRequest() | TrialRequest() | TeleoperationRequest() | PlaybackRequest():
+        case DemonstrationRequest() | TrialRequest() | TeleoperationRequest() | PlaybackRequest() | MoveRequest():
             job_manager.order(request)
         case TakeRequest():
             job_manager.authority.take(request.operator, request.over_from)

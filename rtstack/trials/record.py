@@ -24,6 +24,7 @@ from rtstack.trials.followed import REFERENCE, Followed
 from rtstack.trials.provenance import git_commit, host_report, package_versions
 from rtstack.trials.specification import (
     FreeRunSpecification,
+    MoveSpecification,
     PlaybackSpecification,
     Specification,
     SweepSpecification,
@@ -237,6 +238,8 @@ def _kind(specification: Specification) -> str:
             return "identification"
         case PlaybackSpecification():
             return "playback"
+        case MoveSpecification():
+            return "move"
         case TeleoperationSpecification(recorded=recorded):
             return "recording" if recorded else "teleoperation"
         case _:

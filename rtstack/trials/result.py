@@ -116,3 +116,16 @@ class PlaybackResult(Result):
     missed_deadlines: int
     safety_interventions: int
     log: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class MoveResult(Result):
+    """What came out of a motion that an operator asked for. lowered_mm: how far what was held came down."""
+
+    motion: str
+    object: str
+    cell: str
+    lowered_mm: float
+    missed_deadlines: int
+    safety_interventions: int
+    log: str | None

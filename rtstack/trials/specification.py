@@ -1,6 +1,7 @@
 """What a trial is asked to do: data, and nothing else."""
 
 from dataclasses import asdict, dataclass
+from enum import StrEnum
 from typing import Any
 
 from hal.displacement import Displacement
@@ -128,6 +129,27 @@ class PlaybackSpecification:
         return asdict(self)
 
 
+class HandMotion(StrEnum):
+    """A motion that an operator asks for, of arms that stand anywhere."""
+
+    START = "start"  # away from the object, then home
+    PUT_DOWN = "put_down"  # down until the table carries what both pads hold, then open
+    OPEN = "open"  # both pads away from each other
+
+
+@dataclass(frozen=True, slots=True)
+class MoveSpecification:
+    """One motion, from where the arms are. object: what the cell holds."""
+
+    motion: HandMotion
+    object: str = ""
+    seed: int = 0
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the specification as JSON-ready values."""
+        return asdict(self) | {"motion": str(self.motion)}
+
+
 Specification = (
     TrialSpecification
     | DemonstrationSpecification
@@ -135,4 +157,5 @@ Specification = (
     | FreeRunSpecification
     | TeleoperationSpecification
     | PlaybackSpecification
+    | MoveSpecification
 )

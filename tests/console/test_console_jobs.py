@@ -86,3 +86,13 @@ def test_a_robot_process_that_is_gone_is_one_line(served):
         assert answer.status_code == 503
         assert "robot process" in answer.json()["error"]
         assert httpx.codes.is_success(client.get("/api/logs").status_code)
+
+
+def test_a_motion_from_where_the_arms_are_is_an_order_like_the_others(served):
+    with served.signed_in() as (client, headers):
+        refused = client.post("/api/jobs/move", json={"motion": "open"}, headers=headers)
+        assert (refused.status_code, "take control first" in refused.json()["error"]) == (409, True)
+        arm(client, headers)
+        assert client.post("/api/jobs/move", json={"motion": "dance"}, headers=headers).status_code == 422
+        answer = client.post("/api/jobs/move", json={"motion": "put_down"}, headers=headers)
+        assert (answer.status_code, answer.json()["job"]["title"]) == (202, "put it down")

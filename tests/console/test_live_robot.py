@@ -20,7 +20,7 @@ from rtstack.cli.recovery import recover_arms
 from rtstack.live.audit import AuditTrail
 from rtstack.live.client import RUN_PREFIX, SOCKET_NAME
 from rtstack.live.job_manager import JobManager
-from rtstack.live.protocol import DemonstrationRequest, JobState, TrialRequest
+from rtstack.live.protocol import DemonstrationRequest, JobState, MoveRequest, TrialRequest
 from rtstack.live.robot import Robot
 from rtstack.live.service import Service
 from rtstack.live.source import live_source
@@ -130,6 +130,24 @@ def test_an_idle_cell_is_shown_and_never_commanded(robot):
         assert box.mode == RobotMode.IDLE  # a write would have started torque control
         assert np.abs(sample["dq"]).max() < 0.1
     assert robot.rings.reader("/object/pose").latest()["seen"][0]
+
+
+def test_a_motion_moves_the_arms_of_the_cell_that_is_open_after_a_fault_too(robot):
+    wait_for(lambda: robot.latest("left") is not None)
+    robot.opened[0].boxes[0].trip(error_bit("joint_reflex"))
+    wait_for(lambda: robot.authority.view().phase is Phase.FAULT)
+    with pytest.raises(Refused, match="recover first"):
+        robot.order(MoveRequest("open", operator="anna"))
+    robot.job_manager.recover("anna").result(PATIENCE_S)
+    robot.order(MoveRequest("open", operator="anna"))
+    job = robot.finished()
+    assert (job.kind, job.title, job.state, job.success) == ("move", "open", JobState.DONE, True)
+    assert "-move-open" in job.log
+    robot.order(MoveRequest("put_down", operator="anna"))
+    job = robot.finished()
+    assert (job.state, job.log) == (JobState.FAILED, None)
+    assert job.reason == "nothing is held between the pads: there is nothing to put down"
+    assert len(robot.opened) == 1  # what the arms hold is not let go
 
 
 def test_a_reflex_is_shown_with_its_reason_and_recovered(robot):

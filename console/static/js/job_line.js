@@ -4,7 +4,7 @@ import { showError } from "./errors.js";
 import { stop } from "./stop.js";
 
 const ACTIVE = new Set(["starting", "running", "stopping"]);
-export const WHAT = { demonstration: "Demonstration", trial: "Trial", teleoperation: "Teleoperation", playback: "Playback" };
+export const WHAT = { demonstration: "Demonstration", trial: "Trial", teleoperation: "Teleoperation", playback: "Playback", move: "Motion" };
 
 const write = (element, text) => {
   if (element.textContent !== text) element.textContent = text;

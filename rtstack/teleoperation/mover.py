@@ -1,0 +1,157 @@
+"""Leads both pads through a few straight ways: away from each other, down until the table carries what they hold, home.
+
+The commands come out of the teleoperation's filter (rtstack.teleoperation.follower): bounded in speed, acceleration and
+jerk. A pad that presses begins as far ahead of itself as its spring is pressed, so that its force goes on.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hal.limits import CONTROL_PERIOD_S
+from rtstack.control.controller import ObservedArm
+from rtstack.control.records import POINT
+from rtstack.loop.end import End
+from rtstack.loop.watchdogs import Trip
+from rtstack.samples import Level, Mode
+from rtstack.teleoperation.follower import FOLLOWER, advance, begin, coordinates, hold, write_point
+from rtstack.teleoperation.reach import TURN_RAD_M, Reach
+
+Array = NDArray[np.float64]
+SPEED_M_S = 0.12
+LOWER_M_S = 0.06
+CARRIED_M = (
+    0.005  # both commands so far below their pads, on average: the springs press on the table, not against weight
+)
+CARRIED_TICKS = 30
+_AT_GOAL_M, _AT_GOAL_RAD, _RESTING = 5e-4, 2e-3, 2e-3  # the last: m/s and rad/s
+_XI_RAD_S = 0.3  # of the posture, on the way home
+
+
+@dataclass(frozen=True, slots=True)
+class Home:
+    """Where both arms begin: position (2, 3) m and rotation (2, 3, 3) of the pads' faces, xi (2,) rad."""
+
+    position: Array
+    rotation: Array
+    xi: Array
+
+
+class Mover:
+    """A guide of a session, and one of its watchdogs: it ends the session once the last way is gone.
+
+    opening: how far each pad goes away from the other one, m, 0 for not; lower: first, until the table carries; home:
+    where they go in the end, None where they stay. stiffness: of the springs between command and pad, N/m.
+    """
+
+    def __init__(self, reach: Reach, stiffness: float, opening_m: float, lower: bool, home: Home | None) -> None:
+        self.points = np.zeros((2, 1), POINT)
+        self.problem = ""  # why it ended early
+        self.lowered_m = 0.0
+        self._reach, self._stiffness, self._opening_m, self._home = reach, stiffness, opening_m, home
+        self._followers = np.zeros((2, 1), FOLLOWER)
+        self._position = [np.zeros(3), np.zeros(3)]  # of the pads, views of the observed arms
+        self._mode = np.zeros(1, np.int64)
+        self._begun = [False, False]
+        self._began_z = 0.0
+        self._pressed = 0
+        self._goal = np.zeros(6)
+        self._ways: list[Callable[[], None]] = [
+            *([self._lower] if lower else []), *([self._open] if opening_m else []), *([self._go_home] if home else []),
+        ]  # fmt: skip
+        self._count = len(self._ways)
+        self._lowering = self._homing = False
+        self._speed = SPEED_M_S
+        self._compile()
+
+    def _compile(self) -> None:
+        follower, point = self._followers[0].copy(), self.points[0].copy()
+        begin(follower, np.zeros(3), np.eye(3))
+        coordinates(follower, np.zeros(3), np.eye(3), self._goal)
+        hold(follower)
+        advance(follower, 0.1, 0.1)
+        write_point(follower, point)
+
+    @property
+    def share(self) -> float:
+        """How much of the ways is over, 0 to 1, roughly."""
+        return 1.0 - len(self._ways) / max(1, self._count) - 0.5 / max(1, self._count)
+
+    def trip(self) -> Trip | None:
+        """See rtstack.loop.watchdogs.Watchdog: choose the next way once the last one is gone."""
+        if not all(self._begun) or self._mode[0] == Mode.STOPPING:
+            return None
+        if self._lowering and self._carried():
+            self._lowering = False
+            self.lowered_m = self._began_z - self._mean_z()
+            for follower in self._followers:
+                hold(follower)
+        if not self._arrived():
+            return None
+        if self._lowering:
+            self.problem = "the pads are as low as they may go, and the table does not carry it: it is still held"
+            return Trip(End.COMPLETED, "", Level.INFO)
+        if not self._ways:
+            return Trip(End.COMPLETED, "", Level.INFO)
+        self._speed = SPEED_M_S
+        self._ways.pop(0)()
+        return None
+
+    def step(self, side: int, arm: ObservedArm) -> None:
+        """Write the point of this tick of an arm whose state was observed."""
+        follower, point = self._followers[side], self.points[side]
+        work = arm.workspace[0]
+        if not self._begun[side]:
+            self._begun[side] = True
+            self._position[side], self._mode = work["position"], arm.control["mode"]
+            begin(follower, work["position"] - work["force_world"] / self._stiffness, work["rotation"])
+            point["xi"] = arm.sample["q"][0, arm.parameters.posture_joint]
+        advance(follower, self._speed, TURN_RAD_M * self._speed)
+        write_point(follower, point)
+        if self._homing and self._home is not None:
+            step = _XI_RAD_S * CONTROL_PERIOD_S
+            point["xi"] += min(max(self._home.xi[side] - point["xi"][0], -step), step)
+
+    def _lower(self) -> None:
+        self._lowering, self._speed, self._began_z = True, LOWER_M_S, self._mean_z()
+        # as far as the lower one may: they stay as high above each other as they are
+        low = min(float(position[2]) for position in self._position)
+        for side in (0, 1):
+            goal = self._followers["goal"][side, 0]
+            goal[2] += min(0.0, self._reach.lower[2] - low - 2.0 * CARRIED_M)
+
+    def _open(self) -> None:
+        for side, outwards in ((0, 1.0), (1, -1.0)):
+            goal = self._followers["goal"][side, 0]
+            y = float(self._position[side][1]) + outwards * self._opening_m
+            goal[1] = min(max(y, self._reach.lower[1]), self._reach.upper[1])
+            goal[2] = max(float(self._position[side][2]), self._reach.lower[2])
+
+    def _go_home(self) -> None:
+        home = self._home
+        assert home is not None
+        self._homing = True
+        for side in (0, 1):
+            coordinates(self._followers[side], home.position[side], home.rotation[side], self._goal)
+            self._followers["goal"][side, 0] = self._goal
+
+    def _mean_z(self) -> float:
+        return 0.5 * float(self._position[0][2] + self._position[1][2])
+
+    def _carried(self) -> bool:
+        below = self._mean_z() - 0.5 * float(self._followers["command"][0, 0, 2] + self._followers["command"][1, 0, 2])
+        self._pressed = self._pressed + 1 if below > CARRIED_M else 0
+        return self._pressed >= CARRIED_TICKS
+
+    def _arrived(self) -> bool:
+        for follower in self._followers[:, 0]:
+            far = follower["goal"] - follower["command"]
+            if np.abs(far[:3]).max() > _AT_GOAL_M or np.abs(far[3:]).max() > _AT_GOAL_RAD:
+                return False
+            if np.abs(follower["velocity"]).max() > _RESTING:
+                return False
+        if not self._homing or self._home is None or self._ways:
+            return True
+        return bool(np.abs(self._home.xi - self.points["xi"][:, 0]).max() < _AT_GOAL_RAD)
