@@ -107,7 +107,7 @@ def _parts(asked: argparse.Namespace, port: int, stack: ExitStack) -> Parts:
     watch = stack.enter_context(closing(Watch(rings, RobotClient(socket_path, STATUS_TIMEOUT_S), heartbeats, cell)))
     watch.start()
     teleop = TeleopInput(mailbox, watch)
-    scenes = stack.enter_context(closing(Scenes(cell, watch, teleop)))
+    scenes = stack.enter_context(closing(Scenes(cell, watch, teleop, asked.cell)))
     review_cache = stack.enter_context(closing(ReviewCache(asked.logs)))
     review_scenes = stack.enter_context(closing(ReviewScenes(cell)))
     catalogue = Catalogue(asked.logs)

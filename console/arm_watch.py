@@ -53,6 +53,7 @@ class ArmWatch:
         self._changed_s: float | None = None
         self.q: NDArray[np.float64] | None = None
         self._peaks: deque[float] = deque(maxlen=_PEAK_SAMPLES)
+        self.hit: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None  # see Watch.hits
         self._place: tuple[int, NDArray[np.float64]] | None = None  # where the pad was, t_ns and m
 
     def view(self, now_s: float) -> ArmView:
@@ -81,10 +82,16 @@ class ArmWatch:
 
     def _largest_force(self) -> float:
         """Return the largest force on the pad since the last call, N."""
-        forces = self._arm.drain()["O_F_ext_hat_K"][:, :3]
-        if not len(forces):
+        records = self._arm.drain()
+        if not len(records):
             return 0.0 if self.force is None else float(np.linalg.norm(self.force))
-        return float(np.linalg.norm(forces, axis=1).max())
+        sizes = np.linalg.norm(records["O_F_ext_hat_K"][:, :3], axis=1)
+        most = int(sizes.argmax())
+        if self.hit is None or sizes[most] > np.linalg.norm(self.hit[1]):
+            base, record = self._base, records[most]
+            place = base.translation + base.rotation @ record["O_T_EE"][:3, 3]
+            self.hit = place, -(base.rotation @ record["O_F_ext_hat_K"][:3])
+        return float(sizes[most])
 
     def _pad_speed(self, t_ns: int, place: NDArray[np.float64]) -> float | None:
         """Return the mean speed since the last call, m/s; None across a gap, and where time began anew."""

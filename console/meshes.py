@@ -18,6 +18,8 @@ from hal.robots import RobotModel
 
 LINKS = tuple(f"link{number}" for number in range(8))
 _FOLDER = "cmeel.prefix/share/example-robot-data/robots"
+COARSE_M = 0.011  # of the light drawing: a link keeps its outline, and a tenth of its triangles
+GROWN_M = 0.003  # of what is seen through: what it is drawn over never lies in the same plane
 _PLAIN = (226, 230, 232)  # the arm's own off-white
 _C = "{http://www.collada.org/2005/11/COLLADASchema}"
 
@@ -38,12 +40,45 @@ def full_parts(model: RobotModel, link: str) -> list[Part]:
 
 
 def light_parts(model: RobotModel, link: str) -> list[Part]:
-    """Return the collision mesh of a link, for software rendering; capsules where it is not installed."""
-    path = _installed(model, f"collision/{link}.stl")
+    """Return the visual mesh of a link, coarse, for software rendering; capsules where it is not installed."""
+    path = _installed(model, f"visual/{link}.dae")
     if path is None:
         return capsule_parts(model, link)
-    mesh = trimesh.load_mesh(path)
-    return [Part(np.asarray(mesh.vertices, np.float32), np.asarray(mesh.faces, np.uint32), _PLAIN)]
+    by_colour: dict[tuple[int, int, int], list[Part]] = {}
+    for part in read_collada(path):
+        by_colour.setdefault(part.colour, []).append(part)
+    return [part for parts in by_colour.values() if len((part := coarse(joined(parts), COARSE_M)).faces)]
+
+
+def hull_parts(model: RobotModel, link: str) -> list[Part]:
+    """Return the convex hull of a link, larger by GROWN_M: few faces, and none inside, for what is seen through."""
+    vertices = np.vstack([part.vertices for part in light_parts(model, link)])
+    hull = trimesh.Trimesh(vertices).convex_hull
+    grown = hull.vertices + GROWN_M * hull.vertex_normals
+    return [Part(np.asarray(grown, np.float32), np.asarray(hull.faces, np.uint32), _PLAIN)]
+
+
+def joined(parts: list[Part]) -> Part:
+    """Return parts of one colour as one."""
+    starts = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
+    faces = [part.faces + np.uint32(start) for part, start in zip(parts, starts, strict=True)]
+    return Part(np.vstack([part.vertices for part in parts]), np.vstack(faces), parts[0].colour)
+
+
+def coarse(part: Part, cell_m: float) -> Part:
+    """Return a part whose vertices in each cube of cell_m are one, in their middle (vertex clustering, Rossignac 1993).
+
+    Faces that have become lines, or that lie on another one, are left out.
+    """
+    cells, cluster = np.unique(np.floor(part.vertices / cell_m).astype(np.int64), axis=0, return_inverse=True)
+    cluster = cluster.reshape(-1)
+    count = np.bincount(cluster, minlength=len(cells))
+    vertices = np.stack([np.bincount(cluster, part.vertices[:, axis]) for axis in range(3)], axis=1) / count[:, None]
+    faces = cluster[part.faces]
+    whole = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    faces = faces[whole]
+    _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
+    return Part(vertices.astype(np.float32), faces[np.sort(first)].astype(np.uint32), part.colour)
 
 
 def capsule_parts(model: RobotModel, link: str) -> list[Part]:

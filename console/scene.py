@@ -12,7 +12,7 @@ import trimesh
 import viser
 from numpy.typing import NDArray
 
-from console.meshes import LINKS, Part, full_parts, light_parts
+from console.meshes import GROWN_M, LINKS, Part, full_parts, hull_parts, light_parts
 from hal.limits import DOF
 from hal.robots import RobotModel
 from rtstack.model.cell_description import ArmMounting, CellDescription
@@ -21,9 +21,10 @@ LEFT_COLOUR = (86, 180, 233)  # #56B4E9, Okabe-Ito: the left arm everywhere
 RIGHT_COLOUR = (230, 159, 0)  # #E69F00: the right arm everywhere
 _TABLE_COLOUR = (92, 98, 106)
 _OBJECT_COLOUR = (188, 164, 128)
-_FLOOR_COLOUR = (84, 92, 102)
+_FLOOR_COLOUR = (112, 121, 131)  # seen on the dark ground and on the light one
 _FLOOR_M = 4.0
-_SMALLEST_MOVE = 1e-4  # rad and m: less is not seen, and a resting arm's sensors would draw the scene for ever
+_EDGES = np.array([[a, a | bit] for a in range(8) for bit in (1, 2, 4) if not a & bit])  # of a box, by its corners
+_SMALLEST_MOVE = 3e-4  # rad and m: less is not seen, and a resting arm's sensors would draw the scene for ever
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,11 +58,13 @@ def turned(joint: Joint, angle: float) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, slots=True)
 class Ghost:
-    """How something is drawn that is not here: in a path of its own, in one colour, translucent."""
+    """How something is drawn that is not here: in a path of its own, in one colour, seen through, with its edges; a
+    little larger, so that what is in the same place does not show through in patches.
+    """
 
     path: str
     colour: tuple[int, int, int]
-    opacity: float = 0.35
+    opacity: float = 0.4
 
 
 class ArmFigure:
@@ -76,7 +79,6 @@ class ArmFigure:
         full: bool,
         ghost: Ghost | None = None,
     ) -> None:
-        full = full and ghost is None
         *self._joints, flange = joints_of(mounting.robot)
         self._frames: list[viser.FrameHandle] = []
         self._shown = np.full(DOF, np.inf)
@@ -84,21 +86,25 @@ class ArmFigure:
         colour = colour if ghost is None else ghost.colour
         path = root = f"/{side}" if ghost is None else f"{ghost.path}/{side}"
         scene.add_frame(path, show_axes=False, position=mounting.base_position, wxyz=mounting.base_orientation_wxyz)
-        parts = full_parts if full else light_parts
+        parts = hull_parts if ghost is not None else full_parts if full else light_parts
+        full = full and ghost is None
         _add_parts(scene, path, parts(mounting.robot, LINKS[0]), full, ghost)
         for link, joint in zip(LINKS[1:], self._joints, strict=True):
             path = f"{path}/{link}"
             self._frames.append(scene.add_frame(path, show_axes=False, position=joint.position, wxyz=joint.wxyz))
             _add_parts(scene, path, parts(mounting.robot, link), full, ghost)
         pad = cell.pad
+        centre = (0.0, 0.0, flange.position[2] + pad.flange_to_face - pad.size[2] / 2.0)
         scene.add_box(
             f"{path}/pad",
             color=colour,
-            dimensions=pad.size,
-            position=(0.0, 0.0, flange.position[2] + pad.flange_to_face - pad.size[2] / 2.0),
+            dimensions=pad.size if ghost is None else grown(pad.size),
+            position=centre,
             opacity=None if ghost is None else ghost.opacity,
             cast_shadow=full,
         )
+        if ghost is not None:
+            add_edges(scene, f"{path}/pad_edges", box_edges(grown(pad.size), np.array(centre)), colour)
         if ghost is None:
             outwards = 0.24 if side == "left" else -0.24
             scene.add_label(f"{root}/label", side, position=(0.0, outwards, 0.02), anchor="center-center")
@@ -127,7 +133,7 @@ def add_stage(server: viser.ViserServer, cell: CellDescription, full: bool) -> N
             _FLOOR_M,
             cell_size=0.1,
             section_size=0.5,
-            cell_color=(62, 68, 76),
+            cell_color=(126, 134, 143),
             section_color=_FLOOR_COLOUR,
         )
     else:
@@ -199,19 +205,44 @@ class CellFigures:
                 self._object_name = ""
             return
         if self._object is None or name != self._object_name:
+            path = "/object" if self._ghost is None else f"{self._ghost.path}/object"
+            size = description.size if self._ghost is None else grown(description.size)
             self._object = self._scene.add_box(
-                "/object" if self._ghost is None else f"{self._ghost.path}/object",
+                path,
                 color=_OBJECT_COLOUR if self._ghost is None else self._ghost.colour,
-                dimensions=description.size,
+                dimensions=size,
                 opacity=0.92 if self._ghost is None else self._ghost.opacity,
                 cast_shadow=self._full,
             )
+            if self._ghost is not None:
+                add_edges(self._scene, f"{path}/edges", box_edges(size, np.zeros(3)), self._ghost.colour)
             self._object_name = name
             self._object_pose[:] = np.inf
         if np.abs(pose - self._object_pose).max() > _SMALLEST_MOVE:
             self._object_pose[:] = pose
             self._object.position = pose[:3]
             self._object.wxyz = pose[3:]
+
+
+def grown(size: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Return the size of a box whose faces are GROWN_M further out, m."""
+    x, y, z = size
+    return x + 2.0 * GROWN_M, y + 2.0 * GROWN_M, z + 2.0 * GROWN_M
+
+
+def box_edges(size: tuple[float, float, float], centre: NDArray[np.float64], yaw_rad: float = 0.0) -> NDArray:
+    """Return the 12 edges (12, 2, 3), m, of a box, turned about z."""
+    corners = np.array([[(k >> axis & 1) - 0.5 for axis in range(3)] for k in range(8)]) * size
+    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    return (corners @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + centre)[_EDGES]
+
+
+def add_edges(
+    scene: viser.SceneApi, path: str, pieces: NDArray[np.float64], colour: tuple[int, int, int], width_px: float = 2.0
+) -> viser.SceneNodeHandle:
+    """Draw straight pieces (n, 2, 3), m, as lines of the same width at any distance."""
+    points = pieces.astype(np.float32)
+    return scene.add_line_segments(path, points, colour, thickness=width_px, thickness_units="screen")
 
 
 def _add_parts(scene: viser.SceneApi, path: str, parts: list[Part], full: bool, ghost: Ghost | None) -> None:

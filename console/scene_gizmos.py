@@ -9,7 +9,7 @@ import viser
 from numpy.typing import NDArray
 
 from console.teleoperation.quaternion import conjugate, product
-from console.teleoperation.teleop_input import TeleopInput
+from console.teleoperation.teleop_input import Handles, TeleopInput
 from rtstack.model.cell_description import CellDescription
 
 Array = NDArray[np.float64]
@@ -24,7 +24,7 @@ _SMALLEST_MOVE = 1e-4
 
 
 class Gizmos:
-    """Gizmo, wire pad, commanded pad and force arrow of both arms."""
+    """Gizmo, wire pad, commanded pad and force arrow, with its newtons, of both arms."""
 
     def __init__(self, server: viser.ViserServer, cell: CellDescription, teleop: TeleopInput) -> None:
         scene = server.scene
@@ -40,10 +40,13 @@ class Gizmos:
         self._requests: list[viser.FrameHandle] = []
         self._commands: list[viser.FrameHandle] = []
         self._arrows: list[viser.ArrowsHandle] = []
+        self._newtons: list[viser.LabelHandle] = []
         for side, name in enumerate(_SIDES):
+            # arrows or rings, never both: where they cross, the ring would take the arrow's drag
             grip = scene.add_transform_controls(
-                f"/grip/{name}", scale=0.22, line_width=4.0, depth_test=False, visible=False
-            )
+                f"/grip/{name}", scale=0.22, line_width=4.0, depth_test=False, visible=False,
+                disable_rotations=True, disable_sliders=True,
+            )  # fmt: skip
             grip.on_update(self._follow(side))
             self._grips.append(grip)
             self._requests.append(scene.add_frame(f"/request/{name}", show_axes=False, visible=False))
@@ -75,6 +78,8 @@ class Gizmos:
                 )
             )
 
+            self._newtons.append(scene.add_label(f"/force/{name}/newtons", "", anchor="top-center", visible=False))
+
     def _follow(self, side: int):
         async def moved(event: viser.TransformControlsEvent) -> None:
             upright = self._upright[side]
@@ -87,6 +92,7 @@ class Gizmos:
     def show(self, measured: Array | None, command: Array | None, forces: Array | None) -> None:
         """Show poses (2, 7) in the world, None where they are not known, and forces (2, 3), N, that the pads feel."""
         running = self._teleop.running and measured is not None
+        turn = self._teleop.view.handles is Handles.TURN
         asked = self._teleop.asked() if running else None
         refused = self._teleop.view.refusal is not None
         for side in (0, 1):
@@ -94,6 +100,8 @@ class Gizmos:
             for node in (self._grips[side], self._requests[side], self._commands[side]):
                 if node.visible != shown:
                     node.visible = shown
+            if self._grips[side].disable_axes != turn and not self._teleop.dragging(side):
+                self._grips[side].disable_axes, self._grips[side].disable_rotations = turn, not turn
             if measured is not None and self._upright[side] is None:
                 self._upright[side] = measured[side, 3:].copy()
             if asked is not None and command is not None:
@@ -120,9 +128,14 @@ class Gizmos:
 
     def _show_force(self, side: int, position: Array, force: Array) -> None:
         arrow = self._arrows[side]
-        strong = float(np.linalg.norm(force)) > _LEAST_N
+        size = float(np.linalg.norm(force))
+        strong = size > _LEAST_N
         if arrow.visible != strong:
-            arrow.visible = strong
+            arrow.visible = self._newtons[side].visible = strong
         if strong and np.abs(force - self._forces[side]).max() > 0.2:
             self._forces[side] = force
-            arrow.points = np.array([[position, position + _M_PER_N * force]], np.float32)
+            tip = position + _M_PER_N * force
+            arrow.points = np.array([[position, tip]], np.float32)
+            self._newtons[side].position = tip
+            if self._newtons[side].text != f"{size:.0f} N":
+                self._newtons[side].text = f"{size:.0f} N"

@@ -2,11 +2,14 @@
 
 import threading
 from enum import StrEnum
+from pathlib import Path
 
 from console.scene import CellFigures, add_stage
+from console.scene_experiment import ExperimentFigures
 from console.scene_gizmos import Gizmos
 from console.scene_server import SceneServer
 from console.teleoperation.teleop_input import TeleopInput
+from console.trial_plan import TrialPlans
 from console.watch import Watch
 from rtstack.model.cell_description import CellDescription
 
@@ -26,12 +29,15 @@ class Detail(StrEnum):
 class _LiveScene:
     """One scene, its server, and the thread that keeps it up to date while it is shown."""
 
-    def __init__(self, cell: CellDescription, watch: Watch, teleop: TeleopInput, detail: Detail) -> None:
+    def __init__(
+        self, cell: CellDescription, watch: Watch, teleop: TeleopInput, plans: TrialPlans, detail: Detail
+    ) -> None:  # fmt: skip
         self.server = SceneServer()
         add_stage(self.server.viser, cell, full=detail is Detail.FULL)
         self._scene = CellFigures(self.server.viser.scene, cell, full=detail is Detail.FULL)
         self._gizmos = Gizmos(self.server.viser, cell, teleop)
-        self._watch = watch
+        self._experiment = ExperimentFigures(self.server.viser.scene, cell)
+        self._watch, self._plans = watch, plans
         self._frame_s = detail.frame_s
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._follow, daemon=True, name=f"scene {detail}")
@@ -53,13 +59,17 @@ class _LiveScene:
                     self._scene.show_arms(q)
                 if status is not None:
                     self._scene.show_object(status.object, self._watch.object_pose())
+                plan = self._plans.current(status)
+                self._experiment.show(plan, None if plan is None else self._plans.path(plan))
+                self._experiment.show_hits(self._watch.hits())
                 self._gizmos.show(self._watch.measured(), self._watch.command(), self._watch.forces())
 
 
 class Scenes:
-    """The live scenes by their detail."""
+    """The live scenes by their detail. plans: the trial that they show."""
 
-    def __init__(self, cell: CellDescription, watch: Watch, teleop: TeleopInput) -> None:
+    def __init__(self, cell: CellDescription, watch: Watch, teleop: TeleopInput, cell_file: Path) -> None:
+        self.plans = TrialPlans(cell_file)
         self._cell = cell
         self._teleop = teleop
         self._watch = watch
@@ -70,11 +80,12 @@ class Scenes:
         """Return the server of a scene; the first call makes it, which takes a second or two for the full one."""
         with self._lock:
             if detail not in self._live:
-                self._live[detail] = _LiveScene(self._cell, self._watch, self._teleop, detail)
+                self._live[detail] = _LiveScene(self._cell, self._watch, self._teleop, self.plans, detail)
             return self._live[detail].server
 
     def close(self) -> None:
         """End all scenes."""
+        self.plans.close()
         with self._lock:
             for scene in self._live.values():
                 scene.close()

@@ -17,7 +17,7 @@ from console.arm_watch import NEVER_S, ArmView, ArmWatch
 from console.heartbeats import OperatorHeartbeats
 from console.loop_watch import LoopView, LoopWatch
 from rtstack.live.client import RobotClient, RobotRefused, RobotUnreachable
-from rtstack.live.protocol import BeatRequest, Status, StatusRequest
+from rtstack.live.protocol import BeatRequest, JobState, Status, StatusRequest
 from rtstack.log.ring import Rings
 from rtstack.model.cell_description import CellDescription
 from rtstack.samples import SIDES, Level
@@ -76,6 +76,7 @@ class Watch:
         self._ending = threading.Event()
         self._events: deque[EventView] = deque(maxlen=_EVENTS)
         self._event_count = 0
+        self._job = 0  # the newest one
         self._status: tuple[Status | None, float | None, str | None] = (None, None, "not asked yet")
         unknown = ArmView("UNKNOWN", (), "UNKNOWN", NEVER_S, 0.0)
         self.view = LiveView(unknown, unknown, LoopView(None, None, 0), None, NEVER_S, None, None)
@@ -118,6 +119,10 @@ class Watch:
         """Return the forces on both pads, (2, 3) N in the world, None until both have spoken."""
         return _both([self._arms[side].force for side in SIDES])
 
+    def hits(self) -> list[tuple[NDArray[np.float64], NDArray[np.float64]] | None]:
+        """Return where each pad has felt most since the newest job began, (3,) m in the world, and what, (3,) N."""
+        return [self._arms[side].hit for side in SIDES]
+
     def object_pose(self) -> NDArray[np.float64] | None:
         """Return the object's pose, (7,) position m and quaternion wxyz, None until it was seen."""
         record = self._object.latest()
@@ -141,6 +146,7 @@ class Watch:
                 self._event_count += 1
                 self._events.append(_event(self._event_count, record))
             status, asked_s, unreachable = self._status
+            self._forget_hits(status)
             self.view = LiveView(
                 left=self._arms["left"].view(now_s),
                 right=self._arms["right"].view(now_s),
@@ -151,6 +157,14 @@ class Watch:
                 event=self._events[-1] if self._events else None,
             )
             self.document = msgspec.json.encode(self.view)
+
+    def _forget_hits(self, status: Status | None) -> None:
+        job = None if status is None else status.job
+        # arms that a job has only just opened have not met anything
+        if job is not None and (job.number != self._job or job.state is JobState.STARTING):
+            self._job = job.number
+            for arm in self._arms.values():
+                arm.hit = None
 
     def _watch_status(self) -> None:
         while not self._ending.wait(_STATUS_PERIOD_S):

@@ -1,28 +1,39 @@
-"""The 3D scene, proxied from a viser server that only we can reach.
+"""The 3D scene, proxied from a viser server that only we can reach, and the trial that it shows.
 
 HTTP at /viser/DETAIL/, WebSocket at /viser/DETAIL: viser's client finds the one from the other.
 """
 
 import asyncio
 import contextlib
+from typing import Annotated
 from urllib.parse import quote
 
 import httpx
 from fastapi import APIRouter, Request, WebSocket, WebSocketDisconnect
 from fastapi.exceptions import HTTPException
 from fastapi.responses import RedirectResponse, Response
+from pydantic import Field
+from pydantic.dataclasses import dataclass as checked
 from starlette.concurrency import run_in_threadpool
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed, WebSocketException
 from websockets.typing import Subprotocol
 
-from console.parts import NeedsParts, Parts, parts_of, session_now
+from console.log_rows import NoReference, reference_of
+from console.parts import NeedsParts, NeedsSession, Parts, parts_of, session_now
+from console.queue.entry import TrialOrder
 from console.scene_gate import lets_through
 from console.scene_server import SECRET_HEADER, VIEW_HEADER, SceneServer
 from console.scenes import Detail
 from console.tokens import Scope
+from console.trial_plan import TrialPlan
+from hal.displacement import Displacement
+from rtstack.live.client import RobotRefused
+from rtstack.live.protocol import DisplacementMm, ObjectName, YawDeg
+from rtstack.log.errors import LogError
+from rtstack.messages import MESSAGE
 
-router = APIRouter(prefix="/viser", include_in_schema=False)
+router = APIRouter(include_in_schema=False)
 
 _PASSED_ON = ("content-type", "content-encoding", "content-length")
 _PACED_HEAD = b'<head><script src="/static/js/scene_pace.js"></script>'  # before viser's own script
@@ -30,19 +41,50 @@ _LONGEST_NAME = 255  # of a file
 _MAX_MESSAGE_BYTES = 1 << 20  # from a page: camera poses and clicks are far smaller
 
 
-@router.get("/{detail}")
+@checked(frozen=True, slots=True, config=MESSAGE)
+class PlanShown:
+    """What the form of a trial says; without an object: no form is shown. See TrialOrder."""
+
+    object: ObjectName | None = None
+    reference: Annotated[str, Field(max_length=128)] = ""
+    displacement_mm: DisplacementMm = 0.0
+    displacement_x_mm: DisplacementMm = 0.0
+    yaw_deg: YawDeg = 0.0
+
+
+@router.post("/api/scene/plan")
+def show_plan(shown: PlanShown, session: NeedsSession, parts: NeedsParts) -> PlanShown:
+    """Draw what a form says in the live scene, for all who look. Where an operator has control, only theirs."""
+    status = parts.watch.view.status
+    if status is not None and status.holder not in (None, session.operator):
+        raise RobotRefused(f"{status.holder} has control; the scene shows their trial")
+    parts.scenes.plans.set(None if shown.object is None else plan_of(parts, shown, shown.object))
+    return shown
+
+
+def plan_of(parts: Parts, order: PlanShown | TrialOrder, object_name: str) -> TrialPlan:
+    """Return what the scene draws of an order. A reference that is not there is left out."""
+    put = Displacement.given(order.displacement_mm, order.displacement_x_mm, order.yaw_deg)
+    try:
+        reference = reference_of(parts.catalogue, order.reference).path if order.reference else None
+    except (NoReference, LogError):
+        reference = None
+    return TrialPlan(object_name, put, reference)
+
+
+@router.get("/viser/{detail}")
 def without_slash(detail: Detail) -> RedirectResponse:
     """Send a browser to the page itself: its script finds its WebSocket by the address."""
     return RedirectResponse(f"/viser/{detail}/")
 
 
-@router.get("/{detail}/{path:path}")
+@router.get("/viser/{detail}/{path:path}")
 async def page(detail: Detail, path: str, request: Request, parts: NeedsParts) -> Response:
     """Pass on a file of the scene's page."""
     return await pass_on_page(await run_in_threadpool(parts.scenes.server, detail), path, request)
 
 
-@router.websocket("/{detail}")
+@router.websocket("/viser/{detail}")
 async def stream(websocket: WebSocket, detail: Detail) -> None:
     """Pass messages on in both directions until one side closes."""
     await pass_on_stream(await run_in_threadpool(parts_of(websocket).scenes.server, detail), websocket)

@@ -1,9 +1,11 @@
 """Teleoperation: a WebSocket and plain requests. A program moves the arms in the same way as the page.
 
 A message may hold any of: clutch (true holds it, and is its sign of life; false lets go; lost: because the operator is
-out of sight), coupling, speed_m_s, stiffness_n_m, and for each arm a pose (position m, wxyz) or a deflection (-1..1
-along and about the world's axes). A clutch that is held has to be said again, as the page does every 50 ms: the robot
-process stops the arms when CLUTCH_S (rtstack.loop.watchdogs) have passed without.
+out of sight), grip (a mouse button is down in the scene: a drag of a gizmo holds the clutch), coupling, handles
+(whether the gizmos move or turn), speed_m_s, stiffness_n_m, lead (the hands back to before the last drag, or upright),
+and for each arm a pose (position m, wxyz) or a deflection (-1..1 along and about the world's axes). A clutch that is
+held has to be said again, as the page does every 50 ms: the robot process stops the arms when CLUTCH_S
+(rtstack.loop.watchdogs) have passed without.
 """
 
 import contextlib
@@ -19,7 +21,7 @@ from console.parts import NeedsParts, NeedsSession, Parts, parts_of, session_now
 from console.routes.problems import problems
 from console.teleoperation.devices import Placed
 from console.teleoperation.pair import Coupling
-from console.teleoperation.teleop_input import TeleopView
+from console.teleoperation.teleop_input import Handles, Lead, TeleopView
 from rtstack.live.client import RobotRefused
 from rtstack.loop.target import Release
 from rtstack.messages import MESSAGE, StrictBool, StrictFloat
@@ -58,6 +60,9 @@ class TeleopMessage:
     stiffness_n_m: Annotated[StrictFloat, Field(ge=SOFTEST_N_M, le=HARDEST_N_M)] | None = None
     pose: PadPoses | None = None
     deflection: Deflections | None = None
+    grip: StrictBool = False
+    handles: Handles | None = None
+    lead: Lead | None = None
     sent: StrictFloat | None = None  # comes back, so that a page can tell how long a beat takes
 
 
@@ -113,14 +118,19 @@ async def stream(websocket: WebSocket) -> None:
 def _act(parts: Parts, operator: str, message: TeleopMessage) -> None:
     """Carry a message out. Raises RobotRefused."""
     teleop = parts.teleop
-    if message.coupling is not None or message.speed_m_s is not None or message.stiffness_n_m is not None:
-        teleop.set(operator, message.coupling, message.speed_m_s, message.stiffness_n_m)
+    settings = (message.coupling, message.speed_m_s, message.stiffness_n_m, message.handles)
+    if any(setting is not None for setting in settings):
+        teleop.set(operator, *settings)
     if message.clutch is False:
         teleop.release(operator, Release.LOST if message.lost else Release.RELEASED)
     elif message.clutch:
         teleop.press(operator)
+    elif message.grip:
+        teleop.grip(operator)
     if message.pose is not None:
         teleop.move(operator, Placed(_array(message.pose.left), _array(message.pose.right)))
+    if message.lead is not None:
+        teleop.lead(operator, message.lead)
     if message.deflection is not None:
         teleop.jog(operator, _array(message.deflection.left), _array(message.deflection.right))
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from console.teleoperation.pair import Coupling, led
-from console.teleoperation.quaternion import conjugate, product, quaternion
+from console.teleoperation.quaternion import angle_between, conjugate, product, quaternion, rotation_vector
 
 Array = NDArray[np.float64]
 LONGEST_STEP_S = 0.1  # a deflection is worth this long at most: then it must be sent again
@@ -75,3 +75,26 @@ class Deflected:
                 shift = bounded[:3] * self.speed_m_s * step_s
                 asked = led(asked, side, shift, quaternion(bounded[3:] * self.turn_rad_s * step_s), coupling)
         return asked
+
+
+@dataclass(frozen=True, slots=True)
+class Led:
+    """Hands that are led to a goal (2, 7) at a speed, for elapsed_s: undo, straighten."""
+
+    goal: Array
+    elapsed_s: float
+    speed_m_s: float
+    turn_rad_s: float
+
+    def requests(self, asked: Array, coupling: Coupling) -> Array:
+        """See Device. The goal is of both hands, however they are coupled."""
+        step_s = min(self.elapsed_s, LONGEST_STEP_S)
+        poses = asked.copy()
+        for pose, goal in zip(poses, self.goal, strict=True):
+            far, turned = float(np.linalg.norm(goal[:3] - pose[:3])), angle_between(goal[3:], pose[3:])
+            needed_s = max(far / self.speed_m_s, turned / self.turn_rad_s)
+            share = 1.0 if needed_s <= step_s else step_s / needed_s
+            pose[:3] += share * (goal[:3] - pose[:3])
+            pose[3:] = product(quaternion(share * rotation_vector(product(goal[3:], conjugate(pose[3:])))), pose[3:])
+            pose[3:] /= np.linalg.norm(pose[3:])
+        return poses

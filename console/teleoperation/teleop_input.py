@@ -7,15 +7,18 @@ again. May be called from any thread.
 
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from console.teleoperation.devices import Deflected, Device, Dragged
+from console.teleoperation.devices import Deflected, Device, Dragged, Led
 from console.teleoperation.pair import Coupling
-from console.teleoperation.quaternion import angle_between
+from console.teleoperation.quaternion import angle_between, squared
 from console.watch import Watch
 from rtstack.live.client import RobotRefused
 from rtstack.live.protocol import Job, JobKind, JobState
@@ -36,17 +39,38 @@ from rtstack.teleoperation.reach import (
 
 Array = NDArray[np.float64]
 TOO_FAR = "the request is too far ahead of the arm: it is not followed until it comes nearer"
+NO_CLUTCH = "the clutch is not held, so that nothing moves: hold C while you drag, or let the drag hold the clutch"
+_UNDO_DEPTH = 20  # drags
+_UNDONE_M, _UNDONE_RAD = 2e-3, 5e-3  # a drag that asks for less than this is none
+
+
+class Handles(StrEnum):
+    """What a gizmo's handles do. Never both: rings would lie over arrows."""
+
+    MOVE = "move"
+    TURN = "turn"
+
+
+class Lead(StrEnum):
+    """Where a clutch that is held leads the hands by itself."""
+
+    UNDO = "undo"  # to where they were asked to be before the last drag
+    STRAIGHTEN = "straighten"  # to the nearest orientation that is square to the table
 
 
 @dataclass(frozen=True, slots=True)
 class TeleopView:
-    """What a page shows of the input. refusal: why the last request is not followed, None where it is."""
+    """What a page shows of the input. refusal: why the last request is not followed, None where it is. drags: how many
+    of them can be undone.
+    """
 
     held: bool
     coupling: Coupling
     speed_m_s: float
     stiffness_n_m: float
     refusal: str | None
+    handles: Handles
+    drags: int
 
 
 class TeleopInput:
@@ -61,6 +85,13 @@ class TeleopInput:
         self._by: str | None = None  # who holds the clutch
         self._asked: Array | None = None
         self._grips: dict[int, tuple[Array, Array]] = {}  # of the gizmos that are dragged: where grip and hands began
+        self._dragged: set[int] = set()  # arms whose gizmo is being dragged, followed or not
+        self._grip: tuple[str, int] | None = None  # who lets a drag hold the clutch, and when they last said so
+        self._by_grip = False  # the clutch is held by a drag
+        self._drags: deque[Array] = deque(maxlen=_UNDO_DEPTH)  # what was asked for before each of them
+        self._goal: tuple[Lead, Array] | None = None  # where the hands are being led
+        self._handles = Handles.MOVE
+        self._of_job: int | None = None
         self._jogged_ns = 0
         self._coupling = Coupling.SEPARATE
         self._speed = SPEED_M_S
@@ -72,7 +103,10 @@ class TeleopInput:
         """How things are now."""
         with self._lock:
             self._notice()
-            return TeleopView(self._by is not None, self._coupling, self._speed, self._stiffness, self._refusal)
+            return TeleopView(
+                self._by is not None, self._coupling, self._speed, self._stiffness, self._refusal, self._handles,
+                len(self._drags),
+            )  # fmt: skip
 
     @property
     def running(self) -> bool:
@@ -86,17 +120,18 @@ class TeleopInput:
             return self._asked if self._by is not None else self._watch.command()
 
     def dragging(self, side: int) -> bool:
-        """Whether this arm's gizmo is being dragged."""
-        return side in self._grips
+        """Whether this arm's gizmo is being dragged, with the clutch or without."""
+        return side in self._dragged
 
     def set(
         self, operator: str, coupling: Coupling | None = None, speed_m_s: float | None = None,
-        stiffness_n_m: float | None = None,
+        stiffness_n_m: float | None = None, handles: Handles | None = None,
     ) -> None:  # fmt: skip
-        """Set coupling, speed and stiffness. Raises RobotRefused unless the operator is the holder."""
+        """Set how the arms follow, and what the gizmos do. Raises RobotRefused unless the operator is the holder."""
         with self._lock:
             self._check_holder(operator)
             self._coupling = coupling or self._coupling
+            self._handles = handles or self._handles
             if speed_m_s is not None:
                 self._speed = float(np.clip(speed_m_s, SLOWEST_M_S, FASTEST_M_S))
             if stiffness_n_m is not None:
@@ -118,15 +153,35 @@ class TeleopInput:
                 if command is None:
                     raise RobotRefused("the arms have not said yet where they are")
                 self._asked, self._by, self._refusal = command, operator, None
+                self._by_grip, self._goal = False, None
                 self._grips.clear()
                 self._target["release"], self._target["finish"] = Release.NOT_YET, 0
             self._target["job"] = job.number
             self._target["clutch_ns"] = self._clock()
             self._write()
 
+    def grip(self, operator: str) -> None:
+        """Say that a mouse button is down in the scene: while a gizmo is dragged by it, it holds the clutch.
+
+        It has to be said again, as the clutch does. Raises RobotRefused as `press` does.
+        """
+        with self._lock:
+            self._check_holder(operator)
+            self._grip = operator, self._clock()
+            if self._dragged:
+                self._press_by_grip(operator)
+
+    def _press_by_grip(self, operator: str) -> None:
+        began = self._by is None
+        if began or self._by_grip:
+            self.press(operator)
+            self._by_grip = True
+
     def release(self, operator: str, reason: Release = Release.RELEASED) -> None:
         """Release the clutch. Does nothing where this operator does not hold it."""
         with self._lock:
+            if self._grip is not None and self._grip[0] == operator:
+                self._grip = None
             if self._by is None or self._by != operator:
                 return
             self._by = None
@@ -159,17 +214,54 @@ class TeleopInput:
         elapsed_s, self._jogged_ns = (now_ns - self._jogged_ns) * 1e-9, now_ns
         self.move(operator, Deflected(left, right, elapsed_s, self._speed, TURN_RAD_M * self._speed))
 
+    def lead(self, operator: str, lead: Lead) -> None:
+        """Lead the hands, for the time since this was last said. Raises RobotRefused as `move` does, and where there is
+        nothing to undo.
+        """
+        now_ns = self._clock()
+        elapsed_s, self._jogged_ns = (now_ns - self._jogged_ns) * 1e-9, now_ns
+        with self._lock:
+            self._notice()
+            if self._by != operator or self._asked is None:
+                raise RobotRefused("hold the clutch: nothing moves without it")
+            if self._goal is None or self._goal[0] is not lead:
+                if lead is Lead.UNDO and not self._drags:
+                    raise RobotRefused("no drag of this teleoperation is left to be undone")
+                goal = self._drags.pop() if lead is Lead.UNDO else self._asked.copy()
+                if lead is Lead.STRAIGHTEN:
+                    for pose in goal:
+                        pose[3:] = squared(pose[3:])
+                self._goal = lead, goal
+            self._ask(Led(self._goal[1], elapsed_s, self._speed, TURN_RAD_M * self._speed))
+
     def drag(self, side: int, grip: Array, phase: str) -> None:
         """Take a gizmo's pose (7,). Only the holder's messages get as far as this (console.scene_gate)."""
         with self._lock:
             self._notice()
-            if phase == "end" or self._by is None or self._asked is None:
+            if phase == "end":
+                self._end_drag(side)
+                return
+            self._dragged.add(side)
+            if self._by is None and self._grip is not None and self._clock() - self._grip[1] < CLUTCH_S * 1e9:
+                with suppress(RobotRefused):  # the page is told by its next sign of life
+                    self._press_by_grip(self._grip[0])
+            if self._by is None or self._asked is None:
                 self._grips.pop(side, None)
+                self._refusal = NO_CLUTCH
                 return
             if phase == "start" or side not in self._grips:
                 self._grips[side] = (grip, self._asked.copy())
+                self._drags.append(self._asked.copy())
             grip_began, began = self._grips[side]
             self._ask(Dragged(side, grip_began, grip, began))
+
+    def _end_drag(self, side: int) -> None:
+        self._dragged.discard(side)
+        followed = self._grips.pop(side, None)
+        if followed is not None and self._drags and self._asked is not None and _near(self._drags[-1], self._asked):
+            self._drags.pop()  # a click
+        if self._by_grip and self._by is not None and not self._dragged:
+            self.release(self._by)
 
     def _ask(self, device: Device) -> None:
         assert self._asked is not None
@@ -202,6 +294,11 @@ class TeleopInput:
         if self._by is not None and (quiet or self._job() is None):
             self._by = None
             self._grips.clear()
+        job = self._job()
+        number = None if job is None else job.number
+        if number != self._of_job:  # what was dragged before is another teleoperation's
+            self._of_job, self._refusal = number, None
+            self._drags.clear()
 
     def _check_holder(self, operator: str) -> None:
         status = self._watch.view.status
@@ -215,3 +312,9 @@ class TeleopInput:
         kinds = kinds or (JobKind.TELEOPERATION,)
         runs = job is not None and job.kind in kinds and job.state is JobState.RUNNING
         return job if runs else None
+
+
+def _near(a: Array, b: Array) -> bool:
+    """Whether two requests (2, 7) are as good as the same."""
+    far = np.linalg.norm(a[:, :3] - b[:, :3], axis=1).max()
+    return bool(far < _UNDONE_M) and max(map(angle_between, a[:, 3:], b[:, 3:])) < _UNDONE_RAD

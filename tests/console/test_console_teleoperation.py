@@ -12,7 +12,7 @@ from websockets.sync.client import connect
 
 from console.scenes import Detail
 from console.teleoperation.pair import Coupling, led
-from console.teleoperation.quaternion import quaternion
+from console.teleoperation.quaternion import angle_between, product, quaternion, squared
 from rtstack.live.protocol import JobState
 from rtstack.loop.target import TARGET, Release
 from rtstack.loop.watchdogs import CLUTCH_S
@@ -63,6 +63,7 @@ def test_the_holder_moves_both_arms_and_the_loop_reads_it_whole(running):
     answer = say(client, headers, **moved(left=left), speed_m_s=0.1, stiffness_n_m=150.0)
     assert answer.json() == {
         "held": True, "coupling": "separate", "speed_m_s": 0.1, "stiffness_n_m": 150.0, "refusal": None,
+        "handles": "move", "drags": 0,
     }  # fmt: skip
     read = target(served)
     np.testing.assert_allclose(read["pose"], [left, POSES[1]])
@@ -222,3 +223,120 @@ def test_finishing_asks_the_loop_for_the_end(running):
     served.job_manager._change(state=JobState.DONE)
     wait_for(lambda: not served.parts.teleop.running)
     assert replace(served.parts.teleop.view, held=True).held
+
+
+LIFTED = np.array([0.0, 0.35, 0.31, 1.0, 0.0, 0.0, 0.0])  # 50 mm above POSES
+
+
+def drag(served, *phases, grip=LIFTED):
+    """Drag the left gizmo, as the scene says it."""
+    for phase in phases:
+        served.parts.teleop.drag(0, POSES[0] if phase == "start" else grip, phase)
+
+
+def test_a_drag_without_the_clutch_moves_nothing_and_says_why(running):
+    served, _, _ = running
+    drag(served, "start", "update")
+    assert served.mailbox.target_sequence == 0
+    assert "clutch is not held" in served.parts.teleop.view.refusal
+
+
+@pytest.mark.parametrize("first", ["grip", "drag"])
+def test_a_mouse_that_drags_a_gizmo_holds_the_clutch_until_it_lets_go(running, first):
+    """Whichever of the two sockets is heard first."""
+    served, client, headers = running
+    teleop = served.parts.teleop
+    if first == "grip":
+        assert not say(client, headers, grip=True).json()["held"]  # the camera may be what is dragged
+        assert served.mailbox.target_sequence == 0
+        drag(served, "start")
+    else:
+        drag(served, "start")
+        assert say(client, headers, grip=True).json()["held"]
+    drag(served, "update", "update")
+    assert teleop.view.held
+    assert teleop.view.refusal is None
+    assert target(served)["clutch_ns"] > 0
+    if first == "drag":
+        assert target(served)["pose"][0, 2] == pytest.approx(POSES[0, 2])  # it began where the clutch was taken
+    else:
+        assert target(served)["pose"][0, 2] == pytest.approx(LIFTED[2])
+    drag(served, "end")
+    assert not teleop.view.held
+    assert (target(served)["clutch_ns"], target(served)["release"]) == (0, Release.RELEASED)
+
+
+def test_a_mouse_that_is_not_heard_of_any_more_has_let_go(running, clock_ns):
+    """No latch: the page says all the time that the button is down, and a drag alone is no sign of life."""
+    served, client, headers = running
+    say(client, headers, grip=True)
+    drag(served, "start", "update")
+    assert served.parts.teleop.view.held
+    clock_ns[0] += round(CLUTCH_S * 1e9) + 1
+    drag(served, "update")
+    assert not served.parts.teleop.view.held
+    assert time.monotonic_ns() - target(served)["clutch_ns"] < 60e9  # the loop itself sees that it is old
+
+
+def test_only_the_holder_of_the_lease_lets_a_drag_hold_the_clutch(running):
+    served, _, _ = running
+    cookies, others = served.second_session()
+    with httpx.Client(base_url=served.base, cookies=cookies, trust_env=False, timeout=60.0) as viewer:
+        assert say(viewer, others, grip=True).status_code == 409
+        drag(served, "start", "update")
+        assert not served.parts.teleop.view.held
+
+
+def test_the_last_drag_is_undone_while_the_clutch_is_held_and_no_faster_than_the_hands_go(running):
+    served, client, headers = running
+    assert "no drag" in say(client, headers, clutch=True, lead="undo").json()["error"]
+    drag(served, "start", "update", "end")
+    assert served.parts.teleop.view.drags == 1
+    for k in range(200):
+        before = target(served)["pose"].copy()
+        assert say(client, headers, clutch=True, lead="undo", speed_m_s=0.2).status_code == 200
+        assert np.linalg.norm((target(served)["pose"] - before)[:, :3], axis=1).max() <= 0.1 * 0.2 + 1e-9
+        if k and (target(served)["pose"] == before).all():
+            break
+        time.sleep(0.02)
+    np.testing.assert_allclose(target(served)["pose"], POSES, atol=1e-9)
+    assert served.parts.teleop.view.drags == 0
+
+
+def test_a_click_on_a_gizmo_is_nothing_to_undo(running):
+    served, client, headers = running
+    say(client, headers, clutch=True)
+    drag(served, "start", "update", "end", grip=POSES[0])
+    assert served.parts.teleop.view.drags == 0
+
+
+def test_hands_are_straightened_to_the_nearest_square_orientation(running):
+    served, client, headers = running
+    tilted = quaternion(np.array([0.1, -0.2, 0.15]))
+    say(client, headers, **moved(left=[*POSES[0, :3], *tilted.tolist()]))
+    for _ in range(200):
+        say(client, headers, clutch=True, lead="straighten")
+        time.sleep(0.01)
+        if np.allclose(target(served)["pose"][0, 3:], [1.0, 0.0, 0.0, 0.0], atol=1e-9):
+            break
+    np.testing.assert_allclose(target(served)["pose"], POSES, atol=1e-9)
+
+
+def test_square_orientations_stay_and_others_come_near_one():
+    for turn in ([0.0, 0.0, 0.0], [np.pi / 2, 0.0, 0.0], [0.0, np.pi, 0.0]):
+        square = quaternion(np.array(turn))
+        for off in ([0.0, 0.0, 0.0], [0.2, 0.1, -0.3]):
+            assert angle_between(squared(product(quaternion(np.array(off)), square)), square) == pytest.approx(
+                0.0, abs=1e-6
+            )
+
+
+def test_a_gizmo_has_arrows_or_rings_and_never_both(running):
+    served, client, headers = running
+    served.parts.scenes.server(Detail.LIGHT)
+    gizmos = served.parts.scenes._live[Detail.LIGHT]._gizmos
+    for handles, rings in (("turn", True), ("move", False)):
+        assert say(client, headers, handles=handles).json()["handles"] == handles
+        gizmos.show(served.parts.watch.measured(), served.parts.watch.command(), served.parts.watch.forces())
+        for grip in gizmos._grips:
+            assert (grip.disable_axes, grip.disable_rotations, grip.disable_sliders) == (rings, not rings, True)

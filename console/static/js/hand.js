@@ -7,6 +7,7 @@ import { isTextField } from "./stop.js";
 const BEAT_MS = 50;
 const RETRY_MS = 1000;
 const LATENCIES = 40;
+const LEADS = { undo: "undo", straighten: "straighten" }; // buttons that hold the clutch, and lead the hands meanwhile
 
 export class Hand {
   constructor() {
@@ -14,14 +15,18 @@ export class Hand {
     this.gamepad = new GamepadDevice();
     this.usable = false; // whether a teleoperation of ours runs
     this.held = false; // as we hold it
-    this.by = null; // what holds it: key, button, gamepad
+    this.by = null; // what holds it: key, button, gamepad, mouse, undo, straighten
+    this.dragHolds = false; // whether a mouse button that is down in the scene holds the clutch, once it drags a gizmo
     this.problem = null;
     this.latencies = [];
     this.listeners = [];
     this.connect();
     this.listen(window);
     const scene = document.getElementById("scene");
-    scene.addEventListener("load", () => this.listen(scene.contentWindow));
+    scene.addEventListener("load", () => {
+      this.listen(scene.contentWindow);
+      this.listenForDrags(scene.contentWindow);
+    });
     document.addEventListener("visibilitychange", () => document.hidden && this.letGo(true));
     window.addEventListener("pagehide", () => this.letGo(true));
     setInterval(() => this.beat(), BEAT_MS);
@@ -47,15 +52,26 @@ export class Hand {
 
   // Keys are heard in this page and in the scene's frame.
   listen(target) {
-    target.addEventListener("keydown", (event) => this.keyDown(event));
+    target.addEventListener("keydown", (event) => this.keyDown(event), { capture: true });
     target.addEventListener("keyup", (event) => this.keyUp(event));
     target.addEventListener("blur", () => setTimeout(() => !document.hasFocus() && this.letGo(true)));
+  }
+
+  // The console knows whether it is a gizmo that is dragged: until then the button that is down holds nothing.
+  listenForDrags(target) {
+    const up = () => this.by === "mouse" && this.letGo(false);
+    target.addEventListener("pointerdown", (event) => this.dragHolds && event.button === 0 && this.press("mouse"), { capture: true });
+    for (const name of ["pointerup", "pointercancel"]) target.addEventListener(name, up, { capture: true });
+    target.addEventListener("pointermove", (event) => event.buttons === 0 && up(), { capture: true });
   }
 
   keyDown(event) {
     if (isTextField(event.target) || event.ctrlKey || event.altKey || event.metaKey) return;
     if (event.code === "KeyC" && !event.repeat) this.press("key");
-    else if (this.usable && this.keyboard.key(event, true)) event.preventDefault();
+    else if (this.usable && this.keyboard.key(event, true)) {
+      event.preventDefault();
+      event.stopPropagation(); // the scene would move its camera by the same keys
+    }
   }
 
   keyUp(event) {
@@ -99,7 +115,8 @@ export class Hand {
       this.letGo(false);
     }
     if (!this.held) return;
-    const message = { clutch: true, sent: performance.now() };
+    const message = { ...(this.by === "mouse" ? { grip: true } : { clutch: true }), sent: performance.now() };
+    if (this.by in LEADS) message.lead = LEADS[this.by];
     const deflection = this.keyboard.read() ?? this.gamepad.read();
     if (deflection) message.deflection = deflection;
     this.say(message);

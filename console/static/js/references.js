@@ -34,7 +34,7 @@ export class References {
       showError(`The list of references is not up to date: ${error.message}`);
       return;
     }
-    const chosen = this.select.value;
+    const chosen = this.select.value || this.select.dataset.remembered;
     this.count = this.logs.length;
     this.select.replaceChildren(...this.logs.map((log) => new Option(text(log), log.id)));
     if (this.count === 0) this.select.add(new Option("no recording yet", ""));

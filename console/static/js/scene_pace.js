@@ -13,6 +13,7 @@
   const STEP = 1.25;
   const EACH = 8; // pictures between two changes of the resolution
   const POLL_MS = 4;
+  const REST_MS = 400; // without a new picture: then one is drawn as sharp as it may be
   const LONGEST_MS = 1000; // a picture that is never said to be finished
 
   // A framebuffer of our own in the place of the screen's.
@@ -102,12 +103,17 @@
   let drawing = false;
   let scale = MOST;
   let times = [];
+  let resting = null;
+  let sharp = false;
+
+  const setScale = (ratio) => window.__viserTestpoints?.devSettings.set({ fixedDpr: ratio }); // viser's own switch; its version is pinned
 
   window.requestAnimationFrame = (callback) => {
     last += 1;
     waiting.set(last, callback);
     if (!drawing) {
       drawing = true;
+      clearTimeout(resting);
       request(draw);
     }
     return last;
@@ -151,15 +157,29 @@
   function next() {
     drawing = waiting.size > 0;
     if (drawing) request(draw);
+    else if (!sharp && scale < MOST) resting = setTimeout(rest, REST_MS);
+  }
+
+  // What stands still is drawn once more, sharply; what moves next is drawn as before.
+  function rest() {
+    sharp = true;
+    setScale(MOST);
   }
 
   function adapt(took) {
+    if (sharp) {
+      if (waiting.size > 0) {
+        sharp = false;
+        setScale(scale);
+      }
+      return;
+    }
     times.push(took);
     if (times.length < EACH) return;
     const middle = times.sort((a, b) => a - b)[EACH / 2];
     times = [];
     const wanted = middle > SLOW_MS ? scale / STEP : middle < FAST_MS ? scale * STEP : scale;
     scale = Math.min(MOST, Math.max(LEAST, wanted));
-    window.__viserTestpoints?.devSettings.set({ fixedDpr: scale }); // viser's own switch; its version is pinned
+    setScale(scale);
   }
 })();

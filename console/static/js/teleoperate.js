@@ -3,11 +3,15 @@
 import { post } from "./api.js";
 import { whyNot } from "./control.js";
 import { showError } from "./errors.js";
+import { showGamepad } from "./gamepad.js";
 import { Hand } from "./hand.js";
+import { remember } from "./memory.js";
 import { isTextField } from "./stop.js";
 
 const $ = (id) => document.getElementById(id);
 const COUPLINGS = { Digit1: "separate", Digit2: "mirrored", Digit3: "linked" };
+
+const HELD = { key: "C", button: "the button", gamepad: "LB", mouse: "the mouse", undo: "Undo", straighten: "Straighten" };
 
 const write = (element, text) => {
   if (element.textContent !== text) element.textContent = text;
@@ -42,16 +46,16 @@ export class Teleoperate {
     $("keys-side").addEventListener("change", (event) => {
       this.hand.keyboard.side = event.target.value;
     });
-    const clutch = $("clutch");
-    clutch.addEventListener("pointerdown", (event) => {
-      clutch.setPointerCapture(event.pointerId);
-      this.hand.press("button");
+    $("drag-holds").addEventListener("change", (event) => {
+      this.hand.dragHolds = event.target.checked;
     });
-    for (const name of ["pointerup", "pointercancel", "lostpointercapture"]) {
-      clutch.addEventListener(name, () => this.hand.by === "button" && this.hand.letGo(false));
+    for (const input of document.querySelectorAll("input[name=handles]")) {
+      input.addEventListener("change", () => this.hand.say({ handles: input.value }));
     }
-    clutch.addEventListener("keydown", (event) => event.key === "Enter" && !event.repeat && this.hand.press("enter"));
-    for (const name of ["keyup", "blur"]) clutch.addEventListener(name, () => this.hand.by === "enter" && this.hand.letGo(false));
+    remember("hand", document.querySelectorAll("#hand input, #hand select"));
+    this.hand.dragHolds = $("drag-holds").checked;
+    this.hand.keyboard.side = $("keys-side").value;
+    for (const by of ["button", "undo", "straighten"]) this.holdable($(by === "button" ? "clutch" : by), by);
     for (const target of [window, $("scene")]) {
       const listen = (window_) => window_.addEventListener("keydown", (event) => this.key(event));
       if (target === window) listen(window);
@@ -62,10 +66,23 @@ export class Teleoperate {
     this.showSettings();
   }
 
+  // A button that holds the clutch while it is pressed, by a pointer or by Enter.
+  holdable(button, by) {
+    button.addEventListener("pointerdown", (event) => {
+      button.setPointerCapture(event.pointerId);
+      this.hand.press(by);
+    });
+    const up = () => this.hand.by === by && this.hand.letGo(false);
+    for (const name of ["pointerup", "pointercancel", "lostpointercapture", "keyup", "blur"]) button.addEventListener(name, up);
+    button.addEventListener("keydown", (event) => event.key === "Enter" && !event.repeat && this.hand.press(by));
+  }
+
   key(event) {
     if (event.repeat || isTextField(event.target) || event.ctrlKey || event.altKey || event.metaKey) return;
     if (event.code in COUPLINGS) {
       document.querySelector(`input[name=coupling][value=${COUPLINGS[event.code]}]`).click();
+    } else if (event.code === "KeyG") {
+      document.querySelector("input[name=handles]:not(:checked)").click();
     } else if (event.code === "KeyR") {
       const button = $("finish").hidden ? $("record") : $("finish");
       if (!button.disabled && !$("hand").hidden) button.click();
@@ -82,6 +99,7 @@ export class Teleoperate {
         coupling: document.querySelector("input[name=coupling]:checked").value,
         speed_m_s: $("speed").valueAsNumber,
         stiffness_n_m: $("stiffness").valueAsNumber,
+        handles: document.querySelector("input[name=handles]:checked").value,
       });
     } catch (error) {
       showError(`Not started: ${error.message}. Both arms stay as they are.`);
@@ -118,7 +136,7 @@ export class Teleoperate {
     allow($("record"), why, "Record a reference by hand, from the arms' home (R)");
     allow($("finish"), !mine ? "Only the operator with control" : job?.state === "running" ? null : "Wait a moment", "Stop the arms and finish the log (R)");
     for (const input of document.querySelectorAll("input[name=release], #hand-object")) input.disabled = active;
-    for (const input of document.querySelectorAll("input[name=coupling], #speed, #stiffness")) input.disabled = active && !mine;
+    for (const input of document.querySelectorAll("input[name=coupling], input[name=handles], #speed, #stiffness")) input.disabled = active && !mine;
     this.showClutch(view, active, mine, why);
     this.showRecording(active, job);
     this.showDevices();
@@ -126,12 +144,15 @@ export class Teleoperate {
 
   showClutch(view, active, mine, why) {
     const clutch = $("clutch");
-    const held = this.hand.held || (active && view.hand.held);
+    const held = (this.hand.held && this.hand.by !== "mouse") || (active && view.hand.held);
     clutch.dataset.state = held ? "held" : this.hand.usable ? "ready" : "off";
-    allow(clutch, this.hand.usable ? null : why ?? (active ? "The arms are being made ready" : "Start or record first"));
     write(clutch, held ? "Clutch held" : "Hold to move");
     const line = $("hand-line");
-    const refused = active && view.hand.held ? view.hand.refusal : null;
+    const refused = active ? view.hand.refusal : null;
+    const usable = this.hand.usable ? null : why ?? (active ? "The arms are being made ready" : "Start or record first");
+    allow(clutch, usable);
+    allow($("undo"), usable ?? (view.hand.drags || this.hand.by === "undo" ? null : "No drag to undo"), "Hold: the hands go back to where they were before the last drag");
+    allow($("straighten"), usable, "Hold: the hands turn until they are square to the table");
     const text = refused ?? this.hand.problem ?? this.hint(active, held, mine, why);
     write(line, text);
     line.dataset.tone = refused || this.hand.problem ? "bad" : "";
@@ -141,8 +162,11 @@ export class Teleoperate {
   hint(active, held, mine, why) {
     if (!active) return why ?? "";
     if (!mine) return "Another operator moves the arms.";
-    if (held) return "The arms follow. Let go of C to stop them.";
-    return this.hand.usable ? "Hold C and drag an arrow in the scene, or jog with W A S D Q E." : "The arms are being made ready.";
+    const holds = document.querySelector("input[name=release]:checked").value === "hold";
+    if (held) return `The arms follow. Let go of ${HELD[this.hand.by] ?? "the clutch"}: they ${holds ? "hold where they are" : "stop"}.`;
+    if (!this.hand.usable) return "The arms are being made ready.";
+    const what = $("drag-holds").checked ? "Drag" : "Hold C and drag";
+    return `${what} ${document.querySelector("input[name=handles]:checked").value === "turn" ? "a ring" : "an arrow"} in the scene, or hold C and jog with W A S D Q E.`;
   }
 
   showRecording(active, job) {
@@ -152,7 +176,8 @@ export class Teleoperate {
   }
 
   showDevices() {
-    const { latency, gamepad: { pad } } = this.hand;
-    write($("devices-line"), `Gizmos, keys${pad ? `, ${pad.id.slice(0, 24)}` : "; no gamepad"}${latency === null ? "" : `. A beat takes ${latency.toFixed(0)} ms`}`);
+    const { latency, gamepad } = this.hand;
+    write($("devices-line"), `Gizmos, keys${gamepad.pad ? `, ${gamepad.pad.id.slice(0, 24)}` : "; no gamepad"}${latency === null ? "" : `. A beat takes ${latency.toFixed(0)} ms`}`);
+    showGamepad($("gamepad"), gamepad.mapping);
   }
 }

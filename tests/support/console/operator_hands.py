@@ -91,10 +91,11 @@ class Operator:
         self.page.keyboard.down("c")
         expect(self.page.locator("#clutch")).to_have_attribute("data-state", "held")
 
-    def drag(self, side, axis, metres, coupling="separate", held=True):
+    def drag(self, side, axis, metres, coupling="separate", held=True, pause_ms=0):
         """Drag the arrow of a gizmo along an axis of the world.
 
-        coupling: what the other arm does, as it was chosen; held: with the clutch, so that the arms follow.
+        coupling: what the other arm does, as it was chosen; held: with the clutch, so that the arms follow; pause_ms:
+        how long the mouse stays at the end without that.
         """
         box = self.page.frame_locator("#scene").locator("canvas").first.bounding_box()
         assert box is not None
@@ -110,6 +111,7 @@ class Operator:
             self.page.wait_for_timeout(50)
         if held:
             self._until_followed(box["x"] + x1, box["y"] + y1)
+        self.page.wait_for_timeout(pause_ms)
         mouse.up()
         if not held:
             return

@@ -111,7 +111,7 @@ def serve_console(logs: Path) -> Iterator[ServedConsole]:
         stack.callback(watch.close)
         watch.start()
         teleop = TeleopInput(mailbox, watch)
-        scenes = Scenes(cell, watch, teleop)
+        scenes = Scenes(cell, watch, teleop, CELL)
         stack.callback(scenes.close)
         review_cache = ReviewCache(logs)
         stack.callback(review_cache.close)

@@ -1,0 +1,23 @@
+// What was chosen stays chosen: fields keep their values over a reload and a visit of another page, in this browser.
+
+// Keep the fields under a name.
+export function remember(name, fields) {
+  const key = `rtstack.fields ${name}`;
+  const known = JSON.parse(localStorage.getItem(key) ?? "{}");
+  const kept = [...fields].filter((field) => field.name || field.id);
+  const nameOf = (field) => field.name || field.id;
+  for (const field of kept) {
+    const value = known[nameOf(field)];
+    if (value === undefined) continue;
+    if (field.type === "radio") field.checked = field.value === value;
+    else if (field.type === "checkbox") field.checked = value;
+    else if (field.tagName !== "SELECT" || [...field.options].some((option) => option.value === value)) field.value = value;
+    else field.dataset.remembered = value; // what it can be is not known yet
+  }
+  const keep = ({ target: field }) => {
+    if (field.type === "radio" && !field.checked) return;
+    known[nameOf(field)] = field.type === "checkbox" ? field.checked : field.value;
+    localStorage.setItem(key, JSON.stringify(known));
+  };
+  for (const field of kept) for (const event of ["input", "change"]) field.addEventListener(event, keep);
+}

@@ -1,0 +1,49 @@
+// The trial's form in the scene: where the object is put and which way the pads go, before anything moves.
+
+import { post } from "./api.js";
+import { LOOKS } from "./scope.js";
+
+const WAIT_MS = 150;
+const FIELDS = ["displacement_mm", "displacement_x_mm", "yaw_deg"];
+
+export class Plan {
+  constructor(form, live) {
+    this.form = form;
+    this.said = null;
+    this.allowed = false;
+    this.timer = null;
+    for (const name of ["input", "change"]) form.addEventListener(name, () => this.tell());
+    new MutationObserver(() => this.tell()).observe(form, { attributeFilter: ["hidden"] });
+    new MutationObserver(() => this.tell()).observe(form.elements.reference, { childList: true });
+    live.onView(({ status, you, unreachable }) => {
+      const allowed = !LOOKS && !unreachable && status !== null && (status.holder === null || status.holder === you);
+      if (allowed && !this.allowed) this.said = null; // another operator's may be shown
+      this.allowed = allowed;
+      if (allowed && this.said === null) this.tell();
+    });
+  }
+
+  get words() {
+    const { form } = this;
+    if (form.hidden) return {};
+    const plan = { object: form.elements.object.value, reference: form.elements.reference.value };
+    for (const name of FIELDS) plan[name] = form.elements[name].validity.valid ? form.elements[name].valueAsNumber : 0;
+    return plan;
+  }
+
+  tell() {
+    clearTimeout(this.timer);
+    this.timer = setTimeout(() => this.send(), WAIT_MS);
+  }
+
+  async send() {
+    const words = JSON.stringify(this.words);
+    if (!this.allowed || words === this.said) return;
+    this.said = words;
+    try {
+      await post("/api/scene/plan", JSON.parse(words));
+    } catch {
+      this.said = null; // drawn with the next view, or by the operator who has control
+    }
+  }
+}

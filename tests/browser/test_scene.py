@@ -1,0 +1,185 @@
+"""The scene tells the experiment, and is looked at as an operator likes; a mouse alone moves the arms."""
+
+import contextlib
+
+import numpy as np
+import pytest
+from playwright.sync_api import Error, expect
+
+from rtstack.samples import SIDES
+from tests.browser.operator_hands import READY_MS, ClutchLost
+
+pytestmark = [pytest.mark.browser, pytest.mark.alone, pytest.mark.timeout(900)]
+expect.set_options(timeout=60_000)
+FINDS_DEMONSTRATION = True
+ATTEMPTS = 5
+RAISED_M = 0.05
+
+
+def in_scene(page, script, wanted=lambda value: value):
+    """Evaluate a script in the scene's frame until its value is as wanted; return it."""
+    value = None
+    for _ in range(600):
+        with contextlib.suppress(Error):  # the frame is being loaded
+            (frame,) = [frame for frame in page.frames if "/viser/" in frame.url]
+            value = frame.evaluate(script)
+            if wanted(value):
+                return value
+        page.wait_for_timeout(100)
+    raise AssertionError(f"{script}: {str(value)[:400]}")
+
+
+NODES = "Object.keys(window.__viserSceneTree?.getState() ?? {})"
+CAMERA = "window.__viserMutable?.camera?.position.toArray()"
+GROUND = "getComputedStyle(document.body).backgroundColor"
+
+
+def test_the_form_of_a_trial_is_seen_before_it_runs(console):
+    """Nominal and shifted place, and both pads' way with its extensions."""
+    page = console.page
+    page.click("#tab-trial")
+    expect(page.locator("#trial select[name=reference]")).not_to_have_value("")
+    parts = ("ante", "extended", "before", "post", "impact")
+    wanted = {f"/trial/{side}/{part}" for side in SIDES for part in parts}
+    nodes = in_scene(page, NODES, lambda nodes: nodes and wanted <= set(nodes))
+    assert "/trial/nominal" in nodes
+    assert "/trial/put" not in nodes
+    page.fill("#trial input[name=displacement_mm]", "-30")
+    in_scene(page, NODES, lambda nodes: {"/trial/put", "/trial/shift"} <= set(nodes))
+    shift = "window.__viserSceneTree.getState()['/trial/shift'].message.props.text"
+    assert in_scene(page, shift) == "y -30 mm"
+    page.click("#tab-demonstration")
+    in_scene(page, NODES, lambda nodes: "/trial/nominal" not in nodes)
+    page.click("#tab-trial")
+
+
+def test_what_was_chosen_stays_chosen(console):
+    page = console.page
+    page.click("#tab-trial")
+    page.fill("#trial input[name=displacement_mm]", "-20")
+    page.select_option("#trial select[name=object]", index=1)
+    page.select_option("#trial select[name=controller]", index=1)
+    chosen = {
+        name: page.locator(f"#trial [name={name}]").input_value()
+        for name in ("displacement_mm", "object", "controller")
+    }
+    page.click("#tab-hand")
+    page.get_by_text("holds", exact=True).click()
+    page.get_by_text("mirrored", exact=True).click()
+    page.goto("/logs")
+    page.goto("/")
+    expect(page.locator("#trial select[name=reference]")).not_to_have_value("")
+    for name, value in chosen.items():
+        expect(page.locator(f"#trial [name={name}]")).to_have_value(value)
+    for name in ("release", "coupling"):
+        expect(page.locator(f"input[name={name}]:checked")).to_have_value(
+            {"release": "hold", "coupling": "mirrored"}[name]
+        )
+    page.click("#tab-hand")
+    page.get_by_text("stops", exact=True).click()
+    page.get_by_text("separate", exact=True).click()
+    page.select_option("#trial select[name=object]", index=0)
+
+
+def test_the_camera_goes_where_it_is_sent_and_the_scene_grows_without_covering_stop(console):
+    page = console.page
+    first = in_scene(page, CAMERA)
+    places = [first]
+    for button, key in (("front", "f"), ("top", "t"), ("along", "y")):
+        page.locator(".scene-tools").get_by_text(button, exact=True).click()
+        before = places[-1]
+        place = in_scene(page, CAMERA, lambda place, before=before: np.linalg.norm(np.subtract(place, before)) > 0.5)
+        page.wait_for_timeout(2000)  # on its way
+        place = in_scene(page, CAMERA)
+        page.locator("body").press(key)
+        page.wait_for_timeout(500)
+        np.testing.assert_allclose(in_scene(page, CAMERA), place, atol=0.05)
+        assert all(np.linalg.norm(np.subtract(place, other)) > 0.5 for other in places)
+        places.append(place)
+    small = page.locator(".scene").bounding_box()
+    page.click("#enlarge")
+    large, stop = page.locator(".scene").bounding_box(), page.locator("#stop").bounding_box()
+    assert small
+    assert large
+    assert stop
+    assert large["width"] > 1.3 * small["width"]
+    assert large["height"] > 1.5 * small["height"]
+    assert stop["y"] + stop["height"] <= large["y"]
+    page.locator("#scene").content_frame.locator("body").press("Escape")
+    expect(page.locator(".scene")).not_to_have_class("scene large")
+    assert page.locator(".scene").bounding_box() == small
+    page.locator("body").press("v")
+    expect(page.locator(".scene")).to_have_class("scene large")
+    page.locator("body").press("Escape")
+    page.click("#home")
+
+
+def test_the_ground_of_the_scene_is_the_themes(console):
+    page = console.page
+    grounds = set()
+    for _ in range(2):
+        page.click("#theme")
+        wanted = page.locator(".scene").evaluate("place => getComputedStyle(place).backgroundColor")
+        grounds.add(in_scene(page, GROUND, lambda ground, wanted=wanted: ground == wanted))
+    assert len(grounds) == 2
+    light = max(grounds, key=lambda ground: sum(map(int, ground.strip("rgb()").split(","))))
+    assert min(map(int, light.strip("rgb()").split(","))) > 200  # no black floor in the light theme
+
+
+HEIGHT = "window.__viserMutable?.nodePoseData['/command/left']?.position[2]"
+
+
+def test_a_mouse_alone_moves_an_arm_and_takes_it_back(console, operator):
+    """The button that drags the gizmo is the clutch; without it, and without C, the page says why nothing moves."""
+    page = console.page
+    for _ in range(ATTEMPTS):
+        try:
+            page.click("#tab-hand")
+            page.uncheck("#drag-holds")
+            page.get_by_text("holds", exact=True).click()
+            operator.begin("#practise")
+            operator.drag("left", 2, RAISED_M, held=False)
+            expect(page.locator("#hand-line")).to_contain_text("the clutch is not held")
+            operator.reset_view()
+            home = in_scene(page, HEIGHT)
+            page.check("#drag-holds")
+            operator.drag("left", 2, RAISED_M, held=False, pause_ms=1500)
+            expect(page.locator("#clutch")).to_have_attribute("data-state", "ready")  # let go with the mouse
+            raised = in_scene(page, HEIGHT, lambda now, home=home: now - home > 0.5 * RAISED_M)
+            assert raised - home < 1.5 * RAISED_M
+            expect(page.locator("#undo")).to_be_enabled()
+            page.hover("#undo")
+            page.mouse.down()
+            expect(page.locator("#hand-line")).to_contain_text("Let go of Undo: they hold where they are")
+            in_scene(page, HEIGHT, lambda now, home=home: abs(now - home) < 0.005)
+            page.mouse.up()
+            page.click("#finish")
+            expect(page.locator("#job-line")).to_contain_text("succeeded", timeout=READY_MS)
+            break
+        except ClutchLost:
+            operator.recover()
+    page.uncheck("#drag-holds")
+    page.get_by_text("stops", exact=True).click()
+
+
+PAD = """() => {
+const buttons = Array.from({ length: 17 }, () => ({ pressed: false, value: 0 }));
+window.pad = { id: "a pad", mapping: "standard", axes: [0, 0, 0, 0], buttons };
+navigator.getGamepads = () => [window.pad];
+}"""
+
+
+def test_a_gamepads_mapping_is_shown_as_it_is_pressed_with_its_rotation(console):
+    page = console.page
+    page.click("#tab-hand")
+    expect(page.locator("#gamepad")).to_be_hidden()
+    page.evaluate(PAD)
+    expect(page.locator("#gamepad li")).to_have_count(6)
+    stick = page.locator("#gamepad li", has_text="left stick")
+    expect(stick).to_contain_text("left hand moves")
+    expect(stick).to_have_attribute("data-pressed", "false")
+    page.evaluate("window.pad.axes[0] = 0.8; window.pad.buttons[5] = { pressed: true, value: 1 }")
+    expect(stick).to_have_attribute("data-pressed", "true")
+    expect(stick).to_contain_text("left hand tips over")
+    page.evaluate("delete navigator.getGamepads")
+    expect(page.locator("#gamepad")).to_be_hidden()
