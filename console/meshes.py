@@ -18,7 +18,7 @@ from hal.robots import RobotModel
 
 LINKS = tuple(f"link{number}" for number in range(8))
 _FOLDER = "cmeel.prefix/share/example-robot-data/robots"
-COARSE_M = 0.011  # of the light drawing: a link keeps its outline, and a tenth of its triangles
+COARSE_M = 0.015  # of the light drawing: a link keeps its outline, and a tenth of its triangles
 GROWN_M = 0.003  # of what is seen through: what it is drawn over never lies in the same plane
 _PLAIN = (226, 230, 232)  # the arm's own off-white
 _C = "{http://www.collada.org/2005/11/COLLADASchema}"

@@ -143,7 +143,7 @@ class JobManager:
             self._object = object_name
 
     @property
-    def object(self) -> str:
+    def object_name(self) -> str:
         """What the open cell holds."""
         return self._object
 

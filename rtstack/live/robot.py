@@ -254,7 +254,7 @@ class Robot:
         """Move the arms of the cell that is open, with what they hold."""
         description = self._source.description
         cell = self._cell or self._open_or_raise(self._first_object, Displacement(), 0)
-        specification = order.specification(self._job_manager.object)
+        specification = order.specification(self._job_manager.object_name)
         prepared = prepare_move(specification, description, cell)
         if self._mailbox.stop_requested:
             raise TrialError("stopped by the operator before it began")

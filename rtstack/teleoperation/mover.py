@@ -34,9 +34,9 @@ _XI_RAD_S = 0.3  # of the posture, on the way home
 class Home:
     """Where both arms begin: position (2, 3) m and rotation (2, 3, 3) of the pads' faces, xi (2,) rad."""
 
-    position: Array
-    rotation: Array
-    xi: Array
+    position: NDArray[np.floating]
+    rotation: NDArray[np.floating]
+    xi: NDArray[np.floating]
 
 
 class Mover:

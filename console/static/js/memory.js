@@ -9,10 +9,10 @@ export function remember(name, fields) {
   for (const field of kept) {
     const value = known[nameOf(field)];
     if (value === undefined) continue;
+    if (field.tagName === "SELECT") field.dataset.remembered = value; // it may not be known yet what it can be
     if (field.type === "radio") field.checked = field.value === value;
     else if (field.type === "checkbox") field.checked = value;
     else if (field.tagName !== "SELECT" || [...field.options].some((option) => option.value === value)) field.value = value;
-    else field.dataset.remembered = value; // what it can be is not known yet
   }
   const keep = ({ target: field }) => {
     if (field.type === "radio" && !field.checked) return;

@@ -34,11 +34,13 @@ export class References {
       showError(`The list of references is not up to date: ${error.message}`);
       return;
     }
+    const first = this.select.options.length === 1 && this.select.value === "";
     const chosen = this.select.value || this.select.dataset.remembered;
     this.count = this.logs.length;
     this.select.replaceChildren(...this.logs.map((log) => new Option(text(log), log.id)));
     if (this.count === 0) this.select.add(new Option("no recording yet", ""));
     else if (this.logs.some((log) => log.id === chosen)) this.select.value = chosen;
-    if (this.select.value !== chosen) this.propose();
+    // the object that was chosen the last time stays
+    if (this.select.value !== chosen && !(first && this.object.dataset.remembered)) this.propose();
   }
 }
