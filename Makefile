@@ -68,7 +68,7 @@ recompute: setup  ## a campaign's numbers from its logs, without our code: make 
 kill-campaign: setup  ## campaigns killed with -9 and resumed, TRIALS=N or the whole plan: the same results? (resumes, out/)
 	@$(BIN)/python -m tests.programs.kill_campaign out/killed $(if $(TRIALS),--trials $(TRIALS))
 
-hil: setup  ## the numbered suite against arms: make hil CELL=LEFT,RIGHT HIL="--marks --motion" (report: out/hil/); else simulated
+hil: setup  ## the numbered suite against arms: make hil CELL=LEFT,RIGHT HIL="--cell-file FILE --marks --motion" (report: out/hil/); else simulated
 	$(BIN)/python -m pytest -p no:cacheprovider tests/hil $(if $(CELL),--cell $(CELL)) --hil-report out/hil/$$(date +%Y-%m-%dT%H-%M-%S).md $(HIL)
 
 link-table: setup  ## what delay, jitter, loss, duplicates and reordering between PC and robot a trial stands (out/link/link.md)

@@ -10,6 +10,7 @@ from hal.extensions import ExtensionError, ExtensionPoint
 from hal.fci import FciPair, Tool, open_pair
 from hal.tracker import ClosableTracker
 from rtstack.cells.kinds import CellKind, CellRequest
+from rtstack.cells.metal import check_real_cell, on_this_machine
 from rtstack.model.cell_description import CellDescription, TrackerAddress
 from rtstack.trials.errors import TrialError
 
@@ -34,20 +35,21 @@ def pad_tool(description: CellDescription) -> Tool:
     return Tool.pad(pad.size, pad.mass, pad.flange_to_face)
 
 
-def _check(argument: str, description: CellDescription, _file: Path | None) -> None:
-    fci_addresses(f"fci:{argument}")
+def _check(argument: str, description: CellDescription, cell_file: Path | None) -> None:
+    check_real_cell(fci_addresses(f"fci:{argument}"), description, cell_file)
     _tracker(description.tracker)
 
 
 def _simulated(argument: str, description: CellDescription) -> bool:
     """A real arm must never be reported as simulated: only arms on this machine can be."""
-    return description.simulated and all(address.startswith("127.") for address in argument.split(","))
+    return description.simulated and all(map(on_this_machine, argument.split(",")))
 
 
 def _open(request: CellRequest) -> Cell:
     if request.faults is not None:
         raise TrialError(f"cell {request.kind!r}: only a simulated robot has scripted faults: rtstack sim --faults")
     left, right = fci_addresses(request.kind)
+    check_real_cell((left, right), request.description, request.cell_file)
     tracker = _listen(request.description.tracker)
     try:
         pair = open_pair(left, right, pad_tool(request.description))

@@ -34,7 +34,7 @@ def check(left: str | None, right: str | None, cell_file: Path | None, logs: Pat
     cell, description = _cell(cell_file)
     findings.append(cell)
     if left is not None and right is not None:
-        findings += _arm_findings(left, right, description)
+        findings += _arm_findings(left, right, description, cell_file)
     if json:
         typer.echo(json_module.dumps({"findings": [asdict(finding) for finding in findings]}))
     else:
@@ -66,22 +66,26 @@ def _cell(path: Path | None) -> tuple[Finding, CellDescription | None]:
     return Finding("cell", f"{description.name}, {source}", "pass"), description
 
 
-def _arm_findings(left: str, right: str, description: CellDescription | None) -> list[Finding]:
+def _arm_findings(left: str, right: str, description: CellDescription | None, cell_file: Path | None) -> list[Finding]:
     arms = {"left": left, "right": right}
     findings = [interface_finding(f"way to {side}", address) for side, address in arms.items()]
     findings += [arm_finding(f"{side} arm", address) for side, address in arms.items()]
     if any(finding.verdict == "fail" for finding in findings):
         return findings
     findings += [gripper_finding(f"{side} gripper", address) for side, address in arms.items()]
-    return findings + link_findings(f"fci:{left},{right}", description)
+    return findings + link_findings(f"fci:{left},{right}", description, cell_file=cell_file)
 
 
-def link_findings(kind: str, description: CellDescription | None = None, ticks: int = LINK_TICKS) -> list[Finding]:
+def link_findings(
+    kind: str, description: CellDescription | None = None, ticks: int = LINK_TICKS, cell_file: Path | None = None
+) -> list[Finding]:
     """Hold both arms of a cell for `ticks` ms, and judge whether they stay, and the link."""
     cell: Cell | None = None
     try:
-        cell = open_cell(kind, "", 0.0, 0, description)
+        cell = open_cell(kind, "", 0.0, 0, description, cell_file=cell_file)
         return held_findings(cell, ticks, description)
+    except TrialError as error:
+        return [Finding("cell for these arms", str(error), "fail", "correct the cell's file", "nothing is connected")]
     except HardwareError as error:
         return [Finding("link", "broken", "fail", str(error), "no motion")]
     finally:

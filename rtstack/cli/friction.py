@@ -1,12 +1,14 @@
 """`rtstack identify-friction`: everything is checked before an arm moves; a run that is complete is not made again."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import typer
 
 from hal.cell import Cell
 from rtstack.cells import load_description, open_cell
-from rtstack.cli.interrupt import Interrupt, interruptible
+from rtstack.cli.hold_to_run import HoldToRun
+from rtstack.cli.interrupt import interruptible
 from rtstack.cli.progress import progress_bar
 from rtstack.identification.procedure import Identification, SweepRun, lowest_object, runs_of
 from rtstack.log.errors import LogError
@@ -39,14 +41,20 @@ def identify_friction(output: Path, cell_kind: str, seed: int, cell_file: Path |
         run for run in runs_of(lowest_object(description), runs, seed)
         if not identification.take_log(run, logs / run.file)
     ]  # fmt: skip
+    hold = HoldToRun(cell_kind, description)
     logs.mkdir(exist_ok=True)
-    with interruptible() as stop, progress_bar("friction identification", True) as progress:
+    with (
+        interruptible() as stop,
+        hold.held("friction identification", stop) as held,
+        progress_bar("friction identification", True) as progress,
+    ):
         for k, run in enumerate(missing):
             cell = open_cell(
                 cell_kind, run.specification.object, 0.0, seed, description, noise_seed=_noise(run), cell_file=source
             )
             try:
-                reason = _make(identification, run, cell, cell_kind, description, source, logs, stop)
+                context = RunContext(stop=stop, watchdogs=(Parent(), *held))
+                reason = _make(identification, run, cell, cell_kind, description, source, logs, context)
             finally:
                 cell.close()
             if stop.stop_requested:
@@ -66,7 +74,7 @@ def identify_friction(output: Path, cell_kind: str, seed: int, cell_file: Path |
 
 def _make(
     identification: Identification, run: SweepRun, cell: Cell, cell_kind: str, description: CellDescription,
-    source: Path, logs: Path, stop: Interrupt,
+    source: Path, logs: Path, context: RunContext,
 ) -> str | None:  # fmt: skip
     """Make one run; a log of one that was broken off is written over."""
     way = start_motion(cell, description, "")
@@ -74,7 +82,7 @@ def _make(
         log = open_log(logs / run.file, run.specification, description, cell_kind, source, overwrite=True)
     except LogError as error:
         raise TrialError(str(error)) from None
-    return identification.run(run, cell, RunContext(log, stop=stop, watchdogs=(Parent(),)), way)
+    return identification.run(run, cell, replace(context, log=log), way)
 
 
 def _noise(run: SweepRun) -> int:

@@ -5,6 +5,7 @@ from pathlib import Path
 import typer
 
 from rtstack.cells import load_description, open_cell
+from rtstack.cli.hold_to_run import HoldToRun
 from rtstack.cli.interrupt import Interrupt, interruptible
 from rtstack.cli.progress import progress_bar
 from rtstack.log.writer import check_log_path
@@ -38,17 +39,19 @@ def play(
     if log_path is not None:
         check_log_path(log_path)
     prepared = prepare_playback(PlaybackSpecification(str(source), speed, seed), description)
+    hold = HoldToRun(cell_kind, description)
     cell = open_cell(cell_kind, NO_OBJECT, 0.0, seed, description, cell_file=description_file)
     try:
         way = way_to_start(prepared, cell)
         with (
             interruptible() as stop,
+            hold.held(f"playback of {source}", stop) as held,
             progress_bar(f"playing at {speed:g}x", not json and not cell.own_clocks) as progress,
         ):
             log = None
             if log_path is not None:
                 log = open_log(log_path, prepared.specification, description, cell_kind, description_file, cell=cell)
-            context = RunContext(log, progress=progress, watchdogs=(Parent(),))
+            context = RunContext(log, progress=progress, watchdogs=(Parent(), *held))
             result = run_playback(prepared, cell, context, soft_stop=_Softly(stop), way=way)
     finally:
         cell.close()

@@ -9,6 +9,7 @@ import typer
 from hal.cell import Cell
 from hal.displacement import Displacement
 from rtstack.cells import load_description, open_cell
+from rtstack.cli.hold_to_run import HoldToRun
 from rtstack.cli.interrupt import interruptible
 from rtstack.cli.progress import progress_bar
 from rtstack.log.writer import check_log_path
@@ -38,13 +39,18 @@ def teach(
     specification = DemonstrationSpecification(object_name, variation, seed, speed_m_s)
     check_object(object_name, description)
     check_log_path(output)
+    hold = HoldToRun(cell_kind, description)
     cell = open_cell(cell_kind, object_name, 0.0, seed, description, cell_file=source)
     _warn(cell)
     try:
         way = start_motion(cell, description, object_name)
-        with interruptible() as stop, progress_bar("demonstration", not json and not cell.own_clocks) as progress:
+        with (
+            interruptible() as stop,
+            hold.held(f"demonstration of {object_name}", stop) as held,
+            progress_bar("demonstration", not json and not cell.own_clocks) as progress,
+        ):
             log = open_log(output, specification, description, cell_kind, source, cell=cell)
-            context = RunContext(log, stop=stop, progress=progress, watchdogs=(Parent(),))
+            context = RunContext(log, stop=stop, progress=progress, watchdogs=(Parent(), *held))
             result = run_demonstration(specification, description, cell, context, way=way)
     finally:
         cell.close()
@@ -80,12 +86,14 @@ def trial(
     if prepared.unwatched is not None:
         print(f"rtstack: not watched: {prepared.unwatched}", file=sys.stderr)
     displacement = specification.displacement
+    hold = HoldToRun(cell_kind, description)
     cell = open_cell(cell_kind, object_name, displacement, seed, description, faults, cell_file=source)
     _warn(cell)
     try:
         way = start_motion(cell, description, object_name, displacement, prepared.reference.ante[:, 0])
         with (
             interruptible() as stop,
+            hold.held(f"trial of {object_name}", stop) as held,
             progress_bar(f"trial, {controller}", not json and not cell.own_clocks) as progress,
         ):
             log = None
@@ -94,7 +102,7 @@ def trial(
                     log_path, specification, description, cell_kind, source, reference=prepared.reference,
                     followed=Followed(reference, whole_reference), cell=cell,
                 )  # fmt: skip
-            context = RunContext(log, stop=stop, progress=progress, watchdogs=(Parent(),))
+            context = RunContext(log, stop=stop, progress=progress, watchdogs=(Parent(), *held))
             result = run_trial(prepared, cell, context, way=way)
     finally:
         cell.close()

@@ -1,5 +1,6 @@
 """What a lab knows about its cell: where the arms stand, what they carry, where a trial starts."""
 
+import datetime
 import re
 from collections.abc import Collection
 from dataclasses import dataclass, field, replace
@@ -143,11 +144,20 @@ class Gains:
 
 
 @checked(frozen=True, slots=True, config=STRICT)
+class Calibration:
+    """When the geometry of real arms was measured, how long that holds, and the rms of what was left, mm."""
+
+    date: datetime.date
+    valid_days: Annotated[int, Field(ge=1, le=3650)] = 180
+    rms_mm: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] | None = None
+
+
+@checked(frozen=True, slots=True, config=STRICT)
 class CellDescription:
     """A cell, as its TOML describes it (deploy/cells). safety: the limits that it tightens (rtstack.safety.limits).
 
-    contact_friction: what plans count on. joint_friction: the file that `rtstack identify-friction` wrote on this cell;
-    in the TOML relative to its folder.
+    calibration: needed for real arms (rtstack.cells.metal). contact_friction: what plans count on. joint_friction: the
+    file that `rtstack identify-friction` wrote on this cell; in the TOML relative to its folder.
     """
 
     name: str
@@ -162,6 +172,7 @@ class CellDescription:
     torque_filter: TorqueFilter = field(default_factory=TorqueFilter)
     contact_friction: ContactFriction = field(default_factory=ContactFriction)
     gains: Gains = field(default_factory=Gains)
+    calibration: Calibration | None = None
     safety: dict[str, Any] = field(default_factory=dict)
     joint_friction: Path | None = None
 

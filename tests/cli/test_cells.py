@@ -76,10 +76,11 @@ def test_two_arms_have_two_addresses(kind):
 
 @pytest.mark.parametrize(
     ("kind", "simulated"),
-    [("direct", True), ("fci:127.0.0.11,127.0.0.12", True), ("fci:172.16.0.2,172.16.0.3", False)],
+    [("direct", True), ("fci:127.0.0.11,127.0.0.12", True), ("fci:127.0.0.11,127.0.0.12", False)],
 )
-def test_an_arm_that_may_be_real_is_not_called_simulated(kind, simulated):
-    assert live_source(default_cell_file(), kind).description.simulated is simulated
+def test_an_arm_that_may_be_real_is_not_called_simulated(tmp_path, kind, simulated):
+    file = edited(tmp_path, "simulated = true", f"simulated = {str(simulated).lower()}")
+    assert live_source(file, kind).description.simulated is simulated
 
 
 @pytest.mark.parametrize(
@@ -110,6 +111,7 @@ def open_bench(request):
     return replace(open_cell("direct", request.object_name, request.displacement, request.seed), name=request.kind)
 
 bench = CellKind(open_bench)
+dry = CellKind(open_bench, simulated=lambda argument, description: True)
 """
 STILL = """
 from hal.tracker_link import NoTracker
@@ -125,11 +127,15 @@ class Still(NoTracker):
 
 
 def test_a_cell_of_another_package_runs_a_demonstration_and_is_taken_for_a_real_one(install, command_line, tmp_path):
-    install("benches", BENCH, "rtstack.cells", bench="bench")
-    done = command_line("teach", "ref.mcap", "--cell", "bench:table-2", cwd=tmp_path)
+    install("benches", BENCH, "rtstack.cells", bench="bench", dry="dry")
+    done = command_line("teach", "ref.mcap", "--cell", "dry:table-2", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert read_log(tmp_path / "ref.mcap").metadata["trial"]["cell"] == "bench:table-2"
+    assert read_log(tmp_path / "ref.mcap").metadata["trial"]["cell"] == "dry:table-2"
+    assert live_source(default_cell_file(), "dry:table-2").description.simulated
     assert not live_source(default_cell_file(), "bench:table-2").description.simulated
+    refused = command_line("teach", "real.mcap", "--cell", "bench:table-2", cwd=tmp_path)
+    assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
+    assert "space bar" in refused.stderr
 
 
 def test_an_unknown_cell_is_refused_with_those_that_there_are(install, command_line, tmp_path):

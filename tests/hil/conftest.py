@@ -1,8 +1,8 @@
 """The numbered suite against two arms at their addresses: simulated ones of its own, or whatever is at --cell.
 
     pytest tests/hil                                            a simulated cell of its own, in lockstep
-    pytest tests/hil --cell 172.16.0.2,172.16.1.2 --marks       metal: both arms are held, stopped, and recovered
-    pytest tests/hil --cell ... --motion                        metal: they also grab the box on its marks
+    pytest tests/hil --cell 172.16.0.2,172.16.1.2 --cell-file FILE --marks     metal: both are held, stopped, recovered
+    pytest tests/hil --cell ... --cell-file FILE --motion                      metal: they also grab the box
 
 --hil-report FILE.md keeps date, addresses, versions, figures and a verdict per number.
 """
@@ -20,8 +20,8 @@ import pytest
 from hal.cell import Cell
 from hal.fci import Tool
 from hal.tracker_link import TrackerLink
-from rtstack.cells import open_cell
-from rtstack.model.cell_description import CellDescription, TrackerAddress
+from rtstack.cells import default_cell_file, open_cell
+from rtstack.model.cell_description import CellDescription, TrackerAddress, load_cell_description
 from tests.support.hil.report import Entry, write_report
 from tests.support.hil.robot import Robot
 
@@ -34,6 +34,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     """Where the arms are, and what may be done with them."""
     group = parser.getgroup("hardware in the loop")
     group.addoption("--cell", metavar="LEFT,RIGHT", help="addresses of the arms; without: a simulated cell")
+    group.addoption("--cell-file", type=Path, metavar="FILE", help="of the arms at --cell; needed where they are real")
     group.addoption("--marks", action="store_true", help="assert the marks of timing too, not only its figures")
     group.addoption("--motion", action="store_true", help="the arms may move: the box is on its marks, nobody is near")
     group.addoption("--hil-report", metavar="FILE.md", help="keep the figures and verdicts here")
@@ -73,6 +74,18 @@ def robot(request: pytest.FixtureRequest) -> Iterator[Robot]:
         process.communicate(timeout=END_S)
 
 
+@pytest.fixture(scope="session")
+def cell_source(request: pytest.FixtureRequest) -> Path:
+    """The file that describes the cell."""
+    return request.config.getoption("cell_file", None) or default_cell_file()
+
+
+@pytest.fixture(scope="session")
+def cell(cell_source: Path) -> CellDescription:
+    """The description of the cell."""
+    return load_cell_description(cell_source)
+
+
 @pytest.fixture
 def in_motion(request: pytest.FixtureRequest, robot: Robot) -> None:
     """What moves the arms needs a word from whoever stands beside them."""
@@ -81,13 +94,15 @@ def in_motion(request: pytest.FixtureRequest, robot: Robot) -> None:
 
 
 @pytest.fixture
-def open_arms(robot: Robot, cell: CellDescription) -> Callable[[str], contextlib.AbstractContextManager[Cell]]:
+def open_arms(
+    robot: Robot, cell: CellDescription, cell_source: Path
+) -> Callable[[str], contextlib.AbstractContextManager[Cell]]:
     """Open the cell with an object in its place, and close it."""
 
     @contextlib.contextmanager
     def opened(object_name: str) -> Iterator[Cell]:
         if not robot.simulated:
-            arms = open_cell(robot.kind, object_name, 0.0, 0, cell)
+            arms = open_cell(robot.kind, object_name, 0.0, 0, cell, cell_file=cell_source)
         else:  # a robot that waits: a pause of this machine is no silence
             host, _, port = robot.tracker.rpartition(":")
             pad, tracker = cell.pad, TrackerLink(host, int(port))

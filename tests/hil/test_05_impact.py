@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from hal.limits import COLLISION_TORQUES
-from rtstack.cells import default_cell_file
 from rtstack.log.reader import read_log
 from rtstack.samples import SIDES
 from rtstack.trials.demonstration import run_demonstration
@@ -18,12 +17,12 @@ LEAST_PEAK_N = 20.0  # of each pad: less than any wanted impact of the rice box,
 
 @pytest.mark.usefixtures("in_motion")
 def test_both_pads_hit_the_box_and_both_arms_see_it(
-    robot, open_arms, description, hil_recording, record_property
+    cell_source, robot, open_arms, description, hil_recording, record_property
 ) -> None:
     specification = DemonstrationSpecification()
     with open_arms(specification.object) as arms:
         way = start_motion(arms, description, specification.object)
-        log = open_log(hil_recording, specification, description, robot.kind, default_cell_file())
+        log = open_log(hil_recording, specification, description, robot.kind, cell_source)
         result = run_demonstration(specification, description, arms, RunContext(log), way=way)
     assert result.success, result.failure_reason
     assert result.safety_interventions == 0

@@ -3,7 +3,6 @@
 import pytest
 from mcap.reader import make_reader
 
-from rtstack.cells import default_cell_file
 from rtstack.log.reader import read_log
 from rtstack.samples import SIDES
 from rtstack.trials.record import open_log
@@ -15,7 +14,7 @@ from rtstack.trials.trial import prepare_trial, run_trial
 
 @pytest.mark.usefixtures("in_motion")
 def test_a_trial_grabs_lifts_and_releases(
-    robot, open_arms, description, hil_recording, tmp_path, record_property
+    cell_source, robot, open_arms, description, hil_recording, tmp_path, record_property
 ) -> None:
     if not hil_recording.exists():
         pytest.fail("05 has left no recording to follow: run it first")
@@ -24,7 +23,7 @@ def test_a_trial_grabs_lifts_and_releases(
     prepared = prepare_trial(specification, description)
     with open_arms(specification.object) as arms:
         way = start_motion(arms, description, specification.object, 0.0, prepared.reference.ante[:, 0])
-        log = open_log(path, specification, description, robot.kind, default_cell_file(), reference=prepared.reference)
+        log = open_log(path, specification, description, robot.kind, cell_source, reference=prepared.reference)
         result = run_trial(prepared, arms, RunContext(log), way=way)
     for name in ("max_lift_mm", "average_force_norm", "peak_torque_ratio", "peak_velocity_ratio", "missed_deadlines"):
         record_property(name, getattr(result, name))

@@ -1,0 +1,73 @@
+"""What has to hold before arms that are not simulated on this machine are connected to: the only list of it.
+
+A cell's geometry is what the safety judge, the start motion and the plans believe. Real arms on the geometry of another
+cell move where nothing was looked at. So the cell's file has to be one that a person wrote for these arms and measured.
+"""
+
+from datetime import date, timedelta
+from ipaddress import ip_address
+from pathlib import Path
+
+from rtstack.cells.description import default_cell_file
+from rtstack.model.cell_description import CellDescription
+from rtstack.trials.errors import TrialError
+
+LARGEST_RMS_MM = 3.0  # ours: at 0.4 m/s an object that is 3 mm off is met 7.5 ms early; the runbook aims at 2 mm
+
+
+def on_this_machine(address: str) -> bool:
+    """Return whether an address is this machine's alone (loopback). A name is resolved elsewhere, so it is not."""
+    try:
+        return ip_address(address).is_loopback
+    except ValueError:
+        return False
+
+
+def check_real_cell(addresses: tuple[str, str], description: CellDescription, cell_file: Path | None) -> None:
+    """Refuse arms at addresses (left, right) that are not this machine's, unless the cell's file is theirs.
+
+    Nothing is connected to. Raises TrialError with one line: what is wrong, and what to do.
+    """
+    real = [address for address in addresses if not on_this_machine(address)]
+    if not real:
+        return
+    arms = f"the arm at {real[0]} is no simulated one of this machine"
+    if cell_file is None or cell_file.resolve() == default_cell_file().resolve():
+        raise TrialError(f"{arms}: name the file of its own cell with --cell-file (docs/runbook/calibration.md)")
+    if description.simulated:
+        raise TrialError(
+            f"{arms}, and {cell_file} says simulated = true: measure the cell, then write simulated = false"
+        )
+    if len(real) == 1:
+        raise TrialError(f"{arms}, the other arm is: a cell has two real arms, or two simulated ones")
+    calibration = description.calibration
+    if calibration is None:
+        raise TrialError(
+            f"{arms}, and {cell_file} does not say when its geometry was measured: "
+            "measure it, then write [calibration] date = YYYY-MM-DD"
+        )
+    today = date.today()
+    if calibration.date > today:
+        raise TrialError(f"{cell_file}: [calibration] date = {calibration.date} is after today, {today}: correct it")
+    ends = calibration.date + timedelta(days=calibration.valid_days)
+    if ends < today:
+        raise TrialError(
+            f"{cell_file}: the calibration of {calibration.date} was valid until {ends}: measure the cell again, "
+            "then write the new date under [calibration]"
+        )
+    if calibration.rms_mm is not None and calibration.rms_mm > LARGEST_RMS_MM:
+        raise TrialError(
+            f"{cell_file}: [calibration] rms_mm = {calibration.rms_mm:g} is above {LARGEST_RMS_MM:g}: measure again"
+        )
+    written = date.fromtimestamp(cell_file.stat().st_mtime)
+    if written < calibration.date:
+        raise TrialError(
+            f"{cell_file} was written on {written}, before its calibration of {calibration.date}: "
+            "take the measured numbers over into the file"
+        )
+    for side, given, mounting in zip(("left", "right"), addresses, (description.left, description.right), strict=True):
+        if given != mounting.address:
+            raise TrialError(
+                f"the {side} arm is asked for at {given}, and {cell_file} has it at {mounting.address}: "
+                f"correct the one that is wrong ([{side}] address)"
+            )

@@ -1,0 +1,112 @@
+"""Hold-to-run at the terminal: arms that are not simulated move only while a person holds the space bar.
+
+A terminal repeats a key that is held. The first repetition comes after a quarter to a whole second, the others some 30
+times a second: the run begins with the second one, and ends through the judge's stop, as with a clutch, once none has
+come for as long as a clutch may be silent. A terminal that is closed, and a connection that is lost, repeat nothing.
+"""
+
+import os
+import select
+import sys
+import termios
+import threading
+import time
+import tty
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rtstack.cells import kind_of
+from rtstack.cli.interrupt import Interrupt
+from rtstack.loop.end import End
+from rtstack.loop.watchdogs import CLUTCH_S, Heartbeat, Watchdog
+from rtstack.model.cell_description import CellDescription
+from rtstack.trials.errors import TrialError
+
+_LOOK_S = 0.05
+
+
+class HoldToRun:
+    """What stands between a command and the arms of a cell: nothing where they are simulated."""
+
+    def __init__(self, cell_kind: str, description: CellDescription) -> None:
+        """Raises TrialError where the arms may be real and no person can be at the terminal."""
+        kind, argument = kind_of(cell_kind)
+        self._needed = not kind.simulated(argument, description)
+        self._cell = f"{description.name} ({cell_kind})"
+        self._name = description.name
+        self._held_ns = 0
+        if self._needed and not (sys.stdin.isatty() and sys.stderr.isatty()):
+            raise TrialError(
+                f"the arms of {self._cell} are not simulated: they move only while a person holds the space bar, so "
+                "give the command in a terminal; or use the page (rtstack up)"
+            )
+
+    @contextmanager
+    def held(self, what: str, stop: Interrupt) -> Iterator[tuple[Watchdog, ...]]:
+        """Ask, and wait until the space bar is held; give the watchdogs of the run. stop: raised once it is let go.
+
+        Raises TrialError where the person does not confirm.
+        """
+        if not self._needed:
+            yield ()
+            return
+        self._confirm(what)
+        descriptor = sys.stdin.fileno()
+        before = termios.tcgetattr(descriptor)
+        done = threading.Event()
+        watch = threading.Thread(target=self._watch, args=(descriptor, stop, done), daemon=True, name="hold-to-run")
+        try:
+            tty.setcbreak(descriptor)
+            self._await_key(descriptor, stop)
+            watch.start()
+            yield (Heartbeat(lambda: self._held_ns, CLUTCH_S, End.RELEASED),)
+        finally:
+            done.set()
+            if watch.ident is not None:
+                watch.join()
+            termios.tcsetattr(descriptor, termios.TCSAFLUSH, before)
+
+    def _confirm(self, what: str) -> None:
+        _say(f"{what}: the arms of {self._cell} are NOT simulated and will move.")
+        _say("No person may be within reach; keep a hand at the emergency stop.")
+        _say(f"Type the cell's name, {self._name}, and Enter: ", "")
+        if sys.stdin.readline().strip() != self._name:
+            raise TrialError("not confirmed: nothing has moved")
+        _say("Hold the space bar. The arms move while it is held; let it go, and they stop.")
+
+    def _await_key(self, descriptor: int, stop: Interrupt) -> None:
+        before_ns = 0
+        while not self._held_ns:
+            if stop.stop_requested:
+                raise TrialError("interrupted: nothing has moved")
+            if _space(descriptor):
+                now_ns = time.monotonic_ns()
+                if now_ns - before_ns < CLUTCH_S * 1e9:
+                    self._held_ns = now_ns
+                before_ns = now_ns
+
+    def _watch(self, descriptor: int, stop: Interrupt, done: threading.Event) -> None:
+        while not done.is_set():
+            if _space(descriptor):
+                self._held_ns = time.monotonic_ns()
+            elif time.monotonic_ns() - self._held_ns > CLUTCH_S * 1e9:
+                stop.stop_requested = True
+                return
+
+
+def _space(descriptor: int) -> bool:
+    """Return whether the space bar came within a moment. A terminal that is gone gives nothing."""
+    ready, _, _ = select.select([descriptor], [], [], _LOOK_S)
+    if not ready:
+        return False
+    try:
+        keys = os.read(descriptor, 64)
+    except OSError:
+        keys = b""
+    if not keys:
+        time.sleep(_LOOK_S)
+    return b" " in keys
+
+
+def _say(text: str, end: str = "\n") -> None:
+    print(text, end=end, file=sys.stderr, flush=True)

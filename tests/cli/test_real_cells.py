@@ -1,0 +1,159 @@
+"""Arms that are not simulated on this machine: which set-ups are refused, and that a person holds the key meanwhile."""
+
+import datetime
+import os
+import pty
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from hal.errors import HardwareError
+from rtstack.cells import default_cell_file, load_description, open_cell
+from rtstack.cells.simulator import Simulator
+from rtstack.trials.errors import TrialError
+
+LEFT, RIGHT = "192.0.2.2", "192.0.2.3"  # of a network that is nobody's (RFC 5737)
+TODAY = datetime.date.today()
+CALIBRATED = f"[calibration]\ndate = {TODAY}\n"
+
+
+def cell_file(folder: Path, *changes: tuple[str, str]) -> Path:
+    """Write the description of a measured cell at LEFT and RIGHT, with changes."""
+    text = default_cell_file().read_text().replace("simulated = true", "simulated = false")
+    text = text.replace("127.0.0.11", LEFT).replace("127.0.0.12", RIGHT) + "\n" + CALIBRATED
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / "cell.toml"
+    path.write_text(text)
+    return path
+
+
+def days(number: int) -> str:
+    return str(TODAY + datetime.timedelta(days=number))
+
+
+WRONG = {
+    "no simulated arms": ([("simulated = false", "simulated = true")], LEFT, RIGHT, "simulated = true"),
+    "no calibration": ([(CALIBRATED, "")], LEFT, RIGHT, r"\[calibration\] date"),
+    "calibrated in the future": ([(str(TODAY), days(2))], LEFT, RIGHT, "after today"),
+    "calibrated too long ago": ([(str(TODAY), days(-181))], LEFT, RIGHT, "valid until"),
+    "calibrated too long ago, by the file": (
+        [(CALIBRATED, f"[calibration]\ndate = {days(-8)}\nvalid_days = 7\n")], LEFT, RIGHT, "valid until",
+    ),
+    "badly calibrated": ([(CALIBRATED, CALIBRATED + "rms_mm = 3.1\n")], LEFT, RIGHT, "rms_mm"),
+    "exchanged": ([], RIGHT, LEFT, r"\[left\] address"),
+    "another left arm": ([], "192.0.2.9", RIGHT, r"\[left\] address"),
+    "another right arm": ([], LEFT, "192.0.2.9", r"\[right\] address"),
+    "by name": ([], "left.lab", RIGHT, r"\[left\] address"),
+    "one of two is simulated": ([], LEFT, "127.0.0.12", "two real arms"),
+    "the other of two is simulated": ([], "127.0.0.11", RIGHT, "two real arms"),
+    "other real arms than the simulated ones": ([("simulated = false", "simulated = true")], "::2", RIGHT, "simulated"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("changes, left, right, word", WRONG.values(), ids=WRONG)  # noqa: PT006
+def test_a_wrong_set_up_is_refused_before_anything_is_connected_to(tmp_path, changes, left, right, word):
+    path = cell_file(tmp_path, *changes)
+    with pytest.raises(TrialError, match=word) as refused:
+        open_cell(f"fci:{left},{right}", "rice_box", 0.0, 0, load_description(path)[0], cell_file=path)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_file_from_before_its_calibration_is_refused(tmp_path):
+    path = cell_file(tmp_path)
+    os.utime(path, (0, time.time() - 2 * 86400))
+    with pytest.raises(TrialError, match="take the measured numbers over"):
+        open_cell(f"fci:{LEFT},{RIGHT}", "rice_box", 0.0, 0, load_description(path)[0], cell_file=path)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("teach", "out.mcap", "--cell"), ("identify-friction", "out.toml", "--cell"), ("up", "--left", LEFT, "--right"),
+        ("robot", "--left", LEFT, "--right"),
+    ],
+)  # fmt: skip
+def test_every_command_refuses_real_arms_on_the_simulated_cells_geometry(tmp_path, command_line, command):
+    last = f"fci:{LEFT},{RIGHT}" if command[-1] == "--cell" else RIGHT
+    done = command_line(*command, last, cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.count("\n") == 1
+    assert "--cell-file" in done.stderr or "simulated" in done.stderr
+
+
+def test_the_right_set_up_gets_as_far_as_the_arms(tmp_path):
+    path = cell_file(tmp_path, (LEFT, "127.0.99.97"), (RIGHT, "127.0.99.98"))
+    with pytest.raises(HardwareError, match="does not answer"):
+        open_cell("fci:127.0.99.97,127.0.99.98", "rice_box", 0.0, 0, load_description(path)[0], cell_file=path)
+
+
+# the person at the terminal
+
+
+@pytest.fixture
+def real(tmp_path: Path) -> Iterator[tuple[Path, str]]:
+    """The file and the kind of a cell that does not say that it is simulated."""
+    simulator = Simulator("rice_box", 0.0, 3, lockstep=True)
+    host, port = simulator.tracker.address
+    path = cell_file(
+        tmp_path, (LEFT, simulator.left), (RIGHT, simulator.right), ("127.0.0.1:1341", f"{host}:{port}"),
+    )  # fmt: skip
+    simulator.tracker.close()  # the command listens there
+    yield path, f"fci:{simulator.left},{simulator.right}"
+    simulator.close()
+
+
+def at_a_terminal(command: list[str], until: Callable[[str], bool], name: str = "grab") -> tuple[int, str]:
+    """Run a command at a terminal of its own: confirm by name, hold the space bar until then; status and output."""
+    ours, theirs = pty.openpty()
+    process = subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs)
+    os.close(theirs)
+    said: list[str] = []
+
+    def listen() -> None:
+        while True:
+            try:
+                data = os.read(ours, 4096)
+            except OSError:  # the other end is closed
+                return
+            said.append(data.decode())
+
+    listener = threading.Thread(target=listen)
+    listener.start()
+    while "and Enter" not in "".join(said) and process.poll() is None:
+        time.sleep(0.01)
+    os.write(ours, f"{name}\n".encode())
+    while process.poll() is None and not until("".join(said)):
+        os.write(ours, b" ")
+        time.sleep(0.02)
+    status = process.wait()
+    listener.join()
+    os.close(ours)
+    return status, "".join(said)
+
+
+@pytest.mark.alone
+def test_they_move_while_the_space_bar_is_held_and_stop_when_it_is_let_go(real, tmp_path):
+    path, kind = real
+    rtstack = [str(Path(sys.executable).with_name("rtstack"))]
+
+    def command(log: str) -> list[str]:
+        return [*rtstack, "teach", str(tmp_path / log), "--cell", kind, "--cell-file", str(path)]
+
+    refused = subprocess.run(command("a.mcap"), stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False)
+    assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
+    assert "space bar" in refused.stderr
+    status, said = at_a_terminal(command("b.mcap"), lambda _: False, name="another")
+    assert status == 2
+    assert "not confirmed" in said
+    assert not list(tmp_path.glob("*.mcap"))
+    log = tmp_path / "c.mcap"
+    status, said = at_a_terminal(command("c.mcap"), lambda _: log.exists() and log.stat().st_size > 500_000)
+    assert status == 1, said  # before the demonstration's end
+    assert "the operator" in said
