@@ -1,13 +1,13 @@
 """The FastAPI application: routes, one JSON line for every error, and the guard in front of all of it."""
 
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
 from importlib.metadata import version
 from pathlib import Path
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
-from fastapi.responses import JSONResponse
+from fastapi.responses import JSONResponse, Response
 from fastapi.routing import APIRoute
 from fastapi.staticfiles import StaticFiles
 from starlette.exceptions import HTTPException
@@ -16,7 +16,7 @@ from console.campaigns.campaigns import CampaignRefused, NoCampaign
 from console.description import describe, operation_id
 from console.guard import Guard
 from console.heartbeats import heartbeat
-from console.parts import Parts
+from console.parts import Parts, parts_of
 from console.queue.file import QueueFileError
 from console.queue.queue import NoSuchEntry, QueueRefused
 from console.review.columns import ColumnsGone
@@ -41,6 +41,7 @@ from console.routes import (
 )
 from console.routes.problems import problems
 from console.sign_in import NameTaken
+from console.templates import error_page, is_page
 from rtstack.live.client import RobotRefused, RobotUnreachable
 from rtstack.log.errors import LogError
 from rtstack.references.acceptance import AcceptanceError
@@ -76,18 +77,9 @@ def create_app(parts: Parts, port: int) -> FastAPI:
     app.mount("/static", StaticFiles(directory=Path(__file__).parent / "static"))
     app.add_exception_handler(HTTPException, _http_error)
     app.add_exception_handler(RequestValidationError, _bad_request)
-    app.add_exception_handler(RobotRefused, _refused)
-    app.add_exception_handler(NameTaken, _refused)
-    app.add_exception_handler(QueueRefused, _refused)
-    app.add_exception_handler(CampaignRefused, _refused)
-    app.add_exception_handler(NoCampaign, _not_there)
-    app.add_exception_handler(NoSuchEntry, _not_there)
-    app.add_exception_handler(QueueFileError, _log_error)
-    app.add_exception_handler(RobotUnreachable, _unreachable)
-    app.add_exception_handler(LogError, _log_error)
     app.add_exception_handler(NotReviewable, _not_reviewable)
-    app.add_exception_handler(AcceptanceError, _log_error)
-    app.add_exception_handler(ColumnsGone, _refused)
+    for kind, status in _STATUSES.items():
+        app.add_exception_handler(kind, _with(status))
     app.add_middleware(Guard, sign_in=parts.sign_in, port=port)
     return app
 
@@ -98,41 +90,42 @@ def _methods(path: str) -> set[str]:
     return {method for route in routes if route.path_regex.match(path) for method in route.methods or ()}
 
 
-def _line(status: int, text: str, headers: Mapping[str, str] | None = None) -> JSONResponse:
+def _answer(request: Request, status: int, text: str, headers: Mapping[str, str] | None = None) -> Response:
+    """Return an error: a page where a browser asked for one, else one line of JSON."""
+    session = request.state.session
+    if is_page(request.method, request.url.path) and session is not None and session.token is None:
+        return error_page(status, text, request, parts_of(request))
     return JSONResponse({"error": text}, status_code=status, headers=headers)
 
 
-def _http_error(request: Request, error: Exception) -> JSONResponse:
+def _http_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
     methods = ", ".join(sorted(_methods(request.url.path))) if error.status_code == 405 else ""
     if methods:
-        return _line(405, f"{request.method} is not for this address; it takes {methods}", {"allow": methods})
-    return _line(error.status_code, str(error.detail), error.headers)
+        text = f"{request.method} is not for this address; it takes {methods}"
+        return _answer(request, 405, text, {"allow": methods})
+    return _answer(request, error.status_code, str(error.detail), error.headers)
 
 
-def _bad_request(_: Request, error: Exception) -> JSONResponse:
+def _bad_request(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
     first = error.errors()[0]
     key = ".".join(str(part) for part in first["loc"] if part != "body") or "the request"
-    return _line(422, " ".join(f"{key}: {first['msg']}".split()))
+    return _answer(request, 422, " ".join(f"{key}: {first['msg']}".split()))
 
 
-def _refused(_: Request, error: Exception) -> JSONResponse:
-    return _line(409, str(error))
-
-
-def _unreachable(_: Request, error: Exception) -> JSONResponse:
-    return _line(503, str(error))
-
-
-def _log_error(_: Request, error: Exception) -> JSONResponse:
-    return _line(500, str(error))
-
-
-def _not_there(_: Request, error: Exception) -> JSONResponse:
-    return _line(404, str(error))
-
-
-def _not_reviewable(_: Request, error: Exception) -> JSONResponse:
+def _not_reviewable(request: Request, error: Exception) -> Response:
     assert isinstance(error, NotReviewable)
-    return _line(error.status, str(error))
+    return _answer(request, error.status, str(error))
+
+
+def _with(status: int) -> Callable[[Request, Exception], Response]:
+    return lambda request, error: _answer(request, status, str(error))
+
+
+_STATUSES: dict[type[Exception], int] = {
+    RobotRefused: 409, NameTaken: 409, QueueRefused: 409, CampaignRefused: 409, ColumnsGone: 409,
+    NoCampaign: 404, NoSuchEntry: 404,
+    QueueFileError: 500, LogError: 500, AcceptanceError: 500,
+    RobotUnreachable: 503,
+}  # fmt: skip

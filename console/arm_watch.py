@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from hal.robot_errors import error_names
 from hal.state import RobotMode
 from rtstack.log.ring import Rings
+from rtstack.loop.standstill import REST_DQ
 from rtstack.model.cell_description import ArmMounting, base_frame
 from rtstack.model.rotation import quaternion_from_rotation
 from rtstack.samples import Mode
@@ -50,7 +51,8 @@ class ArmWatch:
         self._arm = rings.reader(f"/{side}/arm")
         self._control = rings.reader(f"/{side}/control")
         self._t_ns = 0
-        self._changed_s: float | None = None
+        self.changed_s = float("-inf")  # monotonic time of the last new state
+        self.moved_s = float("-inf")  # monotonic time of the last new state in which a joint moved
         self.q: NDArray[np.float64] | None = None
         self._peaks: deque[float] = deque(maxlen=_PEAK_SAMPLES)
         self.hit: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None  # see Watch.hits
@@ -62,8 +64,10 @@ class ArmWatch:
         if record is None:
             return ArmView("UNKNOWN", (), "UNKNOWN", NEVER_S, 0.0)
         t_ns = int(record["t_ns"][0])
-        if t_ns != self._t_ns or self._changed_s is None:
-            self._t_ns, self._changed_s = t_ns, now_s
+        if t_ns != self._t_ns or self.changed_s < 0.0:
+            self._t_ns, self.changed_s = t_ns, now_s
+            if np.abs(record["dq"]).max() > REST_DQ:
+                self.moved_s = now_s
         self.q = record["q"][0]
         speed = self._take_pad(record[0], control)
         rate = float(record["control_command_success_rate"][0])
@@ -72,7 +76,7 @@ class ArmWatch:
             robot_mode=_name(RobotMode, record["robot_mode"][0]),
             errors=error_names(int(record["current_errors"][0])),
             mode="UNKNOWN" if control is None else _name(Mode, control["mode"][0]),
-            age_s=now_s - self._changed_s,
+            age_s=now_s - self.changed_s,
             success_rate=rate if np.isfinite(rate) else 0.0,
             force_n=float(np.linalg.norm(self.force)) if self.force is not None else None,
             speed_m_s=speed,

@@ -15,13 +15,15 @@ from starlette.responses import JSONResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from console.sign_in import SignIn, UserSession, csrf_matches
+from console.templates import is_page, sign_in_page
 from console.tokens import Scope as Right
 
 CSRF_HEADER = "x-csrf-token"
 MAX_BODY_BYTES = 256 << 10  # orders are a few hundred bytes, and nothing is uploaded
 _HTTP_PORT = 80  # which browsers leave out
 _SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
-_FOR_VIEWERS = ("/api/stop", "/api/sign-out")  # changes that a viewer may ask for
+_STOP = "/api/stop"
+_FOR_VIEWERS = (_STOP, "/api/sign-out")  # changes that a viewer may ask for
 _STREAMS_FOR_VIEWERS = ("/live", "/viser/", "/api/logs/")
 _OPEN_PREFIX = "/static/"  # style and script, the same for everybody
 
@@ -58,15 +60,19 @@ class Guard:
             return
         headers = Headers(scope=scope)
         bearer = headers.get("authorization")
+        stopper = None
         if bearer is None:
             session = self._sign_in.browser(_cookie(headers, self._sign_in.cookie))
+            if session is None:  # it has ended; a browser that might stop the arms may still do so
+                stopper = self._sign_in.stopper(_cookie(headers, self._sign_in.stop_cookie))
+                session = stopper if scope["path"] == _STOP else None
         else:
             kind, _, word = bearer.partition(" ")
             session = self._sign_in.program(word.strip()) if kind.lower() == "bearer" else None
         if scope["type"] == "websocket" and scope["path"].startswith(FEED_PREFIX):
             # Foxglove has no cookie and an origin of its own: the word in the address lets it in, to watch only
             session = self._sign_in.watching(scope["path"].removeprefix(FEED_PREFIX))
-        scope.setdefault("state", {})["session"] = session
+        scope.setdefault("state", {}).update(session=session, stopper=stopper)
         refusal = self._refusal(scope, headers, session)
         if scope["type"] == "websocket":
             if refusal is not None:
@@ -96,6 +102,8 @@ class Guard:
             # the front page says itself how to sign in
             if not websocket and not changes and (path == "/" or path.startswith(_OPEN_PREFIX)):
                 return None
+            if not websocket and is_page(scope["method"], path):
+                return sign_in_page(headers["host"], scope["state"]["stopper"])
             return _refuse(401, "not signed in: open the address that `rtstack up` printed, or bring a bearer token")
         if changes and not bearer and not csrf_matches(session, headers.get(CSRF_HEADER)):
             return _refuse(403, f"the header {CSRF_HEADER} is missing or wrong: reload the page")
@@ -117,7 +125,8 @@ class Guard:
             return clean  # a program needs no cookie
         new = await run_in_threadpool(self._sign_in.redeem, tokens[0], session)  # writes to the audit trail
         if new is not None:
-            clean.set_cookie(self._sign_in.cookie, new.key, httponly=True, samesite="strict", path="/")
+            for name, value in ((self._sign_in.cookie, new.key), (self._sign_in.stop_cookie, new.stop)):
+                clean.set_cookie(name, value, httponly=True, samesite="strict", path="/")
             return clean
         if session is not None:
             return clean

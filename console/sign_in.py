@@ -27,7 +27,8 @@ class UserSession:
 
     `key`: a browser's cookie, of a program a word that never leaves this process; `csrf`: what every change that a
     browser asks for has to repeat; `operator`: what it calls itself; `token`: id of a program's token; `feed`: part of
-    the live feed's address for Foxglove, which has no cookie: who has it may watch while the session lasts, no more.
+    the live feed's address for Foxglove, which has no cookie: who has it may watch while the session lasts, no more;
+    `stop`: a browser's second cookie, which outlives the session and is good for STOP alone.
     """
 
     key: str
@@ -37,19 +38,22 @@ class UserSession:
     scope: Scope
     token: str | None = None
     feed: str = field(default_factory=lambda: secrets.token_urlsafe(24))
+    stop: str = field(default_factory=lambda: secrets.token_urlsafe(32))
 
 
 class SignIn:
-    """The one-time tokens and the sessions. `cookie` is the cookie's name: cookies do not know ports, so it does."""
+    """The one-time tokens and the sessions. `cookie`, `stop_cookie`: names with the port, which cookies do not know."""
 
     def __init__(self, port: int, tokens: Tokens, audit: AuditTrail) -> None:
         self.cookie = f"rtstack-{port}"
+        self.stop_cookie = f"{self.cookie}-stop"
         self.tokens = tokens
         self._audit = audit
         self._lock = threading.Lock()
         self._token = secrets.token_urlsafe(24)
         self._open: dict[str, tuple[Scope, float]] = {self._token: (Scope.OPERATE, float("inf"))}
         self._sessions: dict[str, UserSession] = {}
+        self._stoppers: dict[str, UserSession] = {}  # by their second cookie
         self._programs: dict[str, str] = {}  # token's id -> session's key
         self._used_s: dict[str, float] = {}  # token's id -> Unix time, s
         self._redeemed = 0
@@ -98,6 +102,9 @@ class SignIn:
             for key in browsers[: max(0, len(browsers) - _MAX_SESSIONS + 1)]:
                 del self._sessions[key]
             self._sessions[session.key] = session
+            for oldest in list(self._stoppers)[: max(0, len(self._stoppers) - _MAX_SESSIONS + 1)]:
+                del self._stoppers[oldest]
+            self._stoppers[session.stop] = session
         self._audit.note("sign in", session.operator, f"{session.operator} signed in in a browser: {scope}")
         return session
 
@@ -135,6 +142,14 @@ class SignIn:
         session = self.session(cookie)
         return session if session is not None and session.token is None else None
 
+    def stopper(self, cookie: str | None) -> UserSession | None:
+        """Return as whom a browser was signed in last, by its second cookie; None where it never was.
+
+        For STOP alone: it outlives the session, so that STOP is there when a session has ended in a motion.
+        """
+        with self._lock:
+            return self._stoppers.get(cookie or "")
+
     def end(self, session: UserSession) -> None:
         """Sign a browser out: its cookie is worth nothing any more."""
         with self._lock:
@@ -149,6 +164,8 @@ class SignIn:
             renamed = replace(session, operator=operator)
             if session.key in self._sessions:
                 self._sessions[session.key] = renamed
+            if session.stop in self._stoppers:
+                self._stoppers[session.stop] = renamed
             return renamed
 
     def _admit(self, token: Token) -> UserSession:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from console.arm_watch import NEVER_S, ArmView, ArmWatch
+from console.cell_state import MOVED_S, UNKNOWN, CellState, Squeeze, cell_state
 from console.heartbeats import OperatorHeartbeats
 from console.loop_watch import LoopView, LoopWatch
 from rtstack.live.client import RobotClient, RobotRefused, RobotUnreachable
@@ -47,6 +48,7 @@ class LiveView:
 
     left: ArmView
     right: ArmView
+    state: CellState
     loop: LoopView
     status: Status | None
     status_age_s: float
@@ -69,6 +71,8 @@ class Watch:
         mountings = {"left": cell.left, "right": cell.right}
         self._arms = {side: ArmWatch(rings, side, mountings[side]) for side in SIDES}
         self._loop = LoopWatch(rings.reader("/timing"))
+        self._squeeze = Squeeze()
+        self._runs_since: tuple[int, float] | None = None  # the job that runs, and since when, monotonic s
         self._object = rings.reader("/object/pose")
         self._event_reader = rings.reader("/events")
         self._client = client
@@ -79,7 +83,7 @@ class Watch:
         self._job = 0  # the newest one
         self._status: tuple[Status | None, float | None, str | None] = (None, None, "not asked yet")
         unknown = ArmView("UNKNOWN", (), "UNKNOWN", NEVER_S, 0.0)
-        self.view = LiveView(unknown, unknown, LoopView(None, None, 0), None, NEVER_S, None, None)
+        self.view = LiveView(unknown, unknown, UNKNOWN, LoopView(), None, NEVER_S, None, None)
         self.document = msgspec.json.encode(self.view)
         self._threads = [
             threading.Thread(target=self._watch_rings, daemon=True, name="watch rings"),
@@ -146,10 +150,15 @@ class Watch:
                 self._event_count += 1
                 self._events.append(_event(self._event_count, record))
             status, asked_s, unreachable = self._status
+<<<<<<< HEAD
             self._forget_hits(status)
+=======
+            left, right = (self._arms[side].view(now_s) for side in SIDES)
+>>>>>>> 420c324 (STOP cannot be taken away, and the state of the cell is one word in one colour)
             self.view = LiveView(
-                left=self._arms["left"].view(now_s),
-                right=self._arms["right"].view(now_s),
+                left=left,
+                right=right,
+                state=self._state(status if unreachable is None else None, now_s),
                 loop=loop,
                 status=status,
                 status_age_s=NEVER_S if asked_s is None else now_s - asked_s,
@@ -158,6 +167,7 @@ class Watch:
             )
             self.document = msgspec.json.encode(self.view)
 
+<<<<<<< HEAD
     def _forget_hits(self, status: Status | None) -> None:
         job = None if status is None else status.job
         # arms that a job has only just opened have not met anything
@@ -165,6 +175,20 @@ class Watch:
             self._job = job.number
             for arm in self._arms.values():
                 arm.hit = None
+=======
+    def _state(self, status: Status | None, now_s: float) -> CellState:
+        places = self.measured()
+        self._squeeze.add(None if places is None else places[:, :3], self.forces())
+        arms = self._arms.values()
+        job = status.job if status is not None else None
+        if job is None or job.state is JobState.STARTING or not job.active:
+            self._runs_since = None
+        elif self._runs_since is None or self._runs_since[0] != job.number:
+            self._runs_since = job.number, now_s
+        led = self._runs_since is not None and all(arm.changed_s > self._runs_since[1] for arm in arms)
+        moved = any(now_s - arm.moved_s < MOVED_S for arm in arms)
+        return cell_state(status, led, moved, self._squeeze.held_n)
+>>>>>>> 420c324 (STOP cannot be taken away, and the state of the cell is one word in one colour)
 
     def _watch_status(self) -> None:
         while not self._ending.wait(_STATUS_PERIOD_S):

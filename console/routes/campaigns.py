@@ -31,8 +31,11 @@ from rtstack.trials.errors import TrialError
 router = APIRouter(prefix="/api/campaigns", tags=["campaigns"], responses=problems(404, 409))
 
 _MOST_ROWS = 10_000
-# a report is a page of its own: its style and pictures are inside, and it may do nothing at all
-REPORT_POLICY = "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'"
+# a report is a page of its own: its style and pictures are inside, and it may do nothing at all; of our origin, so that
+# the page around it hears the space bar in it
+REPORT_POLICY = (
+    "sandbox allow-same-origin; default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'"
+)
 
 Id = Annotated[str, Path(pattern="^[0-9a-f]{16}$")]
 Workers = Annotated[int, Field(ge=1, le=256), NUMBER]

@@ -9,7 +9,7 @@ from fastapi.exceptions import HTTPException
 from fastapi.responses import FileResponse, HTMLResponse
 
 from console.parts import NeedsParts
-from console.routes.pages import show
+from console.templates import show
 
 router = APIRouter(include_in_schema=False)
 

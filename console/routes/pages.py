@@ -1,19 +1,17 @@
 """The pages."""
 
 from contextlib import suppress
-from pathlib import Path
 
 from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse, Response
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from console.mode_sheet import MODE_WORDS, SHEET_PATH, mode_sheet
-from console.page_script import page_script
-from console.parts import NeedsParts, Parts
+from console.mode_sheet import SHEET_PATH, mode_sheet
+from console.parts import NeedsParts
 from console.queue.entry import MAX_REPETITIONS
+from console.remedies import chapters
 from console.review.logs import NotReviewable, entry_of, opened_entry
 from console.routes.recordings import recording_entry
-from console.sign_in import UserSession
+from console.templates import show, sign_in_page
 from rtstack.palette import MODE_STYLES
 from rtstack.samples import Reaction
 from rtstack.teleoperation.reach import (
@@ -39,12 +37,6 @@ _REACH = {
 
 _CHOICES = {"controllers": controller_names(), "reactions": [str(name) for name in Reaction]}
 
-TEMPLATES = Environment(
-    loader=FileSystemLoader(Path(__file__).parents[1] / "pages"), autoescape=True, undefined=StrictUndefined
-)
-TEMPLATES.globals["mode_words"] = MODE_WORDS
-TEMPLATES.globals["page_script"] = page_script
-
 
 @router.get(SHEET_PATH, response_class=Response)
 def modes() -> Response:
@@ -52,23 +44,12 @@ def modes() -> Response:
     return Response(mode_sheet(), media_type="text/css")
 
 
-def show(template: str, page: str, request: Request, parts: Parts, **more: object) -> HTMLResponse:
-    """Render a page for who is signed in. page: its name in the rail; more: what this template alone needs."""
-    session: UserSession = request.state.session
-    return HTMLResponse(
-        TEMPLATES.get_template(template).render(
-            csrf=session.csrf, scope=session.scope, page=page, cell=parts.cell, **more
-        )
-    )
-
-
 @router.get("/", response_class=HTMLResponse)
 def operate(request: Request, parts: NeedsParts) -> HTMLResponse:
     """Return the page Operate, or how to sign in."""
     if request.state.session is None:
         refused = getattr(request.state, "refused_token", False)
-        page = TEMPLATES.get_template("sign_in.html").render(csrf=None, refused=refused)
-        return HTMLResponse(page, status_code=403 if refused else 401)
+        return sign_in_page(request.headers["host"], request.state.stopper, refused=refused)
     return show("operate.html", "operate", request, parts, reach=_REACH, **_CHOICES)
 
 
@@ -88,6 +69,12 @@ def campaigns(request: Request, parts: NeedsParts) -> HTMLResponse:
 def access(request: Request, parts: NeedsParts) -> HTMLResponse:
     """Return the page of invitations, tokens and the audit trail."""
     return show("access.html", "access", request, parts)
+
+
+@router.get("/recovery", response_class=HTMLResponse)
+def recovery(request: Request, parts: NeedsParts) -> HTMLResponse:
+    """Return the runbook's page of what to do about each fault."""
+    return show("recovery.html", "recovery", request, parts, chapters=chapters())
 
 
 @router.get("/recordings/{log_id}", response_class=HTMLResponse)

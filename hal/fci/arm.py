@@ -33,14 +33,17 @@ class FciArm:
         tool: Tool | None = None,
         collisions: CollisionBehaviour | None = None,
         *,
+        name: str = "arm",
         enforce_realtime: bool = False,
     ) -> None:
         """Connect and set up; an arm in reflex is set up by its recovery. Raises ConnectionLost, CommandRejected,
         HardwareError.
 
-        tool: None leaves what is set in Desk. enforce_realtime: refuse to control on a kernel that is not real-time.
+        tool: None leaves what is set in Desk. name: in messages, as "left arm". enforce_realtime: refuse to control on
+        a kernel that is not real-time.
         """
         self.address = address
+        self.called = f"the {name} at {address}"
         self._state = ArmState.empty()
         self._bytes = self._state.record.view(np.uint8).data
         self._torques = franka.Torques([0.0] * 7)
@@ -49,11 +52,11 @@ class FciArm:
         self.unread = False  # True: the next read returns the last state once more, without waiting
         config = franka.RealtimeConfig.kEnforce if enforce_realtime else franka.RealtimeConfig.kIgnore
         before = [open_sockets(kind) for kind in _KINDS]
-        with vendor_errors(address), _own_schedule():
+        with vendor_errors(self.called), _own_schedule():
             self._robot: franka.Robot | None = franka.Robot(address, config)
         new = [open_sockets(kind) - known for kind, known in zip(_KINDS, before, strict=True)]
         if [len(found) for found in new] != [1, 1]:
-            raise HardwareError(f"the arm at {address}: not one socket for its states and one for requests, but {new}")
+            raise HardwareError(f"{self.called}: not one socket for its states and one for requests, but {new}")
         # descriptor that becomes readable when a state has arrived, never to be read here; and the one for requests
         (self.socket, _), (self._requests, _) = (found.pop() for found in new)
         give_up_after(self._requests, REQUEST_PATIENCE_S)
@@ -62,7 +65,7 @@ class FciArm:
             self._configure()
 
     def _configure(self) -> None:
-        with vendor_errors(self.address), _own_schedule():
+        with vendor_errors(self.called), _own_schedule():
             configure(self._open_robot(), *self._setup)
 
     def reflex(self) -> tuple[str, ...]:
@@ -70,7 +73,7 @@ class FciArm:
 
         Raises ConnectionLost.
         """
-        with vendor_errors(self.address):
+        with vendor_errors(self.called):
             state = self._open_robot().read_once()
         if int(state.robot_mode) != RobotMode.REFLEX:
             return ()
@@ -83,20 +86,20 @@ class FciArm:
         """
         if self._control is None:
             robot = self._open_robot()
-            with vendor_errors(self.address), _own_schedule():
+            with vendor_errors(self.called), _own_schedule():
                 self._control = robot.start_torque_control()
 
     def start_positions(self) -> None:
         """Take joint position control, with the robot's own impedance. Raises CommandRejected, ConnectionLost."""
         robot = self._open_robot()
-        with vendor_errors(self.address), _own_schedule():
+        with vendor_errors(self.called), _own_schedule():
             self._control = robot.start_joint_position_control(franka.ControllerMode.JointImpedance)
 
     def read_position(self) -> tuple[int, NDArray[np.float64]]:
         """Block until the next state under position control; return its time, ns, and its q_d (7,), rad. Raises as
         read does."""
         if self._control is None:
-            raise CommandRejected(f"the arm at {self.address} is not under position control; start again")
+            raise CommandRejected(f"{self.called} is not under position control; start again")
         try:
             state = self._control.readOnce()[0]
         except VENDOR as error:
@@ -106,7 +109,7 @@ class FciArm:
     def write_position(self, q: NDArray[np.float64], *, finished: bool = False) -> None:
         """Answer the last state with a posture (7,), rad; finished: the motion's last one. Raises as write does."""
         if self._control is None:
-            raise CommandRejected(f"the arm at {self.address} is not under position control; start again")
+            raise CommandRejected(f"{self.called} is not under position control; start again")
         positions = franka.JointPositions(q.tolist())
         positions.motion_finished = finished
         try:
@@ -134,9 +137,7 @@ class FciArm:
         self._take(state, mode)
         if mode == RobotMode.REFLEX:
             names = _reasons(state)
-            raise CommandRejected(
-                f"the arm at {self.address} is in reflex: {', '.join(names)}; recover it first", names
-            )
+            raise CommandRejected(f"{self.called} is in reflex: {', '.join(names)}; recover it first", names)
         return self._state
 
     def _take(self, state: franka.RobotState, mode: int) -> None:
@@ -185,7 +186,7 @@ class FciArm:
             self._open_robot().automatic_error_recovery()
         except franka.CommandException as error:
             raise RecoveryRefused(
-                f"{as_hardware_error(error, self.address)}; the cause persists: {', '.join(names)}; "
+                f"{as_hardware_error(error, self.called)}; the cause persists: {', '.join(names)}; "
                 "move the arm out of it"
             ) from None
         except VENDOR as error:
@@ -201,20 +202,20 @@ class FciArm:
         """Give the arm up, and return what to raise. libfranka would wait for ever for its answer to a stop."""
         shut_down(self._requests)
         self._lost = True
-        return ConnectionLost(f"the arm at {self.address} {why}; check power, cable and network, then open it again")
+        return ConnectionLost(f"{self.called} {why}; check power, cable and network, then open it again")
 
     def _open_robot(self) -> franka.Robot:
         if self._robot is None:
-            raise ConnectionLost(f"the arm at {self.address} was closed; open it again")
+            raise ConnectionLost(f"{self.called} was closed; open it again")
         if self._lost:
-            raise ConnectionLost(f"the arm at {self.address} was lost; open it again")
+            raise ConnectionLost(f"{self.called} was lost; open it again")
         return self._robot
 
     def _fault(self, error: Exception) -> HardwareError:
         """Leave torque control, as the robot has, and return what to raise."""
         self._lost = isinstance(error, franka.NetworkException)
         self._control = None
-        return as_hardware_error(error, self.address)
+        return as_hardware_error(error, self.called)
 
 
 def _reasons(state: franka.RobotState) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""pylibfranka's exceptions as hal's errors: one line, with the arm's address and the vendor's names of the errors."""
+"""pylibfranka's exceptions as hal's errors: one line, with the arm's name and address, and the vendor's error names."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,24 +21,24 @@ def names_in(text: str) -> tuple[str, ...]:
     return tuple(name for name in ROBOT_ERRORS if name in words)
 
 
-def as_hardware_error(error: Exception, address: str) -> HardwareError:
-    """Return hal's error for one of pylibfranka's."""
+def as_hardware_error(error: Exception, arm: str) -> HardwareError:
+    """Return hal's error for one of pylibfranka's. arm: what the arm is called, with its address."""
     text = " ".join(str(error).removeprefix("libfranka: ").removeprefix("libfranka robot: ").split())
     if isinstance(error, franka.NetworkException):
-        return ConnectionLost(f"the arm at {address} does not answer: {text}; check power, cable and FCI mode in Desk")
+        return ConnectionLost(f"{arm} does not answer: {text}; check power, cable and FCI mode in Desk")
     names = names_in(text)
     if isinstance(error, franka.ControlException):
         remedy = "recover it first" if names else "start again"
-        return CommandRejected(f"the arm at {address} left torque control: {text}; {remedy}", names)
+        return CommandRejected(f"{arm} left torque control: {text}; {remedy}", names)
     if isinstance(error, franka.CommandException | franka.InvalidOperationException | ValueError):
-        return CommandRejected(f"the arm at {address} refused: {text}", names)
-    return HardwareError(f"the arm at {address}: {text}")
+        return CommandRejected(f"{arm} refused: {text}", names)
+    return HardwareError(f"{arm}: {text}")
 
 
 @contextmanager
-def vendor_errors(address: str) -> Iterator[None]:
+def vendor_errors(arm: str) -> Iterator[None]:
     """Raise hal's errors instead of pylibfranka's. For calls outside the loop: it costs too much there."""
     try:
         yield
     except VENDOR as error:
-        raise as_hardware_error(error, address) from None
+        raise as_hardware_error(error, arm) from None

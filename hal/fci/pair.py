@@ -70,7 +70,7 @@ class FciPair:
             except RecoveryRefused as error:
                 refused.append(str(error))
             else:
-                done += [f"the arm at {arm.address} has recovered from {', '.join(names)}"] if names else []
+                done += [f"{arm.called} has recovered from {', '.join(names)}"] if names else []
         if refused:
             raise RecoveryRefused("; ".join(done + refused))
         return tuple(done)
@@ -135,9 +135,9 @@ def open_pair(
 
     shared_clock: both are of one robot that waits for answers (lockstep): their first states are to be the same one.
     """
-    left = FciArm(left_address, tool, collisions, enforce_realtime=enforce_realtime)
+    left = FciArm(left_address, tool, collisions, name="left arm", enforce_realtime=enforce_realtime)
     try:
-        right = FciArm(right_address, tool, collisions, enforce_realtime=enforce_realtime)
+        right = FciArm(right_address, tool, collisions, name="right arm", enforce_realtime=enforce_realtime)
     except BaseException:
         left.close()
         raise

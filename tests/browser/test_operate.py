@@ -33,7 +33,6 @@ def test_both_arms_say_their_state_and_its_age(console):
     page = console.page
     for side in ("left", "right"):
         expect(page.locator(f"#light-{side} .word")).to_have_text("idle", timeout=30_000)
-    expect(page.locator("#mode .word")).to_have_text("idle")
     expect(page.locator("#age .value")).to_have_text(re.compile(r"^\d+ ms$"))
     expect(page.locator("#loop")).to_have_text(re.compile(r"^[\d.]+ / [\d.]+ ms / \d+$"))
     expect(page.locator(".badge")).to_have_text("SIMULATED")
@@ -119,7 +118,8 @@ def test_another_operator_is_named_and_can_be_taken_over_from_while_nothing_move
     take = page.locator("#take")
     program.robot.take("ben", over_from="anna")
     expect(page.locator("#holder")).to_have_text("ben")
-    expect(take).to_have_text("Take over from ben")
+    expect(take).to_have_text("Take over")
+    expect(take).to_have_attribute("title", re.compile("^Take over from ben"))
     expect(page.locator("#demonstration [data-why]")).to_contain_text("ben has control")
     page.fill("#operator", "anna")
     take.click()
@@ -129,7 +129,7 @@ def test_another_operator_is_named_and_can_be_taken_over_from_while_nothing_move
 
 def test_an_operator_who_goes_in_a_motion_leaves_a_fault_that_the_page_shows_and_recovers(console, program):
     page = console.page
-    phase, fault = page.locator("#control-light .word"), page.locator("#fault")
+    phase, fault = page.locator("#control-light .word"), page.locator("#control-line")
     program.robot.take("ben", over_from="anna")
     program.robot.arm("ben")
     program.robot.start(DemonstrationRequest(operator="ben"))
@@ -142,10 +142,12 @@ def test_an_operator_who_goes_in_a_motion_leaves_a_fault_that_the_page_shows_and
     expect(page.locator("#demonstration [data-why]")).to_contain_text("recover first")
     expect(page.locator("#arm")).to_be_disabled()
     expect(page.locator("#recover")).to_be_enabled(timeout=FINISHED_MS)
-    _fits(page, "#recover", "#fault", "#take")
+    expect(page.locator("#remedy")).to_contain_text("sign in again, take control; then recover")
+    _fits(page, "#recover", "#control-line", "#remedy a", "#take")
     page.click("#recover")
     expect(phase).to_have_text("disarmed")
-    expect(fault).to_be_hidden()
+    expect(fault).not_to_contain_text("gone")
+    expect(page.locator("#remedy")).to_be_hidden()
     expect(page.locator("#recover")).to_be_hidden()
 
 

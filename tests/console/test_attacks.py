@@ -436,9 +436,13 @@ def test_no_page_has_anything_inline():
         assert "https://" not in text
 
 
-def test_an_unknown_page_is_one_line(served):
+def test_an_unknown_address_of_the_interface_is_one_line_and_any_other_a_page(served):
     with served.signed_in() as (client, _):
-        answer = client.get("/no/such/page")
+        answer = client.get("/api/no/such/thing")
         assert answer.status_code == 404
         assert list(answer.json()) == ["error"]
+        answer = client.get("/no/such/<page>")
+        assert answer.status_code == 404
+        assert "Nothing is at /no/such/&lt;page&gt;" in answer.text
+        assert 'id="stop"' in answer.text
     assert httpx.get(f"{served.base}/docs", trust_env=False, timeout=60.0).status_code == 401

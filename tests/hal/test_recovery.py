@@ -39,7 +39,7 @@ def test_an_arm_that_is_opened_in_reflex_says_so_and_recovers(simulator: Simulat
     with pytest.raises(CommandRejected, match="controller_torque_discontinuity"):
         pair.left.read()
     (line,) = pair.recover()
-    assert line == f"the arm at {simulator.left} has recovered from controller_torque_discontinuity"
+    assert line == f"the left arm at {simulator.left} has recovered from controller_torque_discontinuity"
     assert pair.left.read().robot_mode == RobotMode.IDLE
     assert pair.recover() == ()
     pair.close()

@@ -61,7 +61,7 @@ def test_a_torque_jump_is_refused_by_name_and_recovered_from(robot: Robot) -> No
         pair.left.stop()
         pair.right.stop()
         assert pair.left.reflex() == ("controller_torque_discontinuity",)
-        assert [line.partition(" has ")[0] for line in pair.recover()] == [f"the arm at {robot.left}"]
+        assert [line.partition(" has ")[0] for line in pair.recover()] == [f"the left arm at {robot.left}"]
         assert [arm.read().robot_mode for arm in (pair.left, pair.right)] == [RobotMode.IDLE] * 2
     finally:
         pair.close()

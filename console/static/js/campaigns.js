@@ -7,6 +7,7 @@ import { plain, when } from "./formats.js";
 import { startFrame } from "./frame.js";
 import { cell } from "./log_table.js";
 import { timeLeft } from "./queue.js";
+import { listenForSpace } from "./stop.js";
 import { startTabs } from "./tabs.js";
 import { Results } from "./results.js";
 
@@ -51,6 +52,7 @@ class Page {
       this.view = view;
       this.showWhy();
     });
+    $("report-frame").addEventListener("load", () => listenForSpace($("report-frame").contentWindow));
     setInterval(() => this.refresh(), PERIOD_MS);
     this.refresh();
   }

@@ -5,6 +5,7 @@ import { showError } from "./errors.js";
 import { LOOKS } from "./scope.js";
 
 const KEY = "rtstack.operator";
+const ORDERS = ["take", "release", "arm", "disarm", "recover"];
 const WHILE = { moving: "moving", recovering: "recovering" };
 
 const write = (element, text) => {
@@ -63,15 +64,12 @@ export class Control {
   show(view) {
     this.view = view;
     const { status, you } = view;
-    const line = document.getElementById("control-line");
     if (status === null || view.unreachable) {
       const why = view.unreachable ?? "the robot process has not answered yet";
-      for (const id of ["take", "release", "arm", "disarm", "recover"]) allow(id, why, "");
-      write(line, why);
-      line.dataset.tone = "bad";
+      for (const id of ORDERS) allow(id, why, "");
       return;
     }
-    const { phase, holder, reason } = status;
+    const { phase, holder } = status;
     const mine = holder === you;
     const from = holder !== null && !mine ? holder : "";
     const busy = WHILE[phase] ? `the arms are ${WHILE[phase]}` : null;
@@ -79,30 +77,22 @@ export class Control {
     this.name.disabled = mine;
     this.name.placeholder = you;
     button("take").dataset.from = from;
-    write(button("take"), from ? `Take over from ${from}` : "Take control");
+    write(button("take"), from ? "Take over" : "Take control");
     allow("take", LOOKS ? LOOKS : mine ? "You have control" : from && phase === "moving" ? `Take over once nothing moves: ${busy}` : null,
-      from ? `${from} loses control, and the arms are disarmed` : "While you have it no other operator can start a motion");
+      from ? `Take over from ${from}: ${from} loses control, and the arms are disarmed` : "While you have it no other operator can start a motion");
     allow("release", mine ? null : "You do not have control", "Give control back; the arms are disarmed, and what moves stops");
-    allow("arm", !mine ? "Take control first" : phase === "fault" ? "Recover first" : phase === "armed" ? "Armed" : busy,
-      "Allow motion until you disarm, release or press STOP");
+    allow("arm", !mine ? "Take control first" : phase === "armed" ? "Armed" : busy, "Allow motion until you disarm, release or press STOP");
     allow("disarm", phase === "armed" || phase === "moving" ? null : "The arms are not armed", "Allow no motion; what moves stops");
 
-    button("recover").hidden = phase !== "fault" && phase !== "recovering";
+    // in a fault nothing can be armed: the way out of it stands there instead
+    const fault = phase === "fault" || phase === "recovering";
+    button("arm").hidden = fault;
+    button("recover").hidden = !fault;
     const active = status.job && ["starting", "running", "stopping"].includes(status.job.state);
     allow("recover", LOOKS ? LOOKS : active ? "Wait until the job has ended" : phase === "recovering" ? "The arms are recovering" : null,
       "Clear what the arms have latched, once its cause is gone");
 
-    const fault = document.getElementById("fault");
-    fault.hidden = reason === null;
-    write(fault, `Fault: ${reason}`);
-    write(line, this.hint(phase, mine, holder));
-    line.dataset.tone = "";
-  }
-
-  hint(phase, mine, holder) {
-    if (phase === "fault") return "Mend the cause, then recover.";
-    if (holder === null) return "Take control, then arm.";
-    if (!mine) return `${holder} has control.`;
-    return { disarmed: "You have control. Arm to start.", armed: "Armed: you can start.", moving: "The arms move." }[phase] ?? "";
+    const next = fault ? "recover" : mine ? (phase === "disarmed" ? "arm" : "") : "take";
+    for (const id of ORDERS) button(id).classList.toggle("next", id === next);
   }
 }

@@ -1,11 +1,13 @@
-// Errors stay until read: what happened, and what it means for the robot.
+// Errors stay until read: what happened, and what it means for the robot. They lie above the page, which stays in place.
 
 const place = document.getElementById("errors");
 
-export function showError(what) {
+// tone: "worst" where the robot goes on although it was stopped; it comes first.
+export function showError(what, tone = "") {
   for (const shown of place.querySelectorAll("p")) if (shown.textContent === what) return;
   const row = document.createElement("div");
   row.className = "error";
+  row.dataset.tone = tone;
   const text = document.createElement("p");
   text.textContent = what;
   const close = document.createElement("button");
@@ -14,5 +16,6 @@ export function showError(what) {
   close.textContent = "Read";
   close.addEventListener("click", () => row.remove());
   row.append(text, close);
-  place.append(row);
+  if (tone === "worst") place.prepend(row);
+  else place.append(row);
 }

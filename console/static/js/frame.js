@@ -2,6 +2,7 @@
 
 import { startBar } from "./bar.js";
 import { startEvents } from "./events.js";
+import { startLabels } from "./labels.js";
 import { Live } from "./live.js";
 import { startKeyboard } from "./keyboard.js";
 import { startStop } from "./stop.js";
@@ -10,6 +11,7 @@ import { startTheme } from "./theme.js";
 export function startFrame() {
   startTheme();
   startKeyboard();
+  startLabels();
   const live = new Live();
   startStop(live);
   startBar(live);

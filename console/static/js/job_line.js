@@ -10,17 +10,19 @@ const write = (element, text) => {
   if (element.textContent !== text) element.textContent = text;
 };
 
-function sentence(job) {
+// What the bar says of a fault is not said again.
+function sentence(job, fault) {
   const what = `${WHAT[job.kind]} ${job.number} (${job.title})`;
+  const why = fault !== null && (job.reason ?? "").includes(fault) ? "" : `: ${job.reason}`;
   switch (job.state) {
     case "starting": return [`${what} is being prepared.`, ""];
     case "running": return [`${what} runs.`, ""];
     case "stopping": return [`${what} is being stopped.`, ""];
     case "stopped": return [`${what} was stopped: ${job.reason ?? "by the operator"}.`, "bad"];
-    case "failed": return [`${what} failed: ${job.reason}.`, "bad"];
+    case "failed": return [`${what} failed${why}.`, "bad"];
     default:
       if (job.success) return [`${what} succeeded.`, "good"];
-      return [`${what} ended without success: ${job.reason}.`, "bad"];
+      return [`${what} ended without success${why}.`, "bad"];
   }
 }
 
@@ -32,7 +34,7 @@ export function startJobLine(live, onFinished) {
   live.onView(({ status }) => {
     const job = status?.job;
     if (!job) return;
-    const [text, tone] = sentence(job);
+    const [text, tone] = sentence(job, status.reason);
     write(line, text);
     line.dataset.tone = tone;
     const active = ACTIVE.has(job.state);
@@ -42,7 +44,7 @@ export function startJobLine(live, onFinished) {
     const state = `${job.number} ${job.state}`;
     if (last !== null && last !== state && !active) {
       onFinished();
-      if (job.state === "failed") showError(`${text} Both arms are stopped; mend the cause and order it again.`);
+      if (job.state === "failed" && status.reason === null) showError(`${text} Both arms are stopped.`);
     }
     last = state;
   });

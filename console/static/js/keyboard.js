@@ -1,4 +1,5 @@
-// What the keyboard needs on every page: Space is STOP's, so that Enter ticks boxes; "?" shows the list of keys.
+// What the keyboard needs on every page: Space is STOP's, so that Enter ticks boxes; Enter in a field moves no arm; "?"
+// shows the list of keys.
 
 import { closeDialog, openDialog } from "./dialog.js";
 import { isTextField } from "./stop.js";
@@ -11,10 +12,18 @@ export function startKeyboard() {
   close.addEventListener("click", () => closeDialog());
   window.addEventListener("keydown", (event) => {
     const { target } = event;
+    if (event.key === "Enter" && target.form?.matches("[data-moves]") && !target.matches("button")) {
+      event.preventDefault();
+      const button = target.form.querySelector("[type=submit]");
+      if (event.ctrlKey && !event.repeat && !button.disabled) target.form.requestSubmit(button);
+      return;
+    }
     if (event.ctrlKey || event.altKey || event.metaKey || isTextField(target)) return;
     if (event.key === "?" && !help.open) show();
     else if (event.key === "Enter" && target.type === "checkbox" && !event.repeat) target.click();
     else return;
     event.preventDefault();
   });
+  // what was sent is done with: the field has the focus, and the keys, no more
+  window.addEventListener("submit", () => isTextField(document.activeElement) && document.activeElement.blur());
 }

@@ -1,7 +1,10 @@
 // The live state: one WebSocket, and an honest age that goes on counting when nothing arrives. The operator who has control
 // answers each view once it is shown: a page that is closed, frozen or broken gives no sign of life.
 
+import { showError } from "./errors.js";
+
 const RETRY_MS = 1000;
+const SIGNED_OUT = 1008;
 
 export class Live {
   constructor() {
@@ -24,7 +27,10 @@ export class Live {
       for (const listener of this.listeners) listener(this.view);
       if (this.view.status?.holder === this.view.you) socket.send("beat");
     });
-    socket.addEventListener("close", () => setTimeout(() => this.connect(), RETRY_MS));
+    socket.addEventListener("close", ({ code }) => {
+      if (code === SIGNED_OUT) showError("This browser is not signed in any more: STOP still works, nothing else. Reload the page to see how to sign in.");
+      setTimeout(() => this.connect(), RETRY_MS);
+    });
   }
 
   // Age of what is on screen, s: as old as the console says, and older by the time since it said so.

@@ -1,10 +1,14 @@
-// STOP: the button, and the space bar anywhere but in a text field, in the scene's frame too. It never asks.
+// STOP: the button, and the space bar. It never asks. While anything moves, or the page does not know, the space bar
+// stops wherever the focus is, in the scene's frame too; else a text field keeps it for a space.
 
 import { post } from "./api.js";
 import { closeDialog } from "./dialog.js";
 import { showError } from "./errors.js";
 
 const TEXT_TYPES = new Set(["text", "search", "number", "email", "url", "password", "tel"]);
+const OLD_S = 0.5;
+
+let mayMove = () => true;
 
 export function isTextField(element) {
   if (!element) return false;
@@ -20,14 +24,16 @@ export async function stop() {
     await post("/api/stop");
   } catch (error) {
     delete button.dataset.state;
-    showError(`STOP was not delivered, the robot goes on: ${error.message} Use the robot's own stop.`);
+    showError(`STOP was not delivered, the robot goes on: ${error.message} Use the robot's own stop.`, "worst");
   }
 }
 
 // Captured before other listeners: a focused button must not take the space bar for itself.
 export function listenForSpace(target) {
   const swallow = (event) => {
-    if (event.code !== "Space" || isTextField(event.target)) return;
+    if (event.code !== "Space") return;
+    const typed = isTextField(event.target) && event.target.type !== "number"; // a number has no space
+    if (typed && !mayMove()) return;
     event.preventDefault();
     event.stopImmediatePropagation();
     if (event.type === "keydown" && !event.repeat) stop();
@@ -36,10 +42,13 @@ export function listenForSpace(target) {
   target.addEventListener("keyup", swallow, { capture: true });
 }
 
+// live: the live state, null on a page that has none.
 export function startStop(live) {
   const button = document.getElementById("stop");
   button.addEventListener("click", stop);
   listenForSpace(window);
+  if (live === null) return;
+  mayMove = () => live.since() > OLD_S || live.view.state.active;
   live.onView((view) => {
     const job = view.status?.job;
     const active = job && ["starting", "running", "stopping"].includes(job.state);

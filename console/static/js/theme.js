@@ -1,4 +1,4 @@
-// Dark by default, light by choice or by the system; the colours that scripts draw with.
+// Dark or light: by choice, else by the system (theme_at_once.js); the colours that scripts draw with.
 
 const KEY = "rtstack.theme";
 const known = new Map();
@@ -13,15 +13,14 @@ export function token(name) {
 
 export function startTheme() {
   const button = document.getElementById("theme");
-  let theme = localStorage.getItem(KEY) ?? (matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark");
+  const root = document.documentElement;
   const show = () => {
-    document.documentElement.dataset.theme = theme;
-    button.textContent = theme === "dark" ? "light" : "dark";
+    button.textContent = root.dataset.theme === "dark" ? "light" : "dark";
     button.title = `Switch to ${button.textContent}`;
   };
   button.addEventListener("click", () => {
-    theme = theme === "dark" ? "light" : "dark";
-    localStorage.setItem(KEY, theme);
+    root.dataset.theme = button.textContent;
+    localStorage.setItem(KEY, root.dataset.theme);
     show();
   });
   show();

@@ -1,0 +1,75 @@
+"""What to do about a fault: the runbook's page "Recovery by error", read once and looked up by a fault's reason.
+
+`recovery.md` is a link to that page in the documentation, so that it goes with the package: one text, in both places.
+"""
+
+import re
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+_PAGE = Path(__file__).with_name("recovery.md")
+_ROW = re.compile(r"\| `(?P<name>[^`]+)` \|(?P<cells>.+)\|$")
+_SAME = "recover, look at the log for what was commanded, and report it"  # what the page says of *the same*
+
+
+@dataclass(frozen=True, slots=True)
+class Remedy:
+    """A row of the runbook. anchor: of its row on the page /recovery; todo: what to do, without a stop at its end."""
+
+    name: str
+    anchor: str
+    cause: str
+    todo: str
+
+
+@dataclass(frozen=True, slots=True)
+class Chapter:
+    """A table of the runbook's page, with its title."""
+
+    title: str
+    rows: tuple[Remedy, ...]
+
+
+@cache
+def chapters() -> tuple[Chapter, ...]:
+    """Return the tables of the page, in its order."""
+    found: list[Chapter] = []
+    for part in _PAGE.read_text().split("\n## ")[1:]:
+        title, _, text = part.partition("\n")
+        rows: list[Remedy] = []
+        for match in filter(None, map(_ROW.match, text.splitlines())):
+            *cause, todo = (_plain(cell) for cell in match["cells"].split(" | "))
+            rows.append(_row(match["name"], "".join(cause), todo, rows, found))
+        found.append(Chapter(title, tuple(rows)))
+    return tuple(found)
+
+
+def remedy_of(reason: str | None) -> Remedy | None:
+    """Return what the runbook says of a fault's reason: the row whose name is in it, the most special one; None where
+    there is none.
+    """
+    rows = [row for chapter in chapters() for row in chapter.rows if reason is not None and row.name in reason]
+    rows = [row for row in rows if not any(row.name in other.name for other in rows if other is not row)]
+    # the vendor's and the judge's names come first on the page, and say more than how the session ended
+    return rows[0] if rows else None
+
+
+def _row(name: str, cause: str, todo: str, before: list[Remedy], chapters_before: list[Chapter]) -> Remedy:
+    """Return a row in which *as above*, *the same* and *as for NAME* are what they stand for."""
+    known = {row.name: row for row in (*(row for chapter in chapters_before for row in chapter.rows), *before)}
+    like = re.match(r"as for (\w+)", todo)
+    if todo.startswith("the same"):
+        todo = _SAME + todo.removeprefix("the same")
+    elif like is not None:
+        todo = known[like[1]].todo
+    elif todo.startswith("as above") and before:
+        todo = before[-1].todo + todo.removeprefix("as above")
+    if cause.startswith("as above") and before:
+        cause = before[-1].cause + cause.removeprefix("as above")
+    return Remedy(name, re.sub(r"\W+", "-", name.lower()).strip("-"), cause, todo)
+
+
+def _plain(cell: str) -> str:
+    """Return a cell's text without Markdown's marks."""
+    return re.sub(r"\[([^\]]+)\]\([^)]*\)", r"\1", cell).replace("`", "").strip()

@@ -1,0 +1,105 @@
+"""Nothing jumps under the pointer while control is taken, arms move, are stopped, or a fault comes."""
+
+import pytest
+from playwright.sync_api import expect
+
+from tests.browser.stage import on_stage
+
+pytestmark = [pytest.mark.browser, pytest.mark.alone]
+
+# every shift that Chromium reports (https://wicg.github.io/layout-instability/), also those soon after an input
+WATCH = """() => {
+  window.shifts = [];
+  new PerformanceObserver((list) => {
+    for (const shift of list.getEntries()) {
+      const what = shift.sources.map(({node, previousRect, currentRect}) => `${node?.nodeName}#${node?.id ?? ''} `
+        + `"${(node?.textContent ?? '').trim().slice(0, 30)}" ${previousRect.x},${previousRect.y} -> ${currentRect.x},${currentRect.y}`);
+      window.shifts.push([shift.value, ...what]);
+    }
+  }).observe({type: 'layout-shift'});
+}"""  # noqa: E501
+KEPT = (
+    "#stop",
+    "#take",
+    "#disarm",
+    "#job",
+    "#tabs",
+    "#control-line",
+    "main form:not([hidden]) [type=submit]",
+    "#event",
+)
+PLACES = """(selectors) => selectors.map((selector) => {
+  const element = document.querySelector(selector);
+  if (!element) return null;
+  const { x, y, width, height } = element.getBoundingClientRect();
+  return selector === '#control-line' ? [x] : [x, y, width, height];
+})"""
+
+
+@pytest.fixture(scope="module")
+def stage(browser, demonstration, tmp_path_factory):
+    with on_stage(browser, demonstration, tmp_path_factory.mktemp("layout") / "logs") as stage:
+        yield stage
+
+
+@pytest.mark.parametrize(
+    ("address", "tab", "width", "height"),
+    [
+        ("/", "#tab-hand", 1280, 720),
+        ("/", "#tab-demonstration", 1280, 720),
+        ("/", "#tab-trial", 1280, 720),
+        ("/", "#tab-trial", 1920, 1080),
+        ("/", "#tab-trial", 390, 844),
+        ("/trials", "", 1280, 720),
+        ("/trials", "", 820, 1180),
+        ("/logs", "", 1280, 720),
+    ],
+)
+def test_nothing_jumps_on_take_arm_start_stop_and_fault(stage, address, tab, width, height):
+    page = stage.page
+    page.set_viewport_size({"width": width, "height": height})
+    page.goto(address)
+    band = page.locator("#control-light")
+    expect(band).to_have_attribute("data-state", "disarmed")
+    expect(page.locator("#light-left .word")).to_have_text("idle")
+    if address != "/logs":
+        expect(page.locator("select[name=reference] option").first).not_to_have_text("no recording yet")
+    if tab:
+        page.click(tab)
+    page.wait_for_timeout(500)
+    page.evaluate(WATCH)
+    before = page.evaluate(PLACES, KEPT)
+
+    def still(step):
+        page.wait_for_timeout(300)
+        assert page.evaluate("window.shifts") == [], step
+        assert page.evaluate(PLACES, KEPT) == before, step
+
+    try:
+        if address != "/logs":
+            page.click("#take")
+            expect(page.locator("#arm")).to_be_enabled()
+            still("take")
+            page.click("#arm")
+            expect(band).to_have_attribute("data-state", "armed")
+            still("arm")
+        stage.bring_about("preparing")
+        expect(band).to_have_attribute("data-state", "preparing")
+        still("start")
+        stage.begin("moving")
+        expect(band).to_have_attribute("data-state", "moving")
+        still("moves")
+        page.click("#stop")
+        expect(page.locator("#stop")).to_have_text("STOPPING")
+        still("stop")
+        stage.end()
+        expect(band).to_have_attribute("data-state", "disarmed")
+        still("stopped")
+        stage.bring_about("fault")
+        expect(band).to_have_attribute("data-state", "fault")
+        expect(page.locator("#remedy")).to_contain_text("What to do: slower")
+        still("fault")
+    finally:
+        stage.end()
+    expect(band).to_have_attribute("data-state", "disarmed")
+    still("recovered")
