@@ -150,11 +150,8 @@ class Watch:
                 self._event_count += 1
                 self._events.append(_event(self._event_count, record))
             status, asked_s, unreachable = self._status
-<<<<<<< HEAD
             self._forget_hits(status)
-=======
             left, right = (self._arms[side].view(now_s) for side in SIDES)
->>>>>>> 420c324 (STOP cannot be taken away, and the state of the cell is one word in one colour)
             self.view = LiveView(
                 left=left,
                 right=right,
@@ -167,7 +164,6 @@ class Watch:
             )
             self.document = msgspec.json.encode(self.view)
 
-<<<<<<< HEAD
     def _forget_hits(self, status: Status | None) -> None:
         job = None if status is None else status.job
         # arms that a job has only just opened have not met anything
@@ -175,7 +171,7 @@ class Watch:
             self._job = job.number
             for arm in self._arms.values():
                 arm.hit = None
-=======
+
     def _state(self, status: Status | None, now_s: float) -> CellState:
         places = self.measured()
         self._squeeze.add(None if places is None else places[:, :3], self.forces())
@@ -188,7 +184,6 @@ class Watch:
         led = self._runs_since is not None and all(arm.changed_s > self._runs_since[1] for arm in arms)
         moved = any(now_s - arm.moved_s < MOVED_S for arm in arms)
         return cell_state(status, led, moved, self._squeeze.held_n)
->>>>>>> 420c324 (STOP cannot be taken away, and the state of the cell is one word in one colour)
 
     def _watch_status(self) -> None:
         while not self._ending.wait(_STATUS_PERIOD_S):

@@ -3,7 +3,7 @@
 import pytest
 from playwright.sync_api import expect
 
-from tests.browser.stage import on_stage
+from tests.support.console.stage import on_stage
 
 pytestmark = [pytest.mark.browser, pytest.mark.alone]
 

@@ -1,6 +1,6 @@
 """STOP cannot be taken away: not by the focus, a dialog, the page, its width or the moment, in a real Chromium.
 
-How soon a STOP reaches the arms: tests/bench/dead_man.py.
+How soon a STOP reaches the arms: tests/programs/dead_man.py.
 """
 
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import expect
 
 from rtstack.live.protocol import JobState
-from tests.browser.stage import PATIENCE_MS, on_stage
+from tests.support.console.stage import PATIENCE_MS, on_stage
 
 pytestmark = [pytest.mark.browser, pytest.mark.alone]
 

@@ -8,11 +8,11 @@ import threading
 from contextlib import contextmanager
 
 import numpy as np
-from served_console import serve_console
 
 from hal.state import RobotMode
 from rtstack.live.protocol import DemonstrationRequest, JobState
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, Mode
+from tests.support.console.served_console import serve_console
 
 PATIENCE_MS = 60_000
 OPERATOR = "anna"
