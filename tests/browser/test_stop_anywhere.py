@@ -97,8 +97,8 @@ def test_stop_arrives(stage, way):
         tab = way.focus.split()[0].removeprefix("#")
         page.click(f"#tab-{tab if tab in ('demonstration', 'trial') else 'hand'}")
     if way.focus == "#report-frame":
-        show = "frame => { frame.closest('#shown').hidden = frame.closest('#page').hidden = frame.hidden = false; }"
-        page.locator("#report-frame").evaluate(show)
+        shown = "frame => { document.querySelector('main').prepend(frame); frame.hidden = false; }"
+        page.locator("#report-frame").evaluate(shown)
         page.locator("#report-frame").evaluate("frame => { frame.srcdoc = '<p id=drawn>A report</p>'; }")
     stage.bring_about(way.moment)
     try:
