@@ -35,7 +35,7 @@ from console.sign_in import SignIn
 from console.teleoperation.teleop_input import TeleopInput
 from console.tokens import Tokens
 from console.watch import STATUS_TIMEOUT_S, Watch
-from rtstack.configuration import ConfigurationError
+from hal.configuration import ConfigurationError
 from rtstack.live.audit import FILE_NAME, AuditTrail
 from rtstack.live.client import SOCKET_NAME, RobotClient
 from rtstack.live.parent_watch import watch_parent

@@ -21,8 +21,8 @@ from typing import Annotated
 from pydantic import Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
 
+from hal.configuration import STRICT
 from hal.files import locked, write_whole
-from rtstack.configuration import STRICT
 
 FILE_NAME = "tokens.json"  # in the folder of logs
 MAX_TOKENS = 64

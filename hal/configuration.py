@@ -1,4 +1,8 @@
-"""TOML into frozen dataclasses, and back: an unknown, missing or ill-typed key is one line with its name and place."""
+"""TOML into frozen dataclasses, and back: an unknown, missing or ill-typed key is one line with its name and place.
+
+Values are taken as they are written: neither a text nor true is a number. A list becomes a tuple, an integer may stand
+for a float. The floats of a dataclass without a configuration of its own are finite.
+"""
 
 import json
 import re
@@ -18,16 +22,21 @@ class ConfigurationError(Exception):
 
 def load_toml(path: Path, kind: type[T]) -> T:
     """Read `path` into the dataclass `kind`. Raises ConfigurationError with one line."""
+    document, text = read_toml(path)
+    return from_document(document, kind, str(path), text)
+
+
+def read_toml(path: Path) -> tuple[dict[str, Any], str]:
+    """Return what a file says, parsed and as text. Raises ConfigurationError with one line."""
     try:
         text = path.read_text(encoding="utf-8")
-        document = tomllib.loads(text)
+        return tomllib.loads(text), text
     except OSError as error:
         raise ConfigurationError(f"{path}: cannot be read: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:  # a path with a NUL or a number of thousands of digits: ValueError
         found = re.search(r" \(at line (\d+), column \d+\)", str(error))
         place = f"{path}:{found[1]}" if found else str(path)
-        raise ConfigurationError(f"{place}: not valid TOML: {error}") from None
-    return from_document(document, kind, str(path), text)
+        raise ConfigurationError(one_line(f"{place}: not valid TOML: {error}")) from None
 
 
 def place_of(source: str, text: str, key: Sequence[str | int]) -> str:
@@ -63,11 +72,21 @@ def from_document(document: dict[str, Any], kind: type[T], source: str, text: st
     Raises ConfigurationError with one line.
     """
     try:
-        return TypeAdapter(kind).validate_python(document)
+        # JSON has TOML's types, and no other way in which to write a number; a tuple carries the configuration to kind
+        written = json.dumps([document], default=str)
+        return TypeAdapter(tuple[kind], config=_PLAIN).validate_json(written, strict=True)[0]  # pyright: ignore[reportInvalidTypeForm]
     except ValidationError as error:
         first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
-        raise ConfigurationError(f"{place_of(source, text, first['loc'])}: key {key}: {first['msg']}") from None
+        loc, said = first["loc"][1:], first["msg"].removeprefix("Value error, ")
+        key = f"key {'.'.join(map(str, loc))}: " if loc else ""
+        raise ConfigurationError(one_line(f"{place_of(source, text, loc)}: {key}{said}")) from None
+    except (ValueError, RecursionError) as error:  # an integer of thousands of digits cannot be written
+        raise ConfigurationError(one_line(f"{source}: {error}")) from None
+
+
+def one_line(message: str) -> str:
+    """Return a message without its line breaks."""
+    return " ".join(message.split())
 
 
 def toml_text(document: Mapping[str, Any], *comments: str) -> str:
@@ -93,3 +112,4 @@ def _key(name: str) -> str:
 
 
 STRICT = ConfigDict(extra="forbid", strict=False, arbitrary_types_allowed=True)
+_PLAIN = ConfigDict(extra="forbid", allow_inf_nan=False)  # of dataclasses that have no configuration of their own

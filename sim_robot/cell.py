@@ -242,7 +242,7 @@ def simulated_cell(
     cell_file: a lab's own, for the objects that it adds (sim_robot.lab_objects). arms_seed: of the arms alone, where
     the same ones are to meet other noise. Without a clock it is lockstep: nothing waits, and a seed gives bit-identical
     states. `on_the_wire`: an FCI server stands in front, and carries out the faults of the link. Raises UnknownObject,
-    ObjectOutOfReach, BadParameterFile, FaultNeedsLink.
+    ObjectOutOfReach, ConfigurationError, FaultNeedsLink.
     """
     if not on_the_wire:
         refuse_link_faults(faults)

@@ -11,10 +11,10 @@ from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
+from hal.configuration import ConfigurationError, from_document, read_toml
 from hal.robots import reference_in
 from sim_robot.plant_parameters import load_plant_parameters
 from sim_robot.scene import NO_OBJECT, ArmPlacement, GraspObject, Scene
-from sim_robot.strict_toml import BadParameterFile, read_table, record_from_table
 
 # cardboard that is backed by its filling: those of the grabbing scene's rice_box
 WALLS = {"stiffness": 1e5, "damping_ratio": 0.6}
@@ -22,7 +22,7 @@ _UNITS = {"mass": " kg", "size": " m", "pad_friction": "", "table_friction": ""}
 
 
 def with_lab_objects(scene: Scene, cell_file: Path) -> Scene:
-    """Return the scene with arms and objects of a cell's file. Raises BadParameterFile, naming the key."""
+    """Return the scene with arms and objects of a cell's file. Raises ConfigurationError, naming the key."""
     objects = dict(scene.objects)
     for name, described in _described(cell_file).items():
         if name == NO_OBJECT:
@@ -30,11 +30,10 @@ def with_lab_objects(scene: Scene, cell_file: Path) -> Scene:
         scenes = objects.get(name)
         plants = described.get("plant", {})
         if not isinstance(plants, dict):
-            raise BadParameterFile(f"{cell_file}: objects.{name}.plant: expected a table, got {plants!r}")
+            raise ConfigurationError(f"{cell_file}: objects.{name}.plant: expected a table, got {plants!r}")
         measured = WALLS | {key: described[key] for key in _UNITS if key in described}
         known = measured if scenes is None else {k: v for k, v in asdict(scenes).items() if v is not None}
-        known = {k: list(v) if isinstance(v, tuple) else v for k, v in known.items()}
-        objects[name] = record_from_table(GraspObject, {**known, **plants}, f"{cell_file}: objects.{name}.plant")
+        objects[name] = from_document({**known, **plants}, GraspObject, f"{cell_file}: objects.{name}.plant")
     return replace(
         scene,
         objects=objects,
@@ -44,17 +43,16 @@ def with_lab_objects(scene: Scene, cell_file: Path) -> Scene:
 
 
 def _with_model(arm: ArmPlacement, cell_file: Path, side: str) -> ArmPlacement:
-    described = read_table(cell_file).get(side, {})
+    described = read_toml(cell_file)[0].get(side, {})
     if not isinstance(described, dict) or "model" not in described:
         return arm
     where = f"{cell_file}: {side}"
     own = {key: described[key] for key in ("model", "home") if key in described}
     if not isinstance(own["model"], str):
-        raise BadParameterFile(f"{where}: model: expected a name or the path of a TOML, got {own['model']!r}")
+        raise ConfigurationError(f"{where}: model: expected a name or the path of a TOML, got {own['model']!r}")
     own["model"] = reference_in(cell_file, own["model"])
     known = {field.name: getattr(arm, field.name) for field in fields(arm) if field.name != "hand"}
-    known = {key: list(value) if isinstance(value, tuple) else value for key, value in known.items()}
-    placed = replace(record_from_table(ArmPlacement, known | own, where), hand=arm.hand)
+    placed = replace(from_document(known | own, ArmPlacement, where), hand=arm.hand)
     load_plant_parameters().of(placed.robot)  # a bad key of its table [plant] is found before anything is opened
     return placed
 
@@ -67,7 +65,7 @@ def difference(scene: Scene, cell_file: Path, name: str) -> str | None:
     described = _described(cell_file).get(name)
     if described is None or name not in scene.objects:
         return None
-    counted = read_table(cell_file).get("contact_friction", {})
+    counted = read_toml(cell_file)[0].get("contact_friction", {})
     described = {f"{what}_friction": counted[what] for what in ("pad", "table") if what in counted} | described
     plants: dict[str, Any] = asdict(scene.objects[name])
     plants["pad_friction"], plants["table_friction"] = scene.frictions(name)
@@ -80,9 +78,9 @@ def difference(scene: Scene, cell_file: Path, name: str) -> str | None:
 
 
 def _described(cell_file: Path) -> dict[str, dict[str, Any]]:
-    table = read_table(cell_file).get("objects", {})
+    table = read_toml(cell_file)[0].get("objects", {})
     if not isinstance(table, dict) or not all(isinstance(value, dict) for value in table.values()):
-        raise BadParameterFile(f"{cell_file}: objects: expected a table for each object")
+        raise ConfigurationError(f"{cell_file}: objects: expected a table for each object")
     return table
 
 

@@ -4,8 +4,8 @@ from dataclasses import asdict, dataclass, fields, replace
 from importlib.resources import as_file, files
 from pathlib import Path
 
+from hal.configuration import from_document, load_toml
 from hal.robots import RobotModel
-from sim_robot.strict_toml import read_record, record_from_table
 
 Joints = tuple[float, float, float, float, float, float, float]
 Vector3 = tuple[float, float, float]
@@ -137,11 +137,11 @@ class PlantParameters:
 
     def of(self, model: RobotModel) -> "PlantParameters":
         """Return these with the joints of the model's own file, where its table [plant] has some. Raises
-        BadParameterFile."""
+        ConfigurationError."""
         if not model.plant:
             return self
-        own = {name: list(values) for name, values in asdict(self.joints).items()} | dict(model.plant)
-        return replace(self, joints=record_from_table(JointParameters, own, f"{model.reference}: plant"))
+        own = asdict(self.joints) | dict(model.plant)
+        return replace(self, joints=from_document(own, JointParameters, f"{model.reference}: plant"))
 
     def nominal(self) -> "PlantParameters":
         """Return the same plant without scatter, noise and quantisation. Friction, filters, limits stay."""
@@ -168,8 +168,8 @@ class PlantParameters:
 
 
 def load_plant_parameters(path: Path | None = None) -> PlantParameters:
-    """Read the plant's parameters, the package's own by default. Raises BadParameterFile, naming the key."""
+    """Read the plant's parameters, the package's own by default. Raises ConfigurationError, naming the key."""
     if path is not None:
-        return read_record(PlantParameters, path)
+        return load_toml(path, PlantParameters)
     with as_file(files("sim_robot") / "parameters" / "plant.toml") as default:
-        return read_record(PlantParameters, default)
+        return load_toml(default, PlantParameters)

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
+from hal.configuration import load_toml
 from hal.displacement import Displacement
 from hal.errors import ObjectOutOfReach, UnknownObject
 from hal.robots import DEFAULT, RobotModel, robot
 from sim_robot.hand_parameters import FrankaHand
 from sim_robot.plant_parameters import Vector3
-from sim_robot.strict_toml import read_record
 
 NO_OBJECT = "none"  # in an object's place: an empty cell
 FURTHEST_YAW_DEG = 45.0  # beyond it the pads meet other faces
@@ -274,8 +274,8 @@ class Scene:
 
 
 def load_scene(path: Path | None = None) -> Scene:
-    """Read a scene, the grabbing cell by default. Raises BadParameterFile, naming the key."""
+    """Read a scene, the grabbing cell by default. Raises ConfigurationError, naming the key."""
     if path is not None:
-        return read_record(Scene, path)
+        return load_toml(path, Scene)
     with as_file(files("sim_robot") / "scenes" / "grab.toml") as default:
-        return read_record(Scene, default)
+        return load_toml(default, Scene)

@@ -21,7 +21,7 @@ from console.campaigns.folder import hidden
 from console.parts import NeedsParts, NeedsSession, Parts
 from console.routes.problems import file_of, problems
 from console.sign_in import UserSession
-from rtstack.configuration import ConfigurationError
+from hal.configuration import ConfigurationError
 from rtstack.experiments.registry import kind_named, kind_of, plan_paths
 from rtstack.live.client import RobotRefused
 from rtstack.live.protocol import Phase

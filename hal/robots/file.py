@@ -1,13 +1,13 @@
 """A robot model from its TOML and URDF, strictly: each key is expected and of its type, each number has a source."""
 
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass as checked
 
+from hal.configuration import ConfigurationError, from_document, read_toml
 from hal.limits import CONTROL_RATE_HZ, DOF, ArmLimits
 from hal.robots.description import DescriptionError, described
 from hal.robots.model import Array, CartesianLimits, RobotModel
@@ -84,12 +84,11 @@ class _File:
 
 def read_robot(path: Path) -> RobotModel:
     """Read a model's TOML and the URDF that it names, beside it. Raises RobotError with one line."""
-    document = _document(path)
     try:
-        file = TypeAdapter(_File).validate_python(document)
-    except ValidationError as error:
-        first = error.errors()[0]
-        raise RobotError(f"{path}: key {'.'.join(map(str, first['loc']))}: {first['msg']}") from None
+        document, text = read_toml(path)
+        file = from_document(document, _File, str(path), text)
+    except ConfigurationError as error:
+        raise RobotError(str(error)) from None
     if file.rate_hz != CONTROL_RATE_HZ:
         raise RobotError(f"{path}: key rate_hz: {file.rate_hz:g}; this stack controls at {CONTROL_RATE_HZ} Hz")
     for joint, (lower, upper) in enumerate(zip(file.limits.q_lower, file.limits.q_upper, strict=True), 1):
@@ -120,15 +119,6 @@ def read_robot(path: Path) -> RobotModel:
         plant=file.plant,
         meshes=file.meshes,
     )
-
-
-def _document(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise RobotError(f"{path}: cannot be read: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise RobotError(f"{path}: not valid TOML: {error}") from None
 
 
 def _without_source(document: dict[str, Any], sources: dict[str, str]) -> str:

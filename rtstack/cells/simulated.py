@@ -18,15 +18,15 @@ def plant_difference(cell_file: Path | None, object_name: str) -> str:
 
     Raises TrialError for a bad key of the plant's.
     """
+    from hal.configuration import ConfigurationError
     from sim_robot.lab_objects import difference, with_lab_objects
     from sim_robot.scene import load_scene
-    from sim_robot.strict_toml import BadParameterFile
 
     if cell_file is None:
         return ""
     try:
         return difference(with_lab_objects(load_scene(), cell_file), cell_file, object_name) or ""
-    except BadParameterFile as error:
+    except ConfigurationError as error:
         raise TrialError(str(error)) from None
 
 
@@ -46,11 +46,11 @@ def _simulated(_argument: str, _description: CellDescription) -> bool:
 
 
 def _open_direct(request: CellRequest) -> Cell:
+    from hal.configuration import ConfigurationError
     from sim_robot.cell import simulated_cell
     from sim_robot.clock import PacedLockstep
     from sim_robot.faults.file import load_faults
     from sim_robot.scene import NO_OBJECT
-    from sim_robot.strict_toml import BadParameterFile
 
     _check_argument(request.argument)
     try:
@@ -61,7 +61,7 @@ def _open_direct(request: CellRequest) -> Cell:
             cell_file=request.cell_file, clock=PacedLockstep() if request.live else None,
         )  # fmt: skip
         return replace(cell.as_cell("direct"), warning=plant_difference(request.cell_file, request.object_name))
-    except BadParameterFile as error:
+    except ConfigurationError as error:
         raise TrialError(str(error)) from None
 
 

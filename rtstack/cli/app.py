@@ -35,9 +35,9 @@ def main() -> None:
 
 def _explain(error: Exception) -> int:
     """Print the one line that an error deserves, and return the exit status."""
+    from hal.configuration import ConfigurationError
     from hal.errors import HardwareError
     from hal.extensions import ExtensionError
-    from rtstack.configuration import ConfigurationError
     from rtstack.log.errors import LogError
     from rtstack.trials.errors import TrialError
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import typer
 
 from hal.cell import Cell
+from hal.configuration import ConfigurationError
 from hal.errors import HardwareError
 from rtstack.bench.hold import GOOD_RAD, ArmMoved
 from rtstack.bench.link import GOOD_SUCCESS, LinkBenchmark, bench_link
@@ -16,7 +17,6 @@ from rtstack.check.finding import Finding, finding
 from rtstack.check.host import host_findings
 from rtstack.check.network import arm_finding, gripper_finding, interface_finding
 from rtstack.check.software import software_findings
-from rtstack.configuration import ConfigurationError
 from rtstack.model.cell_description import CellDescription
 from rtstack.samples import SIDES
 from rtstack.trials.errors import TrialError

@@ -7,8 +7,8 @@ from pathlib import Path
 import typer
 
 from deploy.host import Change, Command, HostSetupError, Interface, Journal, Machine, Wishes, make_plan
+from hal.configuration import ConfigurationError
 from rtstack.cli.interrupt import interruptible
-from rtstack.configuration import ConfigurationError
 
 FAILED = 1
 _PREFIX = "/opt/rtstack/bin/"  # as the units have it

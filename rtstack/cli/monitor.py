@@ -9,9 +9,9 @@ from typing import Any
 
 import typer
 
+from hal.configuration import toml_text
 from rtstack.cells import load_description
 from rtstack.cli.progress import progress_bar
-from rtstack.configuration import toml_text
 from rtstack.log.reader import read_log
 from rtstack.monitor.expected import ExpectedImpact
 from rtstack.monitor.pair import PairParameters

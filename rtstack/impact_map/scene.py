@@ -11,8 +11,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
+from hal.configuration import STRICT, ConfigurationError, load_toml
 from hal.robots import DEFAULT
-from rtstack.configuration import STRICT, ConfigurationError, load_toml
 from rtstack.impact_map.reflected import ReflectedInertia
 from rtstack.model.cell_description import Pad
 

@@ -22,11 +22,11 @@ from queue import SimpleQueue
 import numpy as np
 
 from hal.cell import Cell
+from hal.configuration import ConfigurationError
 from hal.displacement import Displacement
 from hal.errors import HardwareError, ObjectOutOfReach, RecoveryRefused, UnknownObject
 from hal.realtime import beside_realtime
 from hal.state import ARM_STATE
-from rtstack.configuration import ConfigurationError
 from rtstack.live.audit import FILE_NAME, AuditTrail
 from rtstack.live.client import SOCKET_NAME
 from rtstack.live.idle import IdleView

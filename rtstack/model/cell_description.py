@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
+from hal.configuration import STRICT, ConfigurationError, load_toml, place_of
 from hal.robots import DEFAULT, RobotModel, reference_in, robot
-from rtstack.configuration import STRICT, ConfigurationError, load_toml, place_of
 from rtstack.model.rotation import rotation_from_quaternion
 from rtstack.safety.body import Base, Tool
 from rtstack.safety.limits import hardware_limits

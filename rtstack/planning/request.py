@@ -5,7 +5,7 @@ from typing import Annotated, Any, TypeVar
 from pydantic import Field, ValidationError
 from pydantic.dataclasses import dataclass as checked
 
-from rtstack.configuration import STRICT, ConfigurationError
+from hal.configuration import STRICT, ConfigurationError
 from rtstack.impact_map import ReflectedInertia
 
 Time = Annotated[float, Field(gt=0.0, le=10.0, allow_inf_nan=False)]

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from rtstack.configuration import STRICT, load_toml, toml_text
+from hal.configuration import STRICT, load_toml, toml_text
 from rtstack.control.parameters import FrictionParameters
 from rtstack.samples import SIDES
 

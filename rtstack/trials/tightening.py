@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic.dataclasses import dataclass as checked
 
-from rtstack.configuration import STRICT, load_toml
+from hal.configuration import STRICT, load_toml
 from rtstack.model.cell_description import CellDescription
 from rtstack.safety.limits import LimitWidened, PairLimits, SafetyLimits, hardware_limits
 from rtstack.trials.errors import TrialError

@@ -1,11 +1,11 @@
 """A faults file: `[[fault]]` tables of TOML into `ScriptedFault` records. What each kind and key means: `kinds`."""
 
 import re
-import tomllib
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+from hal.configuration import ConfigurationError, from_document, one_line, read_toml
 from sim_robot.faults.kinds import (
     FROM_THE_START,
     KINDS,
@@ -18,47 +18,37 @@ from sim_robot.faults.kinds import (
     ScriptedFault,
 )
 from sim_robot.model import SIDES
-from sim_robot.strict_toml import BadParameterFile, record_from_table
 
 _ARMS = {"left": (0,), "right": (1,), "both": (0, 1)}
 LONGEST_S = 1e6
 _HEADER = re.compile(r"\s*\[\[\s*fault\s*\]\]")
 
 
-class FaultNeedsLink(BadParameterFile):
+class FaultNeedsLink(ConfigurationError):
     """A fault of the link where no link is."""
 
 
 def load_faults(path: Path) -> tuple[ScriptedFault, ...]:
-    """Read a faults file. Raises BadParameterFile: one line with the file, the line if known, the key, the remedy."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise BadParameterFile(f"{path}: cannot be read: {error.strerror}") from None
-    except (UnicodeDecodeError, ValueError) as error:  # a path with a NUL is a ValueError
-        raise BadParameterFile(f"{path}: not valid TOML: {error}") from None
-    try:
-        document = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # TOMLDecodeError, or a number of thousands of digits
-        raise BadParameterFile(_one_line(f"{path}: not valid TOML: {error}")) from None
+    """Read a faults file. Raises ConfigurationError: one line with the file, the line if known, the key, the remedy."""
+    document, text = read_toml(path)
     return faults_in(document, str(path), text)
 
 
 def faults_in(document: dict[str, Any], source: str, text: str = "") -> tuple[ScriptedFault, ...]:
-    """Check a parsed document. `text` is what it was parsed from, to name lines. Raises BadParameterFile."""
+    """Check a parsed document. `text` is what it was parsed from, to name lines. Raises ConfigurationError."""
     for key in document:
         if key != "fault":
-            raise BadParameterFile(_one_line(f"{source}: unknown key {key!r}; each fault is a [[fault]] table"))
+            raise ConfigurationError(one_line(f"{source}: unknown key {key!r}; each fault is a [[fault]] table"))
     tables = document.get("fault", [])
     if not isinstance(tables, list):
-        raise BadParameterFile(f"{source}: 'fault' must be a list of tables: write [[fault]]")
+        raise ConfigurationError(f"{source}: 'fault' must be a list of tables: write [[fault]]")
     faults = []
     for number, table in enumerate(tables, 1):
         try:
             faults.append(_fault(table))
         except (_Wrong, ValueError) as error:  # ValueError: an integer that is too long to be shown
             line = _line(text, number, len(tables), error.key if isinstance(error, _Wrong) else "")
-            raise BadParameterFile(_one_line(f"{source}{line}: fault {number}{_named(table)}: {error}")) from None
+            raise ConfigurationError(one_line(f"{source}{line}: fault {number}{_named(table)}: {error}")) from None
     return tuple(faults)
 
 
@@ -104,11 +94,9 @@ def _fault(table: Any) -> ScriptedFault:
     if effect is Reflex and duration_ms is None:
         duration_ms = 1
     try:
-        what = record_from_table(effect, {key: table[key] for key in own if key in table}, "its own keys")
-    except BadParameterFile as error:
+        what = from_document({key: table[key] for key in own if key in table}, effect, "its own keys")
+    except ConfigurationError as error:
         raise _Wrong(own[0], str(error).removeprefix("its own keys: ")) from None
-    except OverflowError:  # an integer of hundreds of digits
-        raise _Wrong(own[0], f"{own[0]}: expected a number within reason") from None
     return ScriptedFault(what, sides, origin, delay_ms, duration_ms)
 
 
@@ -158,7 +146,3 @@ def _line(text: str, number: int, tables: int, key: str) -> str:
         if pattern is not None and pattern.match(lines[index]):
             return f":{index + 1}"
     return f":{first + 1}"
-
-
-def _one_line(message: str) -> str:
-    return " ".join(message.split())

@@ -11,6 +11,7 @@ from pathlib import Path
 from types import FrameType
 from typing import NoReturn
 
+from hal.configuration import ConfigurationError
 from hal.displacement import Displacement
 from hal.errors import HardwareError
 from hal.realtime import ANY_CPU, Obtained, realtime_thread
@@ -24,7 +25,6 @@ from sim_robot.fci.tracker_feed import TrackerFeed
 from sim_robot.lab_objects import difference, with_lab_objects
 from sim_robot.plant_parameters import load_plant_parameters
 from sim_robot.scene import load_scene
-from sim_robot.strict_toml import BadParameterFile
 
 LARGEST_PRIORITY = 99  # sched(7)
 
@@ -61,11 +61,11 @@ def _whole(lowest: int, largest: float = float("inf")):
 
 
 def _scene_file(name: str) -> Path:
-    """Return where the scene of this name is. Raises BadParameterFile, naming those that exist."""
+    """Return where the scene of this name is. Raises ConfigurationError, naming those that exist."""
     folder = files("sim_robot") / "scenes"
     names = sorted(file.name.removesuffix(".toml") for file in folder.iterdir() if file.name.endswith(".toml"))
     if name not in names:
-        raise BadParameterFile(f"unknown scene {name!r}; there is {', '.join(names)}")
+        raise ConfigurationError(f"unknown scene {name!r}; there is {', '.join(names)}")
     with as_file(folder / f"{name}.toml") as path:
         return path
 
@@ -112,7 +112,7 @@ def _options(arguments: list[str] | None, prog: str) -> tuple[argparse.Namespace
 
 
 def _open(options: argparse.Namespace) -> Server:
-    """Build the cell and listen. Raises HardwareError, BadParameterFile, OSError."""
+    """Build the cell and listen. Raises HardwareError, ConfigurationError, OSError."""
     scene = _scene_file(options.scene)
     faults = load_faults(options.faults) if options.faults is not None else ()
     displacement = Displacement.given(options.displacement_mm, options.displacement_x_mm, options.yaw_deg)
@@ -131,7 +131,7 @@ def _open(options: argparse.Namespace) -> Server:
             server.feed_tracker(TrackerFeed(cell.tracker, options.tracker))
         except OSError as error:
             server.close()
-            raise BadParameterFile(f"--tracker {host}:{port} cannot be sent to: {error.strerror}") from None
+            raise ConfigurationError(f"--tracker {host}:{port} cannot be sent to: {error.strerror}") from None
     return server
 
 
@@ -149,7 +149,7 @@ def main(arguments: list[str] | None = None, prog: str = "sim_robot.fci", next_s
     options, right_clock = _options(arguments, prog)
     try:
         server = _open(options)
-    except (HardwareError, BadParameterFile, OSError) as error:
+    except (HardwareError, ConfigurationError, OSError) as error:
         reason = _explained(error) if isinstance(error, OSError) else str(error)
         print(f"cannot serve: {' '.join(reason.split())}", file=sys.stderr)
         return 2

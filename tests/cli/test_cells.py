@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from hal.configuration import ConfigurationError
 from hal.errors import HardwareError
 from rtstack.cells import default_cell_file, open_cell
 from rtstack.cells.fci import fci_addresses
-from rtstack.configuration import ConfigurationError
 from rtstack.live.source import live_source
 from rtstack.log.reader import read_log
 from rtstack.model.cell_description import load_cell_description

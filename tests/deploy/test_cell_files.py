@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hal.configuration import ConfigurationError
 from rtstack.cells import default_cell_file
-from rtstack.configuration import ConfigurationError
 from rtstack.model.cell_description import load_cell_description
 from rtstack.trials.assembly import cell_parameters, default_parameters
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import psutil
 import pytest
 
+from hal.configuration import ConfigurationError
 from rtstack.cli.campaign import campaign
-from rtstack.configuration import ConfigurationError
 from rtstack.experiments import workers
 from rtstack.trials.errors import TrialError
 

@@ -96,7 +96,7 @@ def test_a_model_is_two_files_in_a_folder_of_the_user_s(tmp_path: Path) -> None:
 def test_a_mistake_is_one_line_with_its_key(tmp_path: Path, key: str, value: str | None, complaint: str) -> None:
     path = write_robot(tmp_path)
     path.write_text(with_key(path.read_text(), key, value))
-    with pytest.raises(RobotError, match=f"^{path}: {complaint}") as caught:
+    with pytest.raises(RobotError, match=rf"^{path}(:\d+)?: {complaint}") as caught:
         read_robot(path)
     assert "\n" not in str(caught.value)
 

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hal.configuration import ConfigurationError
 from rtstack.cells import default_cell_file, open_cell
 from rtstack.cli.friction import identify_friction
-from rtstack.configuration import ConfigurationError
 from rtstack.control.parameters import FrictionParameters
 from rtstack.identification.fit import JointSamples, fit_joint, sigmoid
 from rtstack.identification.procedure import Identification, SweepRun, lowest_object

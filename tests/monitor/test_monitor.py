@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rtstack.configuration import ConfigurationError, from_document
+from hal.configuration import ConfigurationError, from_document
 from rtstack.monitor.monitor import Monitor
 from rtstack.monitor.parameters import MonitorParameters
 from rtstack.monitor.records import Reason, Verdict

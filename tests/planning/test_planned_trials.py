@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hal.configuration import ConfigurationError
 from rtstack.cells import default_cell_file, open_cell
 from rtstack.cli.app import app
-from rtstack.configuration import ConfigurationError
 from rtstack.log.reader import read_log
 from rtstack.papers.reference_spreading.controllers import Controller
 from rtstack.planning import GrabPlan, PushPlan

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hal.configuration import ConfigurationError
 from hal.robots import FR3
 from rtstack.cells import default_cell_file
-from rtstack.configuration import ConfigurationError
 from rtstack.model.cell_description import load_cell_description
 from rtstack.safety.judge import Base, SafetyJudge, Tool
 from rtstack.safety.limits import HARDWARE, NAMES, LimitWidened, control_limits

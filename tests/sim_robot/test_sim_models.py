@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hal.configuration import ConfigurationError
 from hal.errors import CommandRejected
 from hal.robot_errors import error_names
 from hal.robots import FER, FR3, RobotModel, robot
@@ -15,7 +16,6 @@ from sim_robot.cell import SimulatedCell, simulated_cell
 from sim_robot.lab_objects import with_lab_objects
 from sim_robot.plant_parameters import load_plant_parameters
 from sim_robot.scene import load_scene
-from sim_robot.strict_toml import BadParameterFile
 from tests.support.robot_files import DQ_MAX, MIRROR, with_key, write_robot
 from tests.support.robot_files import HOME as SHORT_HOME
 
@@ -127,12 +127,12 @@ def test_the_plant_takes_its_own_numbers_from_the_model_s_file(tmp_path: Path) -
     [
         ("ur5", r"left: unknown robot model 'ur5': choose one of fer, fr3, or the path of a TOML"),
         ("none.toml", r"left: .*none\.toml: cannot be read: No such file or directory"),
-        ("shorty.toml", r"shorty\.toml: plant: unknown key 'stiffness'"),
+        ("shorty.toml", r"shorty\.toml: plant: key stiffness: Unexpected keyword"),
     ],
 )
 def test_a_model_that_cannot_be_used_is_one_line(tmp_path: Path, left: str, complaint: str) -> None:
     path = write_robot(tmp_path)
     path.write_text(path.read_text() + "\n[plant]\nstiffness = 3\n")
-    with pytest.raises(BadParameterFile, match=complaint) as caught:
+    with pytest.raises(ConfigurationError, match=complaint) as caught:
         simulated_cell("none", 0.0, 0, cell_file=cell_file(tmp_path, left))
     assert "\n" not in str(caught.value)

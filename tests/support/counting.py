@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pydantic.dataclasses import dataclass as checked
 
-from rtstack.configuration import STRICT, load_toml
+from hal.configuration import STRICT, load_toml
 from rtstack.experiments.claims import Claim, verdict_of
 from rtstack.experiments.experiment import Experiment, Request, Results, Row, Stage, Stages, Task
 from rtstack.experiments.generic import mean_figure, mean_table

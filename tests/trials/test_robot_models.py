@@ -9,9 +9,9 @@ from subprocess import CompletedProcess
 import numpy as np
 import pytest
 
+from hal.configuration import ConfigurationError
 from hal.robots import FER, FR3, RobotModel
 from rtstack.cells import default_cell_file
-from rtstack.configuration import ConfigurationError
 from rtstack.log.reader import read_log
 from rtstack.model.cell_description import CellDescription, load_cell_description
 from rtstack.safety.judge import Reason, SafetyJudge, Verdict

@@ -5,8 +5,8 @@ import re
 
 import pytest
 
+from hal.configuration import ConfigurationError
 from rtstack.cli.app import main
-from rtstack.configuration import ConfigurationError
 from rtstack.live.protocol import ProtocolError, decode_request
 from rtstack.log.reader import read_log
 from rtstack.safety.limits import HARDWARE

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from rtstack.configuration import STRICT
+from hal.configuration import STRICT
 from rtstack.monitor.parameters import MonitorParameters
 from rtstack.papers.aim_aware.planar.parameters import Positive, Real
 

@@ -8,7 +8,7 @@ from typing import Annotated, Generic, TypeVar
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from rtstack.configuration import STRICT, ConfigurationError, load_toml
+from hal.configuration import STRICT, ConfigurationError, load_toml
 from rtstack.papers.aim_aware.grid import Case, Grid
 from rtstack.papers.aim_aware.planar.parameters import Task
 

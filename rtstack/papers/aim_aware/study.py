@@ -5,7 +5,7 @@ from pathlib import Path
 
 from pydantic.dataclasses import dataclass as checked
 
-from rtstack.configuration import STRICT
+from hal.configuration import STRICT
 from rtstack.monitor.parameters import MonitorParameters
 from rtstack.papers.aim_aware.grid import Case, Column, Found, monitors_of
 from rtstack.papers.aim_aware.outline import Outline, Portion, load_outline

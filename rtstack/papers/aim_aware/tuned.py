@@ -8,7 +8,7 @@ from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Protocol, TypeVar
 
-from rtstack.configuration import ConfigurationError, load_toml
+from hal.configuration import ConfigurationError, load_toml
 
 
 class OfAStudy(Protocol):

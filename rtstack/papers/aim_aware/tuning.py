@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from rich.progress import track
 
-from rtstack.configuration import ConfigurationError, toml_text
+from hal.configuration import ConfigurationError, toml_text
 from rtstack.experiments.registry import plan_file
 from rtstack.papers.aim_aware.classification import Impact, plan_case, simulate_case
 from rtstack.papers.aim_aware.grid import Banded, Case, Found

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from rtstack.configuration import STRICT, ConfigurationError, load_toml
+from hal.configuration import STRICT, ConfigurationError, load_toml
 from rtstack.experiments.experiment import Row
 from rtstack.experiments.seeds import seed_of
 from rtstack.papers.conditions import Conditions, Positive

@@ -2,8 +2,8 @@
 
 import pytest
 
+from hal.configuration import ConfigurationError
 from rtstack.cli.app import main
-from rtstack.configuration import ConfigurationError
 from rtstack.experiments.claims import ClaimStatus
 from rtstack.papers.aim_aware.bands import Bands, bands
 from rtstack.papers.aim_aware.claims import judge

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rtstack.configuration import ConfigurationError
+from hal.configuration import ConfigurationError
 from rtstack.experiments.claims import ClaimStatus
 from rtstack.model.arm_model import ArmModel
 from rtstack.papers.aim_aware.arm.claims import judge

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from rtstack.configuration import ConfigurationError
+from hal.configuration import ConfigurationError
 from rtstack.experiments.claims import ClaimStatus
 from rtstack.experiments.experiment import Results
 from rtstack.experiments.registry import plan_file

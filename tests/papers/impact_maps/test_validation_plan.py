@@ -5,7 +5,7 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from rtstack.configuration import ConfigurationError
+from hal.configuration import ConfigurationError
 from rtstack.experiments.claims import ClaimStatus
 from rtstack.experiments.registry import kind_of, plan_file
 from rtstack.impact_map import ReflectedInertia

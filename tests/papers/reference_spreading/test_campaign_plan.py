@@ -7,8 +7,8 @@ from math import radians
 
 import pytest
 
+from hal.configuration import ConfigurationError
 from hal.displacement import Displacement
-from rtstack.configuration import ConfigurationError
 from rtstack.experiments.plan_file import digest_of
 from rtstack.experiments.registry import plan_file
 from rtstack.experiments.seeds import seed_of

@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from rtstack.configuration import STRICT, ConfigurationError
+from hal.configuration import STRICT, ConfigurationError
 from rtstack.model.cell_description import ArmMounting, Pad
 from rtstack.monitor.parameters import MonitorParameters
 from rtstack.papers.aim_aware.grid import Case, Column, Found, monitors_of

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.progress import track
 
-from rtstack.configuration import ConfigurationError
+from hal.configuration import ConfigurationError
 from rtstack.experiments.seeds import seed_of
 from rtstack.monitor.parameters import MonitorParameters
 from rtstack.papers.aim_aware.arm.study import COMMAND, ArmStudy, ArmTuned, Seven, load_arm_study

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from rtstack.configuration import STRICT, ConfigurationError, load_toml
+from hal.configuration import STRICT, ConfigurationError, load_toml
 from rtstack.experiments.seeds import seed_of
 from rtstack.monitor.expected import ExpectedImpact
 from rtstack.papers.conditions import Conditions

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 from pydantic.dataclasses import dataclass as checked
 
 from hal.arm import Arm
+from hal.configuration import STRICT
 from hal.errors import HardwareError
 from hal.state import ARM_STATE
-from rtstack.configuration import STRICT
 from rtstack.control.modes import ModeMachine, Strategy
 from rtstack.control.parameters import ControlParameters
 from rtstack.control.tick import ArmController, make_arm_controller

@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from rtstack.configuration import STRICT
+from hal.configuration import STRICT
 from rtstack.papers.aim_aware.planar.parameters import NotNegative
 
 Joints = tuple[float, float, float, float, float, float, float]
