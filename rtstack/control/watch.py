@@ -8,7 +8,17 @@ from numpy.typing import NDArray
 
 from hal.compilation import bound, compiled
 from rtstack.monitor.expected import ExpectedImpact
-from rtstack.monitor.pair import AFTER, IMPACT, PAIR, TARE, PairParameters, pair_expect, pair_step
+from rtstack.monitor.pair import (
+    AFTER,
+    IMPACT,
+    PAIR,
+    TARE,
+    TIMES,
+    PairParameters,
+    expected_dtype,
+    pair_expect,
+    pair_step,
+)
 from rtstack.monitor.records import Reason, Verdict, monitor_dtype
 
 FREE_AFTER_S = 0.4  # after the release the pads have let go, and feel nothing again
@@ -29,15 +39,19 @@ class TrialMonitor:
         self.impact = impact
         self.pair = np.zeros(1, PAIR)
         self.arms = np.zeros(2, monitor_dtype(parameters.arm.joints))
-        self._period_ns = round(period_s * 1e9)
         self._record = parameters.arm.record()
-        self._dq_post = np.ascontiguousarray(impact.dq_post, dtype=np.float64)
-        self._net = np.ascontiguousarray(impact.net_force, dtype=np.float64)
-        self._bounds = self._net_bounds(period_s)
-        self._tare_ticks = round((impact.t_d_s - UNTIL_BEFORE_S) / period_s)
-        self._until = round(impact.set_down_s / period_s)
-        self._decided_ns = round((impact.t_d_s + parameters.net_force.end_s) * 1e9)
-        self._later_ns = round(parameters.later_s * 1e9)
+        self._times = np.zeros(1, TIMES)
+        self._times["period_ns"] = round(period_s * 1e9)
+        self._times["decided_ns"] = round((impact.t_d_s + parameters.net_force.end_s) * 1e9)
+        self._times["later_ns"] = round(parameters.later_s * 1e9)
+        self._times["patience"] = parameters.net_force.patience
+        self._expected = np.zeros(len(impact.net_force), expected_dtype(parameters.arm.joints))
+        self._expected["dq"] = np.swapaxes(impact.dq_post, 0, 1)
+        self._expected["net_force"] = impact.net_force
+        self._expected["bound"] = self._net_bounds(period_s)
+        self._expected["phase"] = AFTER
+        self._expected["phase"][: round(impact.set_down_s / period_s)] = IMPACT
+        self._expected["phase"][: max(0, round((impact.t_d_s - UNTIL_BEFORE_S) / period_s))] = TARE
         self._verdict, self._reason = self.pair["verdict"], self.pair["reason"]
         self._said = int(Verdict.NONE)
         self._watched: list[NDArray | None] = [None, None]
@@ -46,10 +60,10 @@ class TrialMonitor:
 
     def _net_bounds(self, period_s: float) -> np.ndarray:
         """The bounds (n, 3) of every tick: none from where the object may meet the table until nothing is held."""
-        t_s = np.arange(len(self._net)) * period_s
+        t_s = np.arange(len(self._expected)) * period_s
         bounds = self.parameters.net_force.bounds(np.asarray(t_s - self.impact.t_d_s, dtype=np.float64))
         bounds[(t_s >= self.impact.set_down_s) & (t_s < self.impact.release_s + FREE_AFTER_S)] = math.inf
-        return np.ascontiguousarray(bounds)
+        return bounds
 
     def step(self, side: int, sample: NDArray, workspace: NDArray, control: NDArray, elapsed_ns: int) -> None:
         """Take the tick that an arm has just observed, so long after the start, and write what its log keeps."""
@@ -62,9 +76,8 @@ class TrialMonitor:
         self._watched[side] = sample
         self._watch[side] = bound(
             watch,
-            self.pair, self.arms, side, self._record, sample, workspace, control, self._dq_post, self._net,
-            self._bounds, self._period_ns, self._tare_ticks, self._until, self._decided_ns, self._later_ns,
-            self.parameters.net_force.patience, later=(0,),
+            self.pair, self.arms, side, self._record, self._times, self._expected, sample, workspace, control,
+            later=(0,),
         )  # fmt: skip
 
     @property
@@ -117,21 +130,20 @@ class TrialMonitor:
 
 
 @compiled
-def watch(
-    pairs, states, side, parameters, samples, workspaces, controls, dq_post, net, bounds, period_ns, tare_ticks,
-    until, decided_ns, later_ns, patience, t_ns,
-):  # fmt: skip
-    """Let the pair's monitor see one arm's tick; write verdict, reason and margin into its control record."""
-    sample, work, control = samples[0], workspaces[0], controls[0]
-    index = min(t_ns // period_ns, net.shape[0] - 1)
+def watch(pairs, states, side, parameters, times, expected, samples, workspaces, controls, t_ns):
+    """Let the pair's monitor see one arm's tick; write verdict, reason and margin into its control record.
+
+    pairs to parameters: see pair_step. times (1,) of TIMES, expected (n,) of expected_dtype; samples, workspaces and
+    controls (1,): of this arm.
+    """
+    work, control = workspaces[0], controls[0]
+    now = expected[min(t_ns // times[0].period_ns, expected.shape[0] - 1)]
     pair = pairs[0]
-    if index < until or bounds[index, 0] < math.inf:
+    if now.phase != AFTER or now.bound[0] < math.inf:
         for i in range(3):
             work.three[i] = -work.force_world[i]
-        phase = TARE if index < tare_ticks else IMPACT if index < until else AFTER
         pair_step(
-            pairs, states, side, parameters, t_ns, control.momentum_residual, sample.q, sample.dq, dq_post[side, index],
-            work.three, net[index], bounds[index], phase, decided_ns, later_ns, patience,
+            pairs, states, side, parameters, times[0], now, samples[0], control.momentum_residual, work.three, t_ns
         )  # fmt: skip
     state = states[side]
     control.impact_verdict = state.verdict

@@ -42,6 +42,17 @@ PAIR = np.dtype(
         ("time_margin", "f8"),
     ]
 )
+# period_ns: of the tick; decided_ns: before it no grab is expected; later_ns, patience: as in the parameters below
+TIMES = np.dtype([("period_ns", "i8"), ("decided_ns", "i8"), ("later_ns", "i8"), ("patience", "i8")])
+
+
+def expected_dtype(joints: int) -> np.dtype:
+    """Return the record of what a tick of the reference expects.
+
+    dq: joint velocities (14) of both arms after the impact, rad/s; net_force: of both pads on their surroundings, N;
+    bound: how far it may be off, N, infinite where nothing is known. phase: TARE, IMPACT or AFTER.
+    """
+    return np.dtype([("dq", "f8", (2, joints)), ("net_force", "f8", 3), ("bound", "f8", 3), ("phase", "i8")])
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,28 +134,25 @@ def pair_expect(pairs, states, t_d_ns, q_d):
 
 
 @compiled
-def pair_step(
-    pairs, states, side, parameters, t_ns, residual, q, dq, dq_ref, force, net_ref, bound, phase, decided_ns, later_ns,
-    patience,
-):  # fmt: skip
+def pair_step(pairs, states, side, parameters, times, expected, sample, residual, force, t_ns):
     """Take a tick of one arm into pairs[0] and states[side], (1,) of PAIR and (2,) of monitor_dtype.
 
-    residual, q, dq, dq_ref: see monitor_step. force (3,) N: of this pad on its surroundings; net_ref (3,): of both, as
-    expected; bound (3,), infinite where not known. phase: TARE, IMPACT or AFTER. decided_ns: not before then is the
-    grab expected. Times count from the start of the reference.
+    parameters, residual: see monitor_step. times: a record of TIMES; expected: this tick's, of expected_dtype; sample:
+    with the measured q and dq. force (3,) N: of this pad on its surroundings. Times count from the reference's start.
     """
     pair = pairs[0]
+    phase = expected.phase
     if phase != AFTER and pair.verdict != _EXPECTED:
-        monitor_step(states[side : side + 1], parameters, t_ns, residual, q, dq, dq_ref)
-    margin = _net_force(pair, side, t_ns, force, net_ref, bound, phase)
+        monitor_step(states[side : side + 1], parameters, t_ns, residual, sample.q, sample.dq, expected.dq[side])
+    margin = _net_force(pair, side, t_ns, force, expected.net_force, expected.bound, phase)
     if pair.verdict == _UNEXPECTED:
         return
     if phase == IMPACT and states[0].impacts > 0 and states[1].impacts > 0:
         later = max(states[0].t_first_ns, states[1].t_first_ns)
-        pair.time_margin = 1.0 - abs(later - states[0].t_d_ns) / later_ns
+        pair.time_margin = 1.0 - abs(later - states[0].t_d_ns) / times.later_ns
     pair.margin = min(margin, pair.time_margin, states[0].margin, states[1].margin)
     pair.over = pair.over + 1 if margin < 0.0 else 0
-    if pair.over > 2 * patience:  # both arms count
+    if pair.over > 2 * times.patience:  # both arms count
         _decide(pair, t_ns, _UNEXPECTED, _LOAD, BOTH)
     elif pair.verdict == _NONE:
         if pair.time_margin < 0.0:
@@ -155,7 +163,7 @@ def pair_step(
                 alone = states[k].reason == _NO_IMPACT and states[1 - k].impacts > 0
                 _decide(pair, t_ns, _UNEXPECTED, _ONE_SIDE if alone else states[k].reason, k)
                 return
-        if states[0].verdict == _EXPECTED and states[1].verdict == _EXPECTED and t_ns >= decided_ns:
+        if states[0].verdict == _EXPECTED and states[1].verdict == _EXPECTED and t_ns >= times.decided_ns:
             _decide(pair, t_ns, _EXPECTED, _NO_REASON, BOTH)
 
 

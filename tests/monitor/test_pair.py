@@ -3,9 +3,21 @@
 import numpy as np
 import pytest
 
-from rtstack.monitor.pair import AFTER, IMPACT, PAIR, TARE, NetForceParameters, PairParameters, pair_expect, pair_step
+from rtstack.monitor.pair import (
+    AFTER,
+    IMPACT,
+    PAIR,
+    TARE,
+    TIMES,
+    NetForceParameters,
+    PairParameters,
+    expected_dtype,
+    pair_expect,
+    pair_step,
+)
 from rtstack.monitor.parameters import MonitorParameters
 from rtstack.monitor.records import Reason, Verdict, monitor_dtype
+from rtstack.samples import ARM_SAMPLE
 
 MS = 1_000_000
 T_D, DECIDED = 500, 800  # ms
@@ -20,17 +32,18 @@ def run(hits=(500, 505), force=lambda ms: WEIGHT / 2 * (ms > 500), until=1000, p
     """Let both arms be hit at these ms (None: never), each pad feel `force(ms)`. Returns (pair, its verdicts by ms)."""
     pairs, states = np.zeros(1, PAIR), np.zeros(2, monitor_dtype(7))
     pair_expect(pairs, states, T_D * MS, np.zeros((2, 7)))
-    parameters, zero, verdicts = ARM.record(), np.zeros(7), []
+    parameters, sample, verdicts = ARM.record(), np.zeros(1, ARM_SAMPLE), []
+    times, expected = np.zeros(1, TIMES), np.zeros(until, expected_dtype(7))
+    times[0] = MS, DECIDED * MS, round(PAIR_OF.later_s * 1e9), NET.patience
+    expected["bound"] = NET.bounds((np.arange(until) - T_D) * 1e-3)
+    expected["net_force"][T_D + 1 :] = WEIGHT
+    expected["phase"] = [phase(ms) if phase else TARE if ms < 300 else IMPACT for ms in range(until)]
     for ms in range(until):
-        bound = NET.bounds(np.array([(ms - T_D) * 1e-3]))[0]
-        net = WEIGHT * (ms > T_D)
-        now = phase(ms) if phase else TARE if ms < 300 else IMPACT
         for side in range(2):
             residual = np.full(7, 1.0 if hits[side] is not None and ms >= hits[side] else 0.0)
             pair_step(
-                pairs, states, side, parameters, ms * MS, residual, zero, zero, zero, BIAS + force(ms), net, bound, now,
-                DECIDED * MS, round(PAIR_OF.later_s * 1e9), NET.patience,
-            )  # fmt: skip
+                pairs, states, side, parameters, times[0], expected[ms], sample[0], residual, BIAS + force(ms), ms * MS
+            )
         verdicts.append(int(pairs[0]["verdict"]))
     return pairs[0], verdicts
 
