@@ -27,6 +27,14 @@ class RobotMode(IntEnum):
     AUTOMATIC_ERROR_RECOVERY = 6
 
 
+# modes out of which only a person at the robot leads, and what the person does
+NEEDS_PERSON = {
+    RobotMode.USER_STOPPED: "its user stop is pressed: release it",
+    RobotMode.GUIDING: "it is guided by hand: let go of the buttons at its wrist",
+    RobotMode.OTHER: "it gives no control: on its Desk page unlock the joints, activate FCI, leave Programming",
+}
+
+
 # O_T_EE is row-major here, column-major on the wire and in the log (libfranka's layout). O_F_ext_hat_K is positive
 # where the robot pushes the environment, and tau_ext_hat_filtered has its sign.
 ARM_STATE_FIELDS = (

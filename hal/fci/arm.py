@@ -15,7 +15,7 @@ from hal.fci.faults import VENDOR, as_hardware_error, names_in, vendor_errors
 from hal.fci.setup import CollisionBehaviour, Tool, configure
 from hal.fci.sockets import give_up_after, open_sockets, shut_down
 from hal.robot_errors import error_bit
-from hal.state import ARM_STATE, ArmState, RobotMode
+from hal.state import ARM_STATE, NEEDS_PERSON, ArmState, RobotMode
 
 # ARM_STATE as one C struct: filling it in one go costs a fifth of filling it field by field
 _RECORD = struct.Struct("=q56d16d6dd2q")
@@ -73,11 +73,11 @@ class FciArm:
 
         Raises ConnectionLost.
         """
+        return _latched(self._read_idle())
+
+    def _read_idle(self) -> franka.RobotState:
         with vendor_errors(self.called):
-            state = self._open_robot().read_once()
-        if int(state.robot_mode) != RobotMode.REFLEX:
-            return ()
-        return _reasons(state) or ("unknown",)
+            return self._open_robot().read_once()
 
     def start(self) -> None:
         """Take torque control: from now on the robot wants an answer each millisecond. Raises CommandRejected.
@@ -173,13 +173,17 @@ class FciArm:
         self._control = None
 
     def recover(self) -> None:
-        """Clear a reflex. Raises RecoveryRefused while its cause persists, ConnectionLost.
+        """Clear a reflex. Raises RecoveryRefused while its cause persists or a person has to act, ConnectionLost.
 
         An arm in no reflex is asked nothing: a recovery must not wait there for the next error.
         """
         self._open_robot()
         self.stop()
-        names = self.reflex()
+        state = self._read_idle()
+        person = NEEDS_PERSON.get(RobotMode(int(state.robot_mode)))
+        if person is not None:
+            raise RecoveryRefused(f"{self.called} cannot recover, {person} first")
+        names = _latched(state)
         if not names:
             return
         try:
@@ -216,6 +220,12 @@ class FciArm:
         self._lost = isinstance(error, franka.NetworkException)
         self._control = None
         return as_hardware_error(error, self.called)
+
+
+def _latched(state: franka.RobotState) -> tuple[str, ...]:
+    if int(state.robot_mode) != RobotMode.REFLEX:
+        return ()
+    return _reasons(state) or ("unknown",)
 
 
 def _reasons(state: franka.RobotState) -> tuple[str, ...]:

@@ -10,10 +10,10 @@ from hal.cell import LEFT, RIGHT, Cell
 from hal.errors import CommandRejected
 from hal.limits import CONTROL_PERIOD_S
 from hal.robot_errors import ROBOT_ERRORS, error_bit
-from hal.state import ARM_STATE, RobotMode
+from hal.state import ARM_STATE, NEEDS_PERSON, RobotMode
 from rtstack.log.ring import Rings
 from rtstack.loop.publisher import Publisher
-from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, Level, Mode
+from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, SIDES, Level, Mode
 from rtstack.topics import ARM_TOPICS, OBJECT_TOPIC
 from rtstack.trials.run_observer import RunEvent
 
@@ -23,7 +23,8 @@ _PERIOD_NS = round(CONTROL_PERIOD_S * 1e9)
 class _ArmView:
     """Shows one arm. In a reflex an arm answers with its errors only: they are shown on its last state."""
 
-    def __init__(self, rings: Rings, topic: str) -> None:
+    def __init__(self, rings: Rings, topic: str, side: str) -> None:
+        self._side = side
         self._reader = rings.reader(topic)
         self._sample = np.zeros(1, ARM_SAMPLE)
         self._control = np.zeros(1, CONTROL_SAMPLE)
@@ -43,6 +44,8 @@ class _ArmView:
         refusal = None
         try:
             state = arm.read()
+            person = NEEDS_PERSON.get(state.robot_mode)
+            refusal = None if person is None else f"the {self._side} arm cannot move, {person}, then recover"
             for name in ARM_STATE.names or ():
                 self._sample[name] = state.record[name]
         except CommandRejected as error:
@@ -70,7 +73,9 @@ class IdleView:
 
     def __init__(self, rings: Rings) -> None:
         self._rings = rings
-        self._left, self._right = self._arms = tuple(_ArmView(rings, topic) for topic in ARM_TOPICS)
+        self._left, self._right = self._arms = tuple(
+            _ArmView(rings, topic, side) for topic, side in zip(ARM_TOPICS, SIDES, strict=True)
+        )
         self._publisher = Publisher([rings], None)
 
     def watch(

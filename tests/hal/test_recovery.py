@@ -6,10 +6,14 @@ import signal
 import numpy as np
 import pytest
 
+from hal.cell import Cell
 from hal.errors import CommandRejected, ConnectionLost, RecoveryRefused
 from hal.fci import FciPair, Tool, open_pair
 from hal.state import RobotMode
+from hal.tracker_link import NoTracker
 from rtstack.cells.simulator import Simulator
+from rtstack.live.idle import IdleView
+from rtstack.log.ring import Rings
 
 PAD = Tool.pad((0.1, 0.1, 0.03), 0.35, 0.03)
 
@@ -69,6 +73,40 @@ def test_a_refusal_names_the_cause_and_comes_after_both_were_asked(simulator: Si
         pair.recover()
     assert asked == ["right"]
     pair.close()
+
+
+def float_both(pair: FciPair) -> None:
+    """Answer each state with no torque, for 100 ms."""
+    for _ in range(100):
+        for arm in (pair.left, pair.right):
+            arm.read()
+            arm.write(np.zeros(7))
+
+
+def test_a_user_stop_is_named_where_a_recovery_or_a_motion_is_asked_for(tmp_path):
+    script = tmp_path / "script.toml"
+    script.write_text('[[fault]]\nkind = "user_stop"\narm = "right"\nat_s = 0.005\nduration_s = 0.5\n')
+    simulator = Simulator("rice_box", 0.0, 3, lockstep=True, faults=script)
+    pair = open_pair(simulator.left, simulator.right, PAD, shared_clock=True)
+    try:
+        pair.start()
+        with pytest.raises(CommandRejected):
+            float_both(pair)
+        pair.left.stop()
+        pair.right.stop()
+        with Rings.create() as rings:
+            refused: list[str] = []
+            cell = Cell("fci", pair.left, pair.right, NoTracker(), pair)
+            IdleView(rings).watch(cell, lambda: bool(refused), refused.append, lambda: ())
+        assert "right arm cannot move, its user stop is pressed: release it" in refused[0]
+        with pytest.raises(RecoveryRefused, match="user stop is pressed"):
+            pair.recover()
+        while pair.right.read().robot_mode is RobotMode.USER_STOPPED:
+            pair.left.read()
+        assert pair.recover() == ()
+    finally:
+        pair.close()
+        simulator.close()
 
 
 def test_an_arm_that_falls_silent_is_named_and_the_other_one_stops():
