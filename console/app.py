@@ -19,8 +19,10 @@ from console.heartbeats import heartbeat
 from console.parts import Parts, parts_of
 from console.queue.file import QueueFileError
 from console.queue.queue import NoSuchEntry, QueueRefused
+from console.queue.sweep import SweepRefused
 from console.review.columns import ColumnsGone
 from console.review.logs import NotReviewable
+from console.review.search import FilterRefused
 from console.routes import (
     access,
     campaigns,
@@ -34,21 +36,25 @@ from console.routes import (
     playback,
     queue,
     recordings,
+    retention,
     review,
     robot,
     scene,
     teleoperation,
+    trials,
 )
 from console.routes.problems import problems
+from console.routes.retention import InUse
 from console.sign_in import NameTaken
 from console.templates import error_page, is_page
+from console.trials.card import NoTrial
 from rtstack.live.client import RobotRefused, RobotUnreachable
 from rtstack.log.errors import LogError
 from rtstack.references.acceptance import AcceptanceError
 
 _ROUTES = (
-    pages, description, access, robot, control, jobs, queue, campaigns, playback, logs, live, review, scene,
-    teleoperation, recordings, foxglove,
+    pages, description, access, robot, control, jobs, queue, trials, campaigns, playback, logs, retention, live, review,
+    scene, teleoperation, recordings, foxglove,
 )  # fmt: skip
 
 
@@ -124,8 +130,9 @@ def _with(status: int) -> Callable[[Request, Exception], Response]:
 
 
 _STATUSES: dict[type[Exception], int] = {
-    RobotRefused: 409, NameTaken: 409, QueueRefused: 409, CampaignRefused: 409, ColumnsGone: 409,
-    NoCampaign: 404, NoSuchEntry: 404,
+    RobotRefused: 409, NameTaken: 409, QueueRefused: 409, CampaignRefused: 409, ColumnsGone: 409, InUse: 409,
+    NoCampaign: 404, NoSuchEntry: 404, NoTrial: 404,
+    FilterRefused: 422, SweepRefused: 422,
     QueueFileError: 500, LogError: 500, AcceptanceError: 500,
     RobotUnreachable: 503,
 }  # fmt: skip

@@ -36,10 +36,11 @@ _TAGS = {
     "control": "The lease, arming, STOP, recovery.",
     "jobs": "What the robot is asked to carry out.",
     "queue": "Trials that wait, in the name of the operator who has control.",
+    "trials": "What trials have come to: cards, means of sweeps.",
     "campaigns": "The papers' campaigns on simulated arms: progress, results, figures, reports.",
     "teleoperation": "Teleoperation of both arms.",
     "recordings": "Demonstrations: extracted, accepted, thrown away.",
-    "logs": "The list of logs, and what the review reads of one.",
+    "logs": "The list of logs, what the review reads of one, what people say about them, and the trash.",
 }
 
 

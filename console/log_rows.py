@@ -5,23 +5,36 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
 from rtstack.log.catalogue import Catalogue, LogCondition, LogEntry
 from rtstack.log.errors import LogError
+from rtstack.monitor.records import Verdict
 from rtstack.references.acceptance import Acceptance, AcceptanceError, AcceptanceState, load_acceptance
+from rtstack.retention.remarks import Remarks, load_remarks
 
 BY_HAND = "recording"
 RECORDINGS = ("demonstration", BY_HAND)
 PLAN = "plan"  # of `rtstack plan`: a planned recording
 
 
+class Ending(StrEnum):
+    """How a run ended, in the words that lists and cards colour. An impact that was not meant is no plain success."""
+
+    SUCCESS = "success"
+    UNEXPECTED = "unexpected impact"
+    FAILURE = "failure"
+    NONE = "no result"
+
+
 @dataclass(frozen=True, slots=True)
 class LogRow:
-    """One log. `outcome` is one line; `when` is Unix time of the last change, s.
+    """One log. `ending` in a word, `outcome` in one line; `when` is Unix time of the last change, s.
 
-    recording: a trial may follow it; title and decision: what a person said about a recording.
+    recording: a trial may follow it; title and decision: what a person said about a recording. starred, tags and note:
+    what people say about any log.
     """
 
     id: str
@@ -44,6 +57,9 @@ class LogRow:
     decision: str | None
     displacement_x_mm: float | None
     yaw_deg: float | None
+    ending: Ending
+    starred: bool
+    tags: tuple[str, ...]
 
 
 def log_path(catalogue: Catalogue, log_id: str) -> Path | None:
@@ -66,14 +82,20 @@ def reference_of(catalogue: Catalogue, log_id: str) -> LogEntry:
     return entry
 
 
+def specification_of(entry: LogEntry) -> dict[str, Any]:
+    """Return what a run was asked to do, as its log has it; nothing where it has none."""
+    return _object(_values(entry.trial).get("specification"))
+
+
 def log_row(entry: LogEntry, being_written: str | None) -> LogRow:
     """Return the row of one log; `being_written` names the running job's file."""
-    asked = {**_values(entry.trial), **_object(_values(entry.trial).get("specification"))}
+    asked = {**_values(entry.trial), **specification_of(entry)}
     result = _values(entry.result)
     values = {**asked, **result}
     seed = _number(values.get("seed"))
     success = values.get("success") if isinstance(values.get("success"), bool) else None
-    acceptance = _acceptance(entry)
+    acceptance, remarks = _acceptance(entry), remarks_on(entry)
+    ending = _ending(success, values.get("impact_verdict"))
     return LogRow(
         id=entry.id,
         name=entry.path.name,
@@ -83,9 +105,9 @@ def log_row(entry: LogEntry, being_written: str | None) -> LogRow:
         displacement_mm=_number(values.get("displacement_mm")),
         seed=None if seed is None else int(seed),
         success=success,
-        outcome=_outcome(entry, entry.path.name == being_written, success, values.get("failure_reason")),
+        outcome=_outcome(entry, entry.path.name == being_written, success, values),
         verdict=_text(values.get("impact_verdict")) or ("not watched" if "impact_verdict" in result else None),
-        note=_text(values.get("note")),
+        note=remarks.note or (acceptance.note if acceptance is not None else "") or _text(values.get("note")),
         average_force_norm=_number(values.get("average_force_norm")),
         max_lift_mm=_number(values.get("max_lift_mm")),
         when=entry.modified_s,
@@ -95,7 +117,17 @@ def log_row(entry: LogEntry, being_written: str | None) -> LogRow:
         decision=str(acceptance.verdict) if acceptance is not None else None,
         displacement_x_mm=_number(values.get("displacement_x_mm")),
         yaw_deg=_number(values.get("yaw_deg")),
+        ending=ending,
+        starred=remarks.starred,
+        tags=remarks.tags,
     )
+
+
+def remarks_on(entry: LogEntry) -> Remarks:
+    """Return what people say about a log, nothing where the file with it is broken."""
+    with contextlib.suppress(LogError):
+        return load_remarks(entry.path)
+    return Remarks()
 
 
 def _acceptance(entry: LogEntry) -> Acceptance | None:
@@ -118,7 +150,15 @@ def _is_plan(entry: LogEntry) -> bool:
     return entry.kind == PLAN and entry.condition is LogCondition.COMPLETE
 
 
-def _outcome(entry: LogEntry, being_written: bool, success: bool | None, reason: Any) -> str:
+def _ending(success: bool | None, verdict: Any) -> Ending:
+    if success is None:
+        return Ending.NONE
+    if not success:
+        return Ending.FAILURE
+    return Ending.UNEXPECTED if verdict == Verdict.UNEXPECTED.name.lower() else Ending.SUCCESS
+
+
+def _outcome(entry: LogEntry, being_written: bool, success: bool | None, values: Mapping[str, Any]) -> str:
     if being_written:
         return "being written"
     if entry.condition is LogCondition.FOREIGN:
@@ -127,7 +167,12 @@ def _outcome(entry: LogEntry, being_written: bool, success: bool | None, reason:
         return "cut off: rtstack recover gives back the rest"
     if success is None:
         return "planned" if _is_plan(entry) else "no result"
-    return "success" if success else f"failed: {reason or 'no reason given'}"
+    if not success:
+        return f"failed: {values.get('failure_reason') or 'no reason given'}"
+    if _ending(success, values.get("impact_verdict")) is Ending.UNEXPECTED:
+        kind = values.get("impact_kind")
+        return f"the object was held, the impact was not as meant{f': probably {kind}' if kind else ''}"
+    return "success"
 
 
 def _values(metadata: Mapping[str, str] | None) -> dict[str, Any]:

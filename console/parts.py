@@ -1,6 +1,6 @@
 """What the console is made of, handed to every route: one frozen record instead of globals."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated
 
 from fastapi import Depends, Request
@@ -14,6 +14,7 @@ from console.review.scene import ReviewScenes
 from console.scenes import Scenes
 from console.sign_in import SignIn, UserSession
 from console.teleoperation.teleop_input import TeleopInput
+from console.trials.impact import Impacts
 from console.watch import Watch
 from rtstack.live.audit import AuditTrail
 from rtstack.live.client import RobotClient, RobotRefused
@@ -40,11 +41,19 @@ class Parts:
     review_scenes: ReviewScenes
     queue: Queue
     campaigns: Campaigns
+    impacts: Impacts = field(default_factory=Impacts)
 
 
 def parts_of(connection: HTTPConnection) -> Parts:
     """Return the parts of the application that serves this request or WebSocket."""
     return connection.app.state.parts
+
+
+def written_now(parts: Parts) -> str | None:
+    """Return the name of the log that the running job writes, None where none runs."""
+    status = parts.watch.view.status
+    job = None if status is None else status.job
+    return job.log if job is not None and job.active else None
 
 
 def session_now(connection: HTTPConnection) -> UserSession | None:

@@ -8,6 +8,7 @@ from typing import Annotated
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
+from console.log_rows import Ending
 from rtstack.live.protocol import DisplacementMm, ObjectName, Seed, TrialRequest, YawDeg
 from rtstack.messages import MESSAGE, NUMBER, StrictFloat
 from rtstack.samples import Reaction
@@ -67,10 +68,12 @@ class EntryState(StrEnum):
 
 @checked(frozen=True, slots=True, config=MESSAGE)
 class Entry:
-    """One trial of the queue. `followed`: what a person calls its reference; `repetition` of `repetitions`, from 1.
+    """One trial of the queue. `followed`: what a person calls its reference; `repetition` of the `repetitions` that
+    were added together, from 1.
 
     began_s: Unix time; duration_s: from the order to both arms at rest; reason: why it did not succeed; log: the id of
-    its log; job: its number in the robot process, None before it has one.
+    its log; job: its number in the robot process, None before it has one; ending: as the list of logs
+    says it.
     """
 
     id: str
@@ -84,6 +87,7 @@ class Entry:
     duration_s: StrictFloat | None = None
     reason: str | None = None
     log: str | None = None
+    ending: Ending | None = None
 
     @property
     def final(self) -> bool:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from statistics import fmean
 
-from console.queue.entry import Entry, EntryState, QueueOrder, QueueView
+from console.queue.entry import Entry, EntryState, QueueOrder, QueueView, TrialOrder
 from console.queue.file import load_entries, save_entries
 
 MAX_ENTRIES = 500
@@ -54,16 +54,27 @@ class Queue:
                 entries=tuple(self._entries),
             )
 
+    @property
+    def room(self) -> int:
+        """How many entries there is room for."""
+        return MAX_ENTRIES - len(self._entries)
+
     def add(self, order: QueueOrder, followed: str) -> None:
         """Append an order, one entry a repetition. Raises QueueRefused where there is no room."""
+        last = order.trial.seed + order.repetitions - 1
+        if last >= 2**31:
+            raise QueueRefused(f"seed: the last repetition would have {last}, beyond {2**31 - 1}; choose a lower one")
+        self.add_all(
+            [replace(order.trial, seed=order.trial.seed + number) for number in range(order.repetitions)], followed
+        )
+
+    def add_all(self, trials: Sequence[TrialOrder], followed: str) -> None:
+        """Append trials, an entry each. Raises QueueRefused where there is no room for all of them."""
         with self._lock:
-            room = MAX_ENTRIES - len(self._entries)
-            if order.repetitions > room:
-                raise QueueRefused(f"the queue has room for {room} more: clear what is finished, or remove some")
-            last = order.trial.seed + order.repetitions - 1
-            if last >= 2**31:
+            if len(trials) > self.room:
                 raise QueueRefused(
-                    f"seed: the last repetition would have {last}, beyond {2**31 - 1}; choose a lower one"
+                    f"these are {len(trials)} trials, and the queue has room for {self.room} more: "
+                    "clear what is finished, or remove some"
                 )
             if self._operator is None and self.next() is None:
                 self._reason = _NEW
@@ -71,14 +82,8 @@ class Queue:
                 [
                     *self._entries,
                     *(
-                        Entry(
-                            id=secrets.token_hex(8),
-                            trial=replace(order.trial, seed=order.trial.seed + number),
-                            followed=followed,
-                            repetition=number + 1,
-                            repetitions=order.repetitions,
-                        )
-                        for number in range(order.repetitions)
+                        Entry(secrets.token_hex(8), trial, followed, number, len(trials))
+                        for number, trial in enumerate(trials, start=1)
                     ),
                 ]
             )

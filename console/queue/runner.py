@@ -10,13 +10,13 @@ import threading
 import time
 from collections.abc import Callable
 
-from console.log_rows import NoReference, reference_of
+from console.log_rows import NoReference, log_row, reference_of
 from console.queue.entry import Entry, EntryState
 from console.queue.file import QueueFileError
 from console.queue.queue import Queue
 from rtstack.live.client import RobotClient, RobotRefused, RobotUnreachable
 from rtstack.live.protocol import Job, JobState, Phase, Status
-from rtstack.log.catalogue import Catalogue
+from rtstack.log.catalogue import Catalogue, LogEntry
 from rtstack.log.errors import LogError
 
 PERIOD_S = 0.1
@@ -129,10 +129,10 @@ class QueueRunner:
         pause = self._why_pause(state, reason, job, status)
         if pause is not None:
             queue.pause(pause)
-        began_s = job.started_s
+        began_s, log = job.started_s, self._log(job.log)
         queue.note(
-            entry.id, state=state, reason=reason, log=self._log_id(job.log), began_s=began_s,
-            duration_s=max(0.0, time.time() - began_s),
+            entry.id, state=state, reason=reason, log=None if log is None else log.id, began_s=began_s,
+            duration_s=max(0.0, time.time() - began_s), ending=None if log is None else log_row(log, None).ending,
         )  # fmt: skip
 
     def _why_pause(self, state: EntryState, reason: str | None, job: Job, status: Status) -> str | None:
@@ -147,7 +147,7 @@ class QueueRunner:
             return "put the object in its place for the next trial, then start again"  # no robot does
         return None
 
-    def _log_id(self, name: str | None) -> str | None:
+    def _log(self, name: str | None) -> LogEntry | None:
         with contextlib.suppress(LogError):
-            return next((entry.id for entry in self._catalogue.entries() if entry.path.name == name), None)
+            return next((entry for entry in self._catalogue.entries() if entry.path.name == name), None)
         return None

@@ -82,6 +82,17 @@ class ReviewCache:
                 index = None
             return Opened(folder, index)
 
+    def being_read(self, entry: LogEntry) -> bool:
+        """Whether a process, ours or another console's, reads this log now."""
+        return any(_being_read(folder) for folder in self._directory.glob(f"{entry.id}-*"))
+
+    def forget(self, entry: LogEntry) -> None:
+        """Remove the columns of a log that is being deleted."""
+        with self._lock:
+            self._done.pop(entry.id, None)
+            for folder in self._directory.glob(f"{entry.id}-*"):
+                shutil.rmtree(folder, ignore_errors=True)
+
     def _begin(self, log: Path, folder: Path) -> None:
         self._make_room()
         shutil.rmtree(folder, ignore_errors=True)

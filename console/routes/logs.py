@@ -8,11 +8,11 @@ from fastapi.exceptions import HTTPException
 from fastapi.responses import FileResponse, Response, StreamingResponse
 
 from console.log_rows import LogRow, log_path, log_row
-from console.parts import NeedsParts, Parts
+from console.parts import NeedsParts, Parts, written_now
 from console.review.columns import Mark
 from console.review.difference import differences
 from console.review.logs import NotReviewable, ReadLog, entry_of, opened, opened_entry, read_share, wanted_signals
-from console.review.search import Outcome, SortKey, found, ordered
+from console.review.search import Outcome, SortKey, ordered, search
 from console.review.series import Tabled, Window, csv_lines, curves, moment, packed
 from console.review.signals import Signal, signals
 from console.routes.problems import file_of, problems
@@ -36,12 +36,6 @@ def _log(parts: Parts, log_id: str) -> ReadLog:
     if log is None:
         raise NotReviewable(409, "nothing of this log has been read yet: ask for /api/logs/ID until `share` grows")
     return log
-
-
-def _being_written(parts: Parts) -> str | None:
-    status = parts.watch.view.status
-    job = None if status is None else status.job
-    return job.log if job is not None and job.active else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +77,7 @@ class Difference:
     other: str | None
 
 
-@router.get("")
+@router.get("", responses=problems(422))
 def logs(
     parts: NeedsParts,
     q: Annotated[str, Query(max_length=400)] = "",
@@ -92,11 +86,13 @@ def logs(
     sort: SortKey = SortKey.WHEN,
     descending: bool = True,
 ) -> list[LogRow]:
-    """Return the logs that have every word of `q` somewhere in what is known of them, the newest first."""
-    being_written = _being_written(parts)
+    """Return the logs that have every word of `q` somewhere in what is known of them, the newest first.
+
+    A word such as force>30 or seed<=4 asks for a number in a range.
+    """
+    being_written = written_now(parts)
     pairs = [(entry, log_row(entry, being_written)) for entry in parts.catalogue.entries()]
-    rows = [row for entry, row in pairs if kind in ("", row.kind) and found(entry, row, q, outcome)]
-    return ordered(rows, sort, descending)
+    return ordered(search([pair for pair in pairs if kind in ("", pair[1].kind)], q, outcome), sort, descending)
 
 
 @router.get("/signals")
@@ -115,7 +111,7 @@ def log(log_id: str, parts: NeedsParts) -> LogReview:
     read = opened_entry(entry, parts.review_cache)
     index = None if read is None else read.index
     return LogReview(
-        row=log_row(entry, _being_written(parts)),
+        row=log_row(entry, written_now(parts)),
         trial=None if entry.trial is None else dict(entry.trial),
         result=None if entry.result is None else dict(entry.result),
         condition=entry.condition,

@@ -12,9 +12,10 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
 from console.log_rows import log_row
-from console.parts import NeedsHolder, NeedsParts, NeedsSession
+from console.parts import NeedsHolder, NeedsParts, NeedsSession, Parts
 from console.queue.entry import QueueOrder, QueueView
 from console.queue.queue import MAX_ENTRIES, QueueRefused
+from console.queue.sweep import SweepOrder, SweepSize
 from console.routes.control import stop
 from console.routes.jobs import followed_by
 from console.routes.problems import problems
@@ -56,13 +57,39 @@ def queue(parts: NeedsParts) -> QueueView:
 @router.post("", status_code=201, responses=problems(404))
 def add(order: QueueOrder, holder: NeedsHolder, parts: NeedsParts) -> QueueView:
     """Append a trial so many times, each with the next seed. Only the operator with control."""
-    trial = order.trial
-    if trial.object not in parts.cell.objects:
-        known = ", ".join(parts.cell.objects)
-        raise HTTPException(409, f"object: the cell has no {trial.object}; it has {known}")
-    row = log_row(followed_by(parts, trial.reference), None)
-    parts.queue.add(order, row.title or row.name)
+    _check_objects(parts, "object", order.trial.object)
+    parts.queue.add(order, _name_of(parts, order.trial.reference))
     return parts.queue.view()
+
+
+@router.post("/sweep", status_code=201, responses=problems(404, 422))
+def sweep(order: SweepOrder, holder: NeedsHolder, parts: NeedsParts) -> QueueView:
+    """Append a sweep: every combination of its objects, shifts, turns, seeds and controllers. All of it, or nothing.
+
+    Only the operator with control.
+    """
+    trials = order.trials()
+    _check_objects(parts, "objects", *order.objects)
+    parts.queue.add_all(trials, _name_of(parts, order.reference))
+    return parts.queue.view()
+
+
+@router.post("/sweep/size", responses=problems(422))
+def sweep_size(order: SweepOrder, parts: NeedsParts) -> SweepSize:
+    """Return how many trials a sweep would be, and how many the queue has room for. Changes nothing."""
+    return SweepSize(len(order.trials()), parts.queue.room)
+
+
+def _check_objects(parts: Parts, field: str, *names: str) -> None:
+    for name in names:
+        if name not in parts.cell.objects:
+            known = ", ".join(parts.cell.objects)
+            raise HTTPException(409, f"{field}: the cell has no {name}; it has {known}")
+
+
+def _name_of(parts: Parts, reference: str) -> str:
+    row = log_row(followed_by(parts, reference), None)
+    return row.title or row.name
 
 
 @router.post("/start")

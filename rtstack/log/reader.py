@@ -130,6 +130,22 @@ class Log:
                 )
         return np.concatenate(parts)
 
+    def first_ns(self, name: str) -> int | None:
+        """Return the log time of a topic's first message, None where it has none. Reads one chunk."""
+        return next((int(table.log_time_ns.min()) for _, table in self._tables(name)), None)
+
+    def between(self, topics: Sequence[str], from_ns: int, to_ns: int) -> dict[str, NDArray[Any]]:
+        """Return the records of some topics from one log time to another, both included, in the order of the file.
+
+        Chunks that the index places elsewhere are not read. Raises LogError as `topic` does.
+        """
+        wanted = {channel: topic for topic in topics for channel in self._channels(topic)}
+        parts = list(self._read(list(wanted), (from_ns, to_ns)))
+        found = self._decode(parts, wanted, {}) if parts else {}
+        empty = {topic: np.zeros(0, TOPICS[topic].record) for topic in topics}
+        inside = {name: part[(part["t_ns"] >= from_ns) & (part["t_ns"] <= to_ns)] for name, part in found.items()}
+        return empty | inside
+
     def count(self, name: str) -> int:
         """Return how many messages a topic has."""
         return sum(self._contents.counts.get(channel, 0) for channel in self._channels(name))
@@ -186,11 +202,16 @@ class Log:
         """Yield each chunk that has messages of a topic, with their places in it."""
         return (part for part in self._read(self._channels(topic)) if len(part[1].start))
 
-    def _read(self, wanted: list[int]) -> Iterator[tuple[bytes, MessageTable]]:
-        """Yield every chunk, with the places of the messages of some channels; without any it is not unpacked."""
+    def _read(self, wanted: list[int], span_ns: tuple[int, int] | None = None) -> Iterator[tuple[bytes, MessageTable]]:
+        """Yield every chunk, with the places of the messages of some channels; without any it is not unpacked.
+
+        span_ns: chunks that are indexed, and not in it, are left out.
+        """
         with open_mcap(self.path) as file:
             for chunk in self._contents.chunks:
                 if isinstance(chunk, ChunkIndex):
+                    if span_ns and (chunk.message_end_time < span_ns[0] or chunk.message_start_time > span_ns[1]):
+                        continue
                     indexed = chunk.message_index_offsets
                     offsets = [indexed[channel_id] for channel_id in wanted if channel_id in indexed]
                     data = _read_chunk(self.path, file, chunk.chunk_start_offset) if offsets else b""

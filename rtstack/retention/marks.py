@@ -8,9 +8,11 @@ from hal.files import write_whole
 from rtstack.log.errors import LogError
 from rtstack.references.acceptance import SUFFIX as ACCEPTANCE
 from rtstack.references.acceptance import AcceptanceError, AcceptanceState, load_acceptance
+from rtstack.retention.remarks import SUFFIX as REMARKS
+from rtstack.retention.remarks import load_remarks
 
 REVIEWED = ".reviewed.json"
-SIDECARS = (REVIEWED, ACCEPTANCE)
+SIDECARS = (REVIEWED, ACCEPTANCE, REMARKS)
 
 
 def mark_reviewed(log: Path, by: str) -> None:
@@ -25,10 +27,13 @@ def mark_reviewed(log: Path, by: str) -> None:
 
 
 def may_go(log: Path) -> bool:
-    """Whether a log was reviewed, and is no reference: an accepted recording stays, and so does what is not clear."""
+    """Whether a log was reviewed, has no star, and is no reference: an accepted recording stays, and so does what is
+    not clear."""
     try:
-        verdict = load_acceptance(log).verdict
-    except AcceptanceError:
+        verdict, starred = load_acceptance(log).verdict, load_remarks(log).starred
+    except (AcceptanceError, LogError):
+        return False
+    if starred:
         return False
     reviewed = log.with_name(log.name + REVIEWED).is_file() or verdict is AcceptanceState.REJECTED
     return reviewed and verdict is not AcceptanceState.ACCEPTED

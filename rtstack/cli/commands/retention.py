@@ -33,11 +33,15 @@ def logs_prune(
     ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="List what would go.")] = False,
 ) -> None:
-    """Remove reviewed logs by age and budget; never one that was not reviewed, nor an accepted reference."""
+    """Remove reviewed logs by age and budget; never one that was not reviewed, has a star, or is an accepted reference.
+
+    What was deleted on the page Logs a week ago or earlier is removed for good, too.
+    """
     from rtstack.log.catalogue import Catalogue
     from rtstack.log.errors import LogError
     from rtstack.retention.policy import DAY_S, plan_pruning
     from rtstack.retention.policy import prune as remove
+    from rtstack.retention.trash import KEPT_DAYS, empty, trashed
 
     if older_than is None and budget is None:
         raise LogError("say what may go: --older-than DAYS, --budget GB, or both")
@@ -47,6 +51,10 @@ def logs_prune(
     for entry in gone:
         age = (time.time() - entry.modified_s) / DAY_S
         typer.echo(f"{entry.path.name}: {entry.size_bytes / 1e6:.1f} MB, {age:.0f} days old")
+    before_s = time.time() - KEPT_DAYS * DAY_S
+    deleted = [each for each in trashed(folder) if each.deleted_s <= before_s] if dry_run else empty(folder, before_s)
+    for each in deleted:
+        typer.echo(f"{each.name}: {each.size_bytes / 1e6:.1f} MB, deleted {KEPT_DAYS:g} days ago or earlier")
     verb = "would go" if dry_run else "removed"
     typer.echo(f"{len(gone)} logs {verb}, {sum(entry.size_bytes for entry in gone) / _GB:.2f} GB; "
                f"{plan.kept_bytes / _GB:.2f} GB stay")  # fmt: skip

@@ -1,0 +1,111 @@
+"""What people do with logs: star, tag, note, delete, and bring back. Nothing that is in use is deleted."""
+
+import time
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+from fastapi import APIRouter, Path
+from fastapi.exceptions import HTTPException
+
+from console.log_rows import RECORDINGS, LogRow, log_row
+from console.parts import NeedsParts, Parts, written_now
+from console.queue.entry import EntryState
+from console.routes.problems import problems
+from rtstack.log.catalogue import LogCondition, LogEntry
+from rtstack.log.errors import LogError
+from rtstack.references.acceptance import AcceptanceState, load_acceptance, save_acceptance
+from rtstack.retention import trash
+from rtstack.retention.remarks import Remarks, save_remarks
+from rtstack.retention.trash import Trashed
+
+router = APIRouter(prefix="/api", tags=["logs"], responses=problems(500))
+
+_QUIET_S = 3.0  # a log that grows is flushed every 0.25 s
+
+TrashId = Annotated[str, Path(pattern="^[0-9a-f]{16}$")]
+
+
+class InUse(Exception):
+    """A log that cannot be deleted now. The message is one line that says what to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trash:
+    """What was deleted, the newest first. It is kept for so many days, then `rtstack logs prune` removes it."""
+
+    logs: tuple[Trashed, ...]
+    size_bytes: int
+    kept_days: float
+
+
+@router.post("/logs/{log_id}/remarks", responses=problems(404))
+def remark(log_id: str, remarks: Remarks, parts: NeedsParts) -> LogRow:
+    """Say something about a log: star, tags, note, in the place of what was said before. Everybody who may operate."""
+    entry = _entry(parts, log_id)
+    if entry.kind in RECORDINGS:  # its note is where it is accepted: one note a log
+        save_acceptance(entry.path, replace(load_acceptance(entry.path), note=remarks.note))
+        remarks = replace(remarks, note="")
+    save_remarks(entry.path, replace(remarks, tags=tuple(dict.fromkeys(remarks.tags))))
+    return log_row(entry, written_now(parts))
+
+
+@router.post("/logs/{log_id}/delete", responses=problems(404, 409))
+def delete(log_id: str, parts: NeedsParts) -> Trashed:
+    """Move a log to the trash. Refused while it is written or read, waits in the queue, or is an accepted reference."""
+    entry = _entry(parts, log_id)
+    why = _in_use(parts, entry)
+    if why is not None:
+        raise InUse(why)
+    parts.review_cache.forget(entry)
+    return trash.delete(entry.path)
+
+
+@router.get("/trash")
+def trashed(parts: NeedsParts) -> Trash:
+    """Return the deleted logs that can be brought back."""
+    found = tuple(trash.trashed(parts.catalogue.directory))
+    return Trash(found, sum(each.size_bytes for each in found), trash.KEPT_DAYS)
+
+
+@router.post("/trash/{trash_id}/restore", responses=problems(404, 409))
+def restore(trash_id: TrashId, parts: NeedsParts) -> LogRow:
+    """Bring a deleted log back, with what was said about it."""
+    if trash_id not in [each.id for each in trash.trashed(parts.catalogue.directory)]:
+        raise HTTPException(404, "it is not in the trash: it was brought back, or removed for good")
+    try:
+        name = trash.restore(parts.catalogue.directory, trash_id)
+    except LogError as error:
+        raise HTTPException(409, str(error)) from None
+    entry = next((each for each in parts.catalogue.entries() if each.path.name == name), None)
+    if entry is None:
+        raise HTTPException(404, "it was removed meanwhile")
+    return log_row(entry, None)
+
+
+@router.post("/trash/empty")
+def empty(parts: NeedsParts) -> Trash:
+    """Remove all deleted logs for good."""
+    trash.empty(parts.catalogue.directory, time.time())
+    return trashed(parts)
+
+
+def _entry(parts: Parts, log_id: str) -> LogEntry:
+    try:
+        return parts.catalogue.entry(log_id)
+    except LogError:
+        raise HTTPException(404, "there is no such log; reload the list") from None
+
+
+def _in_use(parts: Parts, entry: LogEntry) -> str | None:
+    """Why a log cannot be deleted now, in a line."""
+    growing = entry.condition is LogCondition.TRUNCATED and time.time() - entry.modified_s < _QUIET_S
+    if growing or entry.path.name == written_now(parts):
+        return "it is being written: wait until its run has ended"
+    if parts.review_cache.being_read(entry):
+        return "it is being read for the review: wait until that has ended"
+    open_states = (EntryState.WAITING, EntryState.RUNNING)
+    if any(each.trial.reference == entry.id and each.state in open_states for each in parts.queue.view().entries):
+        return "trials in the queue follow it: remove them first"
+    if entry.kind in RECORDINGS and load_acceptance(entry.path).verdict is AcceptanceState.ACCEPTED:
+        return "it is an accepted reference: reject it first, on its page"
+    return None

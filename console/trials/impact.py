@@ -1,0 +1,152 @@
+"""The impact in a log: the forces on both pads around it, and how far the pads were from where they should have been.
+
+Only the chunks of these 300 ms are read, so that a card is there at once; what was read is remembered.
+"""
+
+import tomllib
+from collections import OrderedDict
+from dataclasses import dataclass, replace
+from threading import Lock
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtstack.configuration import ConfigurationError, from_document
+from rtstack.log.catalogue import LogCondition, LogEntry
+from rtstack.log.errors import LogError
+from rtstack.log.reader import Log, read_log
+from rtstack.model.cell_description import CellDescription, base_frame
+from rtstack.samples import Mode
+from rtstack.topics import ARM_TOPICS, CONTROL_TOPICS
+
+BEFORE_S, AFTER_S = 0.1, 0.2  # shown; the force norm (33) is averaged over 100 ms on each side of the nominal impact
+HIT_S = 0.1  # after the impact, over which the largest values are taken
+_EARLY_S = 0.02  # a force has risen for some ticks before the impact is detected
+_CELL = "cell.toml"
+_REMEMBERED = 256
+_MS = 1e3
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Impact:
+    """t_ms: since the detected impact, the nominal one where none was detected; left and right: force on each pad, N.
+
+    modes: (from ms, to ms, mode) of the left arm. at_s: the impact, s since the log's first message; nominal_ms: when
+    it was meant. peak_force_n: the largest force on a pad, over both; error_mm: the largest distance of a pad from its
+    reference, over both, from the impact to 100 ms after it.
+    """
+
+    t_ms: tuple[float, ...]
+    left: tuple[float, ...]
+    right: tuple[float, ...]
+    modes: tuple[tuple[float, float, str], ...]
+    at_s: float
+    detected: bool
+    nominal_ms: float
+    peak_force_n: float | None
+    error_mm: float | None
+
+
+class Impacts:
+    """The impacts of the logs that were asked for. May be used from any thread."""
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._known: OrderedDict[tuple[str, int, float], Impact | None] = OrderedDict()
+
+    def of(self, entry: LogEntry) -> Impact | None:
+        """Return a trial's impact, None where its log has none, or cannot be read."""
+        key = (entry.id, entry.size_bytes, entry.modified_s)
+        with self._lock:
+            if key in self._known:
+                self._known.move_to_end(key)
+                return self._known[key]
+        try:
+            impact = impact_of(entry) if entry.condition is LogCondition.COMPLETE else None
+        except (LogError, OSError, ValueError):
+            impact = None
+        with self._lock:
+            self._known[key] = impact
+            while len(self._known) > _REMEMBERED:
+                self._known.popitem(last=False)
+        return impact
+
+
+def impact_of(entry: LogEntry) -> Impact | None:
+    """Read the impact of a trial. Raises LogError, ValueError for a log that is not as ours are."""
+    log = read_log(entry.path)
+    first_ns = log.first_ns(ARM_TOPICS[0])
+    result, trial = log.metadata.get("result", {}), log.metadata.get("trial", {})
+    if first_ns is None or "nominal_impact_s" not in trial:
+        return None
+    nominal_s, found = float(trial["nominal_impact_s"]), result.get("detected_impact_time_s", "null")
+    detected = found != "null"
+    at_s = float(found) if detected else nominal_s
+    at_ns = first_ns + round(at_s * 1e9)
+    records = log.between(
+        [*ARM_TOPICS, *CONTROL_TOPICS], at_ns - round(BEFORE_S * 1e9), at_ns + round(AFTER_S * 1e9)
+    )  # fmt: skip
+    arms, controls = ([records[topic] for topic in topics] for topics in (ARM_TOPICS, CONTROL_TOPICS))
+    n = min(len(each) for each in (*arms, *controls))
+    if n == 0:
+        return None
+    arms, controls = [arm[:n] for arm in arms], [control[:n] for control in controls]
+    t_s = (arms[0]["t_ns"] - at_ns) * 1e-9
+    force = np.array([np.linalg.norm(arm["O_F_ext_hat_K"][:, :3], axis=1) for arm in arms])
+    moving = np.array([control["mode"] != Mode.STOPPING for control in controls]).all(axis=0)
+    hit = (t_s >= -_EARLY_S) & (t_s <= HIT_S)
+    after = (t_s >= 0.0) & (t_s <= HIT_S) & moving
+    error = _error_m(log, arms, controls)
+    return Impact(
+        t_ms=_rounded(t_s * _MS, 1),
+        left=_rounded(force[0], 2),
+        right=_rounded(force[1], 2),
+        modes=_modes(t_s * _MS, controls[0]["mode"]),
+        at_s=(at_ns - log.start_ns) * 1e-9,
+        detected=detected,
+        nominal_ms=(nominal_s - at_s) * _MS,
+        peak_force_n=float(force[:, hit].max()) if hit.any() else None,
+        error_mm=float(error[:, after].max()) * _MS if error is not None and after.any() else None,
+    )
+
+
+def _error_m(log: Log, arms: list[NDArray], controls: list[NDArray]) -> Array | None:
+    """Return the distance of each pad from its reference (2, n), m; None where the log has no cell."""
+    text = next((each.data.decode() for each in log.attachments if each.name == _CELL), None)
+    if text is None:
+        return None
+    try:
+        cell = from_document(tomllib.loads(text), CellDescription, _CELL, text)
+    except (ConfigurationError, tomllib.TOMLDecodeError):
+        return None
+    distances = []
+    for mounting, arm, control in zip((cell.left, cell.right), arms, controls, strict=True):
+        frame = base_frame(mounting)
+        place = arm["O_T_EE"][:, :3, 3] @ frame.rotation.T + frame.translation
+        distances.append(np.linalg.norm(place - control["pose_ref"][:, :3], axis=1))
+    return np.array(distances)
+
+
+def _modes(t_ms: Array, modes: NDArray) -> tuple[tuple[float, float, str], ...]:
+    starts = np.flatnonzero(np.diff(modes, prepend=modes[0] - 1))
+    ends = [*starts[1:].tolist(), len(modes) - 1]
+    return tuple(
+        (round(float(t_ms[start]), 1), round(float(t_ms[end]), 1), Mode(int(modes[start])).name)
+        for start, end in zip(starts.tolist(), ends, strict=True)
+    )
+
+
+def _rounded(values: Array, digits: int) -> tuple[float, ...]:
+    return tuple(np.round(values.astype(np.float64), digits).tolist())
+
+
+def thinned(impact: Impact, points: int) -> Impact:
+    """Return an impact with so many points at most, each the largest of its neighbours: peaks stay."""
+    step = -(-len(impact.t_ms) // points)
+    if step <= 1:
+        return impact
+    starts = range(0, len(impact.t_ms), step)
+    left, right = (tuple(max(side[start : start + step]) for start in starts) for side in (impact.left, impact.right))
+    return replace(impact, t_ms=impact.t_ms[::step], left=left, right=right)

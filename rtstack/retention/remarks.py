@@ -1,0 +1,57 @@
+"""What people say about a log: a star, tags, a note. A small file beside it: a finished log stays as it is."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass as checked
+
+from hal.files import write_whole
+from rtstack.configuration import STRICT
+from rtstack.log.errors import LogError
+
+SUFFIX = ".remarks.json"
+MOST_TAGS = 16
+
+# one word: the filter of a list of logs looks for words
+Tag = Annotated[str, Field(min_length=1, max_length=32, pattern=r"^[^\p{C}\p{Z},]*$")]
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class Remarks:
+    """starred: it stays, whatever is pruned. tags: words that group logs; note: a few lines of text."""
+
+    starred: bool = False
+    tags: Annotated[tuple[Tag, ...], Field(max_length=MOST_TAGS)] = ()
+    note: Annotated[str, Field(max_length=2000)] = ""
+
+
+_REMARKS = TypeAdapter(Remarks)
+
+
+def load_remarks(log: Path) -> Remarks:
+    """Return what was said about a log, nothing where there is no file. Raises LogError."""
+    path = log.with_name(log.name + SUFFIX)
+    try:
+        return _REMARKS.validate_json(path.read_bytes())
+    except FileNotFoundError:
+        return Remarks()
+    except (OSError, ValidationError) as error:
+        line = str(error).splitlines()[0]
+        raise LogError(f"{path}: {line}; remove the file to begin anew") from None
+
+
+def save_remarks(log: Path, remarks: Remarks) -> None:
+    """Keep what is said about a log: whole, or not at all. Nothing to say is no file. Raises LogError."""
+    path = log.with_name(log.name + SUFFIX)
+    if not log.is_file():
+        raise LogError(f"{log}: there is no such log")
+    try:
+        if remarks == Remarks():
+            path.unlink(missing_ok=True)
+        else:
+            write_whole(path, json.dumps(asdict(remarks), indent=1, ensure_ascii=False) + "\n")
+    except OSError as error:
+        raise LogError(f"{path}: cannot be written: {error.strerror}") from None
