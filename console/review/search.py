@@ -102,6 +102,7 @@ class SortKey(StrEnum):
     FORCE = "average_force_norm"
     LIFT = "max_lift_mm"
     SIZE = "size_bytes"
+    STAR = "starred"
 
 
 def search(

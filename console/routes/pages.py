@@ -7,7 +7,6 @@ from fastapi.responses import HTMLResponse, Response
 
 from console.mode_sheet import SHEET_PATH, mode_sheet
 from console.parts import NeedsParts
-from console.queue.entry import MAX_REPETITIONS
 from console.remedies import chapters
 from console.review.logs import NotReviewable, entry_of, opened_entry
 from console.routes.recordings import recording_entry
@@ -22,7 +21,7 @@ from rtstack.teleoperation.reach import (
     SPEED_M_S,
     STIFFNESS_N_M,
 )
-from rtstack.trials.controllers import controller_names
+from rtstack.trials.controllers import DEFAULT, controller_names
 
 router = APIRouter(include_in_schema=False)
 
@@ -56,7 +55,7 @@ def operate(request: Request, parts: NeedsParts) -> HTMLResponse:
 @router.get("/trials", response_class=HTMLResponse)
 def trials(request: Request, parts: NeedsParts) -> HTMLResponse:
     """Return the page of the queue and of the trials that there are."""
-    return show("trials.html", "trials", request, parts, most_repetitions=MAX_REPETITIONS, **_CHOICES)
+    return show("trials.html", "trials", request, parts, default_controller=DEFAULT, **_CHOICES)
 
 
 @router.get("/campaigns", response_class=HTMLResponse)

@@ -63,7 +63,7 @@ _Value = Callable[[LogRow, Impact | None], float | None]
 _NUMBERS: tuple[tuple[str, str, str, _Value], ...] = (
     (
         "Peak contact force", "N",
-        "The largest force that a pad felt, from 20 ms before the detected impact to 100 ms after it; the larger arm's",
+        "The largest force that a pad felt, from 20 ms before the detected impact to 200 ms after it; the larger arm's",
         lambda row, impact: None if impact is None else impact.peak_force_n,
     ),
     (
@@ -73,7 +73,7 @@ _NUMBERS: tuple[tuple[str, str, str, _Value], ...] = (
     ),
     (
         "Tracking error", "mm",
-        "The largest distance of a pad from its reference within 100 ms after the impact; the larger arm's",
+        "The largest distance of a pad from its reference within 200 ms after the impact; the larger arm's",
         lambda row, impact: None if impact is None else impact.error_mm,
     ),
 )  # fmt: skip

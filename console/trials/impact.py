@@ -19,8 +19,8 @@ from rtstack.model.cell_description import CellDescription, base_frame
 from rtstack.samples import Mode
 from rtstack.topics import ARM_TOPICS, CONTROL_TOPICS
 
-BEFORE_S, AFTER_S = 0.1, 0.2  # shown; the force norm (33) is averaged over 100 ms on each side of the nominal impact
-HIT_S = 0.1  # after the impact, over which the largest values are taken
+# what is shown, and of which the largest values are taken: a displaced object meets the other arm later
+BEFORE_S, AFTER_S = 0.1, 0.2
 _EARLY_S = 0.02  # a force has risen for some ticks before the impact is detected
 _CELL = "cell.toml"
 _REMEMBERED = 256
@@ -35,7 +35,7 @@ class Impact:
 
     modes: (from ms, to ms, mode) of the left arm. at_s: the impact, s since the log's first message; nominal_ms: when
     it was meant. peak_force_n: the largest force on a pad, over both; error_mm: the largest distance of a pad from its
-    reference, over both, from the impact to 100 ms after it.
+    reference, over both, from the impact to 200 ms after it.
     """
 
     t_ms: tuple[float, ...]
@@ -96,8 +96,8 @@ def impact_of(entry: LogEntry) -> Impact | None:
     t_s = (arms[0]["t_ns"] - at_ns) * 1e-9
     force = np.array([np.linalg.norm(arm["O_F_ext_hat_K"][:, :3], axis=1) for arm in arms])
     moving = np.array([control["mode"] != Mode.STOPPING for control in controls]).all(axis=0)
-    hit = (t_s >= -_EARLY_S) & (t_s <= HIT_S)
-    after = (t_s >= 0.0) & (t_s <= HIT_S) & moving
+    hit = (t_s >= -_EARLY_S) & (t_s <= AFTER_S)
+    after = (t_s >= 0.0) & (t_s <= AFTER_S) & moving
     error = _error_m(log, arms, controls)
     return Impact(
         t_ms=_rounded(t_s * _MS, 1),

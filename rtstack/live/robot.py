@@ -190,6 +190,8 @@ class Robot:
         else:
             reason = result.failure_reason
             state = JobState.STOPPED if self._end is End.STOP_REQUESTED else JobState.DONE
+            if _is_practice(order) and self._end is not None and not self._end.is_fault:
+                log.unlink(missing_ok=True)  # what was not meant to be recorded; a fault's evidence stays
             self._job_manager.finished(state, reason, result.success, _name_if_there(log))
             level = Level.INFO if result.success else Level.WARNING
             self._idle.tell(level, f"{order.verb} {state}: {reason or 'success'}")
@@ -213,8 +215,7 @@ class Robot:
         self._close()
         cell = self._open_or_raise(order.object, displacement, order.seed)
         start = None if prepared is None else prepared.reference.ante[:, 0]
-        practice = isinstance(order, TeleoperationRequest) and not order.recorded  # begins where the arms are
-        way = None if practice else start_motion(cell, description, order.object, displacement, start)
+        way = None if _is_practice(order) else start_motion(cell, description, order.object, displacement, start)
         if self._mailbox.stop_requested:
             raise TrialError("stopped by the operator before it began")
         followed = None if prepared is None else Followed(Path(prepared.specification.reference))
@@ -297,6 +298,11 @@ def _recover_both(cell: Cell) -> None:
             refused.append(str(error))
     if refused:
         raise RecoveryRefused("; ".join(refused))
+
+
+def _is_practice(order: JobRequest) -> bool:
+    """Whether the arms are moved by hand and nothing is to be kept of it: it begins where the arms are."""
+    return isinstance(order, TeleoperationRequest) and not order.recorded
 
 
 def _free_name(logs: Path, order: JobRequest) -> Path:

@@ -20,7 +20,7 @@ from rtstack.cli.recovery import recover_arms
 from rtstack.live.audit import AuditTrail
 from rtstack.live.client import RUN_PREFIX, SOCKET_NAME
 from rtstack.live.job_manager import JobManager
-from rtstack.live.protocol import DemonstrationRequest, JobState, MoveRequest, TrialRequest
+from rtstack.live.protocol import DemonstrationRequest, JobState, MoveRequest, TeleoperationRequest, TrialRequest
 from rtstack.live.robot import Robot
 from rtstack.live.service import Service
 from rtstack.live.source import live_source
@@ -353,3 +353,15 @@ def test_a_running_stack_recovers_at_a_terminal(robot, monkeypatch, capsys):
                 recover_arms("fci:a,b", folder / SOCKET_NAME)
         finally:
             service.close()
+
+
+def test_what_is_practised_leaves_no_log_and_what_is_recorded_leaves_one(robot):
+    for recorded in (False, True):
+        robot.order(TeleoperationRequest(recorded=recorded, stop_on_release=False, operator="anna"))
+        wait_for(lambda: robot.job_manager.status().job.state is JobState.RUNNING)
+        written = robot.logs / robot.job_manager.status().job.log
+        wait_for(written.exists)  # it is logged meanwhile: evidence of a fault
+        robot.mailbox.request_stop()
+        job = robot.finished()
+        assert (job.state, job.log) == (JobState.STOPPED, written.name if recorded else None)
+        assert written.exists() is recorded

@@ -308,3 +308,40 @@ def test_the_time_left_comes_from_trials_of_the_same_reference():
     assert time_left_s([*measured, entry("c", EntryState.WAITING)], 100.0) == pytest.approx(18.0)
     assert time_left_s(waiting, 100.0) is None
     assert time_left_s(measured, 100.0) == 0.0
+
+
+def test_a_sweep_is_every_combination_and_runs_the_controllers_of_a_place_one_after_the_other(operator, reference):
+    order = {
+        "reference": reference, "objects": ["rice_box"], "controllers": ["proposed", "no_interim"],
+        "displacements_mm": "-20:20:20", "seeds": "0, 7",
+    }  # fmt: skip
+    assert operator.post("queue/sweep/size", **order).json() == {"trials": 12, "room": MAX_ENTRIES}
+    assert operator.queue()["entries"] == []
+    answer = operator.post("queue/sweep", **order)
+    assert answer.status_code == 201
+    trials = [entry["trial"] for entry in answer.json()["entries"]]
+    found = [(trial["displacement_mm"], trial["seed"], trial["controller"]) for trial in trials]
+    assert found == [(y, seed, name) for y in (-20.0, 0.0, 20.0) for seed in (0, 7) for name in order["controllers"]]
+    operator.post("queue/start")
+    assert operator.order().displacement_mm == -20.0
+
+
+def test_a_sweep_that_cannot_be_is_one_line_that_names_its_field_and_adds_nothing(operator, reference):
+    for change, status, says in (
+        ({"displacements_mm": "-60:x:60"}, 422, "displacements_mm: '-60:x:60' is none: give a number, or first:step"),
+        ({"displacements_mm": "60:10:-60"}, 422, "displacements_mm: 60:10:-60: steps of 10 do not lead from 60 to -60"),
+        ({"displacements_mm": "0:0:5"}, 422, "displacements_mm: 0:0:5: steps of 0"),
+        ({"displacements_mm": "-1e6"}, 422, "displacements_mm: -1e+06 is beyond 1000"),
+        ({"displacements_mm": "0:1e-9:900"}, 422, "displacements_mm: 0:1e-9:900: more than 500 values"),
+        ({"displacements_mm": " , "}, 422, "displacements_mm: give a number"),
+        ({"yaws_deg": "nan"}, 422, "yaws_deg: 'nan' is none"),
+        ({"seeds": "0.5"}, 422, "seeds: 0.5: give whole numbers from 0 on"),
+        ({"controllers": ["best"]}, 422, "controllers.0"),
+        ({"controllers": []}, 422, "controllers"),
+        ({"objects": ["rice_box", "piano"]}, 409, "objects: the cell has no piano"),
+        ({"seeds": "0:499", "displacements_mm": "0, 1"}, 409, "these are 1000 trials, and the queue has room for 500"),
+    ):
+        answer = operator.post("queue/sweep", **{"reference": reference, "objects": ["rice_box"], **change})
+        assert (answer.status_code, answer.json()["error"].startswith(says)) == (status, True), answer.json()
+        assert "\n" not in answer.json()["error"]
+    assert operator.queue()["entries"] == []

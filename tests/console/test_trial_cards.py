@@ -50,9 +50,9 @@ def test_a_card_has_the_verdict_three_numbers_of_the_log_and_the_order_that_it_w
     for side, mounting in zip(SIDES, (cell.left, cell.right), strict=True):
         arm, control = log.topic(f"/{side}/arm"), log.topic(f"/{side}/control")
         since_s = (arm["t_ns"] - arm["t_ns"][0]) * 1e-9 - hit_s
-        after = (since_s > -1e-6) & (since_s < 0.1 + 1e-6)
+        after = (since_s > -1e-6) & (since_s < 0.2 + 1e-6)
         peaks.append(
-            np.linalg.norm(arm["O_F_ext_hat_K"][(since_s > -0.0201) & (since_s < 0.1 + 1e-6), :3], axis=1).max()
+            np.linalg.norm(arm["O_F_ext_hat_K"][(since_s > -0.0201) & (since_s < 0.2 + 1e-6), :3], axis=1).max()
         )
         frame = base_frame(mounting)
         world = arm["O_T_EE"][:, :3, 3] @ frame.rotation.T + frame.translation

@@ -2,7 +2,13 @@
 
 const csrf = document.querySelector('meta[name="csrf-token"]').content;
 
-export class Refused extends Error {}
+// status: as in HTTP, null where nothing answered.
+export class Refused extends Error {
+  constructor(message, status = null) {
+    super(message);
+    this.status = status;
+  }
+}
 
 async function ask(path, options) {
   let answer;
@@ -12,7 +18,7 @@ async function ask(path, options) {
     throw new Refused("the console does not answer: is the stack still running?");
   }
   const document = await answer.json().catch(() => ({}));
-  if (!answer.ok) throw new Refused(document.error ?? `the console answered ${answer.status}`);
+  if (!answer.ok) throw new Refused(document.error ?? `the console answered ${answer.status}`, answer.status);
   return document;
 }
 

@@ -2,12 +2,13 @@
 
 const place = document.getElementById("errors");
 
-// tone: "worst" where the robot goes on although it was stopped; it comes first.
-export function showError(what, tone = "") {
+// tone: "worst" where the robot goes on although it was stopped; it comes first. about: for `forgetErrors`.
+export function showError(what, tone = "", about = "") {
   for (const shown of place.querySelectorAll("p")) if (shown.textContent === what) return;
   const row = document.createElement("div");
   row.className = "error";
   row.dataset.tone = tone;
+  row.dataset.about = about;
   const text = document.createElement("p");
   text.textContent = what;
   const close = document.createElement("button");
@@ -18,4 +19,9 @@ export function showError(what, tone = "") {
   row.append(text, close);
   if (tone === "worst") place.prepend(row);
   else place.append(row);
+}
+
+// What has been overtaken: the errors about this go without having been read.
+export function forgetErrors(about) {
+  for (const row of place.querySelectorAll(`[data-about="${about}"]`)) row.remove();
 }

@@ -3,17 +3,17 @@
 import { get } from "./api.js";
 import { showError } from "./errors.js";
 
+// One time base: the host's clock. The robot's time begins anew with a simulated cell, and two control boxes have two.
 function fill(element, event) {
   const time = document.createElement("time");
-  time.textContent = new Date(event.seen_s * 1000).toTimeString().slice(0, 8);
-  const robot = document.createElement("time");
-  robot.textContent = `t = ${event.t_s.toFixed(3)} s`;
-  robot.title = "Robot's time, as in the log";
+  const seen = new Date(event.seen_s * 1000);
+  time.textContent = `${seen.toTimeString().slice(0, 8)}.${String(seen.getMilliseconds()).padStart(3, "0")}`;
+  time.title = `Robot's time, as in its log: ${event.t_s.toFixed(3)} s`;
   const level = document.createElement("span");
   level.className = "level";
   level.dataset.level = event.level;
   level.textContent = event.level;
-  element.replaceChildren(time, robot, level, `${event.name}: ${event.text}`);
+  element.replaceChildren(time, level, `${event.name}: ${event.text}`);
 }
 
 export function startEvents(live) {

@@ -6,7 +6,8 @@ export const shift = (trial) => [number(trial.displacement_mm, 0), trial.displac
 export const plain = (value) => (value === null ? "" : String(value).replaceAll("_", " "));
 
 export function size(bytes) {
-  return bytes < 1e6 ? `${(bytes / 1e3).toFixed(0)} kB` : `${(bytes / 1e6).toFixed(1)} MB`;
+  if (bytes < 1e6) return `${(bytes / 1e3).toFixed(0)} kB`;
+  return bytes < 1e9 ? `${(bytes / 1e6).toFixed(1)} MB` : `${(bytes / 1e9).toFixed(2)} GB`;
 }
 
 export function when(seconds) {

@@ -1,9 +1,11 @@
-// The running job or the last one: a sentence, its progress, and a way to end it.
+// The running job, its progress, and a way to end it; then what became of it: a trial in a card, others in a sentence.
 
-import { showError } from "./errors.js";
+import { forgetErrors, showError } from "./errors.js";
 import { stop } from "./stop.js";
+import { TrialCard } from "./trial_card.js";
 
 const ACTIVE = new Set(["starting", "running", "stopping"]);
+const ABOUT = "job"; // errors about jobs: they go once a newer job has succeeded
 export const WHAT = { demonstration: "Demonstration", trial: "Trial", teleoperation: "Teleoperation", playback: "Playback", move: "Motion" };
 
 const write = (element, text) => {
@@ -21,14 +23,15 @@ function sentence(job, fault) {
     case "stopped": return [`${what} was stopped: ${job.reason ?? "by the operator"}.`, "bad"];
     case "failed": return [`${what} failed${why}.`, "bad"];
     default:
-      if (job.success) return [`${what} succeeded.`, "good"];
-      return [`${what} ended without success${why}.`, "bad"];
+      if (!job.success) return [`${what} ended without success${why}.`, "bad"];
+      return job.kind === "trial" ? [`${what} has ended.`, ""] : [`${what} succeeded.`, "good"]; // its card knows more
   }
 }
 
 // onFinished is told when a job that was seen running has ended.
 export function startJobLine(live, onFinished) {
   const line = document.getElementById("job-line");
+  const card = new TrialCard(live);
   let last = null;
   document.getElementById("cancel").addEventListener("click", stop);
   live.onView(({ status }) => {
@@ -41,10 +44,13 @@ export function startJobLine(live, onFinished) {
     document.getElementById("progress-row").hidden = !active || job.kind === "teleoperation"; // it has no length
     document.getElementById("progress").value = job.progress;
     write(document.getElementById("progress-text"), `${Math.round(job.progress * 100)} %`);
+    if (job.kind === "trial" && !active && job.log !== null) card.show(job.log);
+    else card.hide();
     const state = `${job.number} ${job.state}`;
     if (last !== null && last !== state && !active) {
       onFinished();
-      if (job.state === "failed" && status.reason === null) showError(`${text} Both arms are stopped.`);
+      if (job.success) forgetErrors(ABOUT);
+      if (job.state === "failed" && status.reason === null) showError(`${text} Both arms are stopped.`, "", ABOUT);
     }
     last = state;
   });

@@ -9,7 +9,7 @@ const write = (element, text) => {
   if (element.textContent !== text) element.textContent = text;
 };
 
-export function bodyOf(form) {
+function bodyOf(form) {
   const body = {};
   for (const field of form.elements) {
     if (!field.name) continue;
@@ -18,12 +18,12 @@ export function bodyOf(form) {
   return body;
 }
 
-// Why a form cannot be sent, beside its button; null where it can.
-export function showWhy(form, why) {
+// Why a form cannot be sent, beside its button; null where it can: then what it would do, if there are words for it.
+export function showWhy(form, why, otherwise = "") {
   const button = form.querySelector("button[type=submit]");
   button.disabled = why !== null;
   button.title = why ?? "";
-  write(form.querySelector("[data-why]"), why ?? "");
+  write(form.querySelector("[data-why]"), why ?? otherwise);
 }
 
 export class Jobs {

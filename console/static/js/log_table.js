@@ -24,17 +24,52 @@ export function link(address, text, title = "") {
   return element;
 }
 
-function outcome(row, log) {
-  const element = cell(row, log.outcome, "outcome");
-  element.dataset.outcome = log.success === null ? "none" : log.success ? "success" : "failure";
-  element.title = log.note ? `${log.outcome}; note: ${log.note}` : log.outcome;
+// Where a log is opened; null for a file that is none of ours.
+const addressOf = (log) => (log.kind === "not ours" ? null : `/logs/${log.id}`);
+
+function opener(row, log) {
+  const place = cell(row, "", "when");
+  const [address, text] = [addressOf(log), when(log.when)];
+  place.append(address === null ? text : link(address, text, `Open ${log.name}`));
+  place.title = log.name;
 }
+
+// How it ended: the word is coloured, the reason stands behind it.
+function outcome(row, log) {
+  const element = cell(row, log.ending === "unexpected impact" ? log.ending : log.outcome, "outcome");
+  element.dataset.ending = log.ending;
+  element.title = log.outcome;
+}
+
+function verdict(row, log) {
+  const element = cell(row, plain(log.verdict));
+  if (log.verdict === "unexpected") element.dataset.ending = "unexpected impact";
+}
+
+// What people say about it: its name, its tags, its note.
+function marks(row, log, heading) {
+  const place = cell(row, "", "marks");
+  const said = [log.starred && !heading.parentElement.querySelector("[data-column=star]") ? "\u2605" : "", log.title ? `\u201c${log.title}\u201d` : ""].filter(Boolean).join(" ");
+  if (said) place.append(`${said} `);
+  for (const tag of log.tags) {
+    const mark = document.createElement("span");
+    mark.className = "tag";
+    mark.textContent = tag;
+    place.append(mark, " ");
+  }
+  if (log.note) place.append(log.note);
+  place.title = [said, log.tags.join(", "), log.note].filter(Boolean).join("; ");
+}
+
+const DECISIONS = { open: "accept or reject", accepted: "accepted", rejected: "rejected" };
 
 function file(row, log, heading) {
   const place = row.insertCell();
   if (heading.closest("[data-decide]") && log.decision !== null && log.success !== null) {
-    const text = log.decision === "open" ? "decide" : log.decision;
-    place.append(link(`/recordings/${log.id}`, text, "What is extracted from this recording, and whether trials may follow it"), " ");
+    const about = log.decision === "open" ? "Not decided yet: look at it, and say whether trials may follow it" : "Whether trials may follow it; look at it again";
+    const decision = link(`/recordings/${log.id}`, DECISIONS[log.decision], about);
+    decision.dataset.decision = log.decision;
+    place.append(decision, " ");
   }
   const download = link(`/api/logs/${log.id}/download`, heading.dataset.text, log.name);
   download.download = log.name;
@@ -42,32 +77,51 @@ function file(row, log, heading) {
 }
 
 const COLUMNS = {
-  when: (row, log) => cell(row, when(log.when)),
-  name: (row, log) => {
-    const place = cell(row, "", "name");
-    place.append(log.kind === "not ours" ? log.name : link(`/logs/${log.id}`, log.name));
-    place.title = log.name;
-  },
+  when: opener,
   kind: (row, log) => cell(row, log.kind),
   controller: (row, log) => cell(row, plain(log.controller)),
   object: (row, log) => cell(row, plain(log.object)),
-  title: (row, log) => cell(row, log.title || plain(log.object)),
   displacement_mm: (row, log) => cell(row, shift(log), "number"),
   seed: (row, log) => cell(row, plain(log.seed), "number"),
   outcome,
-  verdict: (row, log) => cell(row, plain(log.verdict)),
+  verdict,
+  marks,
   average_force_norm: (row, log) => cell(row, number(log.average_force_norm, 1), "number"),
   max_lift_mm: (row, log) => cell(row, number(log.max_lift_mm, 0), "number"),
   size_bytes: (row, log) => cell(row, size(log.size_bytes), "number"),
   file,
 };
 
+const IN_ROW = "a, button, input, label, select"; // what has a meaning of its own
+
+// A row opens its log by a click, also in a new tab, and the arrow keys lead from row to row. rows: a tbody.
+export function openRows(rows) {
+  rows.addEventListener("click", (event) => {
+    const row = event.target.closest("tr[data-address]");
+    if (!row || event.target.closest(IN_ROW) || String(getSelection())) return;
+    if (event.ctrlKey || event.metaKey) open(row.dataset.address);
+    else location.assign(row.dataset.address);
+  });
+  rows.addEventListener("keydown", (event) => {
+    const step = { ArrowDown: "nextElementSibling", ArrowUp: "previousElementSibling" }[event.key];
+    if (!step || !event.target.matches("tr a")) return;
+    event.preventDefault();
+    for (let row = event.target.closest("tr")[step]; row; row = row[step]) {
+      const link = row.querySelector("a[href^='/logs/']");
+      if (link) return link.focus();
+    }
+  });
+}
+
 const quoted = (value) => (value === null ? "" : `"${String(value).replaceAll('"', '""')}"`);
 
 export class LogTable {
-  // query: what is asked for, besides the order; columns: of this table alone; always: asked for, and no filter of a person.
-  constructor(table, query, { columns = {}, always = {} } = {}) {
+  // query: what is asked for, besides the order; columns: of this table alone; always: asked for, and no filter of a person;
+  // why: where it is said why a filter is refused.
+  constructor(table, query, { columns = {}, always = {}, why = null } = {}) {
     this.body = table.tBodies[0];
+    this.why = why;
+    openRows(this.body);
     this.headings = [...table.tHead.rows[0].cells];
     this.columns = { ...COLUMNS, ...columns };
     this.query = query;
@@ -94,10 +148,18 @@ export class LogTable {
       const rows = await get(`/api/logs?${new URLSearchParams({ ...this.always, ...asked, sort: this.key, descending: this.descending })}`);
       if (number !== this.asked) return; // a newer question is on its way
       this.rows = rows;
+      this.say("");
       this.show(Object.values(asked).some((value) => !["", "any"].includes(value)));
     } catch (error) {
-      showError(`The list of logs is not up to date: ${error.message}`);
+      if (number !== this.asked) return;
+      if (error.status === 422 && this.why) this.say(error.message.replace(/^q: /, ""));
+      else showError(`The list of logs is not up to date: ${error.message}`);
     }
+  }
+
+  // Why the filter is refused; the rows stay as they are.
+  say(text) {
+    if (this.why && this.why.textContent !== text) this.why.textContent = text;
   }
 
   sortBy(key) {
@@ -116,18 +178,25 @@ export class LogTable {
     const shown = JSON.stringify(this.rows);
     if (shown === this.shown) return; // nothing new: what has the focus keeps it
     this.shown = shown;
+    this.draw();
+    this.count.textContent = this.rows.length === 1 ? "1 log" : `${this.rows.length} logs, ${size(this.rows.reduce((sum, log) => sum + log.size_bytes, 0))}`;
+  }
+
+  draw() {
+    const focused = document.activeElement?.closest("tr[data-id]")?.dataset.id;
     this.body.replaceChildren();
     for (const log of this.rows) {
       const row = this.body.insertRow();
       row.dataset.id = log.id;
+      if (addressOf(log)) row.dataset.address = addressOf(log);
       for (const heading of this.headings) this.columns[heading.dataset.column](row, log, heading);
     }
-    this.count.textContent = this.rows.length === 1 ? "1 log" : `${this.rows.length} logs`;
+    if (focused) this.body.querySelector(`tr[data-id="${focused}"] a`)?.focus();
   }
 
   // What is on screen, in its order, as a file.
   saveCsv(name) {
-    const keys = this.headings.flatMap((heading) => heading.querySelector("button")?.dataset.key ?? []);
+    const keys = ["name", ...this.headings.flatMap((heading) => heading.querySelector("button")?.dataset.key ?? []), "starred", "tags", "note"];
     const value = (log, key) => (key === "when" ? when(log.when) : log[key]);
     const lines = this.rows.map((log) => keys.map((key) => quoted(value(log, key))).join(","));
     save(new Blob([[keys.join(","), ...lines].join("\n") + "\n"], { type: "text/csv" }), name);

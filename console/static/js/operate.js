@@ -17,9 +17,12 @@ import { Teleoperate } from "./teleoperate.js";
 const live = startFrame();
 const filter = document.getElementById("filter");
 new Control(live);
-for (const name of ["trial", "demonstration"]) remember(name, document.getElementById(name).elements);
-const references = new References(document.getElementById("trial"));
-const logs = new LogTable(document.getElementById("logs"), () => ({ q: filter.value.trim() }));
+const trial = document.getElementById("trial");
+for (const form of [trial, document.getElementById("demonstration")]) remember(form.id, form.elements);
+const references = new References(trial, [trial.elements.object], (object) => {
+  if ([...trial.elements.object.options].some((option) => option.value === object)) trial.elements.object.value = object;
+});
+const logs = new LogTable(document.getElementById("logs"), () => ({ q: filter.value.trim() }), { why: document.getElementById("filter-why") });
 filter.addEventListener("input", () => logs.refresh());
 new Jobs(live, references);
 references.refresh();

@@ -4,7 +4,7 @@ import { get, post } from "./api.js";
 import { whyNot } from "./control.js";
 import { showError } from "./errors.js";
 import { number, plain, shift } from "./formats.js";
-import { cell, link } from "./log_table.js";
+import { cell, link, openRows } from "./log_table.js";
 import { LOOKS } from "./scope.js";
 
 const PERIOD_MS = 1000;
@@ -29,8 +29,11 @@ function allow(button, why, what) {
 }
 
 export class Queue {
-  constructor(live) {
+  // onEntries is given the entries whenever there are other ones, or something has become of one.
+  constructor(live, onEntries) {
     this.body = $("queue").tBodies[0];
+    this.onEntries = onEntries;
+    openRows(this.body);
     this.queue = null;
     this.view = null;
     this.shown = "";
@@ -64,8 +67,14 @@ export class Queue {
     }
   }
 
-  add({ repetitions, ...trial }) {
-    return this.change("", { trial, repetitions });
+  // Adds a sweep; returns why not, in a line, or null.
+  async add(sweep) {
+    try {
+      this.show(await post("/api/queue/sweep", sweep));
+      return null;
+    } catch (error) {
+      return error.message;
+    }
   }
 
   show(queue) {
@@ -83,6 +92,7 @@ export class Queue {
     const shown = JSON.stringify([queue.entries, this.mine()]);
     if (shown === this.shown) return; // what has the focus keeps it
     this.shown = shown;
+    this.onEntries(queue.entries);
     const focused = document.activeElement;
     const [id, what] = [focused?.closest("#queue tr")?.dataset.id, focused?.getAttribute("aria-label")];
     this.body.replaceChildren();
@@ -120,8 +130,11 @@ export class Queue {
   addRow(entry, place, waiting) {
     const row = this.body.insertRow();
     row.dataset.id = entry.id;
-    const state = cell(row, entry.reason ? `${entry.state}: ${entry.reason}` : entry.state, "state");
+    const word = entry.ending === "unexpected impact" ? `${entry.state}, ${entry.ending}` : entry.state;
+    const state = cell(row, entry.reason ? `${word}: ${entry.reason}` : word, "state");
     state.dataset.state = entry.state;
+    if (entry.ending !== null) state.dataset.ending = entry.ending;
+    if (entry.log !== null) row.dataset.address = `/logs/${entry.log}`;
     state.title = state.textContent;
     const { trial } = entry;
     const many = entry.repetitions > 1 ? `, ${entry.repetition} of ${entry.repetitions}` : "";
@@ -132,7 +145,7 @@ export class Queue {
     cell(row, plain(trial.seed), "number");
     const took = entry.duration_s === null ? "" : `${number(entry.duration_s, 1)} s`;
     const log = row.insertCell();
-    log.append(entry.log === null ? took : link(`/logs/${entry.log}`, took || "open", "The log of this trial, and how long it took"));
+    log.append(entry.log === null ? took : link(`/logs/${entry.log}`, took ? `open, ${took}` : "open", "Open its log; how long it took"));
     const order = cell(row, "", "order");
     const lease = this.mine() ? null : "Take control first";
     const button = (text, what, why, act) => {

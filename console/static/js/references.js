@@ -13,18 +13,20 @@ function shortWhen(seconds) {
 const text = (log) => `${log.kind === "plan" ? "plan: " : ""}${log.title || plain(log.object)}, ${shortWhen(log.when)}`;
 
 export class References {
-  constructor(form) {
+  // fields: for the object; propose: is given the object that the chosen reference was made with.
+  constructor(form, fields, propose) {
     this.select = form.elements.reference;
+    this.fields = fields;
+    this.propose = propose;
     this.count = 0;
-    this.object = form.elements.object;
     this.logs = [];
-    this.select.addEventListener("change", () => this.propose());
+    this.select.addEventListener("change", () => this.proposeObject());
   }
 
   // What the reference was made with: a person may choose another one afterwards.
-  propose() {
+  proposeObject() {
     const object = this.logs.find((log) => log.id === this.select.value)?.object;
-    if ([...this.object.options].some((option) => option.value === object)) this.object.value = object;
+    if (object) this.propose(object);
   }
 
   async refresh() {
@@ -41,6 +43,6 @@ export class References {
     if (this.count === 0) this.select.add(new Option("no recording yet", ""));
     else if (this.logs.some((log) => log.id === chosen)) this.select.value = chosen;
     // the object that was chosen the last time stays
-    if (this.select.value !== chosen && !(first && this.object.dataset.remembered)) this.propose();
+    if (this.select.value !== chosen && !(first && this.fields.some((field) => field.dataset.remembered))) this.proposeObject();
   }
 }

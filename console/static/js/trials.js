@@ -1,24 +1,39 @@
 // The page Trials: puts its parts together.
 
 import { Control } from "./control.js";
+import { FormMemory } from "./form_memory.js";
 import { startFrame } from "./frame.js";
 import { startJobLine } from "./job_line.js";
-import { bodyOf, showWhy } from "./jobs.js";
+import { showWhy } from "./jobs.js";
 import { LogTable } from "./log_table.js";
+import { Means } from "./means.js";
 import { Queue } from "./queue.js";
 import { References } from "./references.js";
 import { startStrips } from "./strips.js";
+import { SweepForm } from "./sweep_form.js";
+import { startTabs } from "./tabs.js";
 
 const $ = (id) => document.getElementById(id);
 const live = startFrame();
 new Control(live);
 const form = $("trial");
-const references = new References(form);
-const queue = new Queue(live);
-const results = new LogTable($("logs"), () => ({ q: $("filter").value.trim(), outcome: $("outcome").value }), { always: { kind: "trial" } });
+const memory = new FormMemory(form);
+const sweep = new SweepForm(form);
+const references = new References(form, memory, (object) => {
+  const boxes = [...form.querySelectorAll("[name=objects]")];
+  if ("objects" in memory.values || !boxes.some((box) => box.value === object)) return;
+  for (const box of boxes) box.checked = box.value === object;
+  sweep.changed();
+});
+const means = new Means();
+const queue = new Queue(live, (entries) => {
+  means.follow(entries);
+  sweep.changed(); // the room that is left
+});
+const results = new LogTable($("logs"), () => ({ q: $("filter").value.trim(), outcome: $("outcome").value }), { always: { kind: "trial" }, why: $("filter-why") });
 for (const id of ["filter", "outcome"]) $(id).addEventListener("input", () => results.refresh());
 $("table-csv").addEventListener("click", () => results.saveCsv("trials.csv"));
-references.refresh();
+references.refresh().then(() => sweep.measure());
 startJobLine(live, () => {
   results.refresh();
   references.refresh();
@@ -26,11 +41,13 @@ startJobLine(live, () => {
 });
 startStrips(live);
 
-form.addEventListener("submit", (event) => {
+startTabs($("queue-tabs"));
+form.addEventListener("submit", async (event) => {
   event.preventDefault();
-  queue.add(bodyOf(form));
+  sweep.refuse(await queue.add(sweep.order()));
 });
 live.onView(({ status, you }) => {
   const lease = status?.holder === you ? null : "take control first: only the operator with control fills its queue";
-  showWhy(form, lease ?? (references.count ? null : "no reference yet: record and accept one, or plan one with rtstack plan"));
+  const missing = references.count ? null : "no reference yet: record and accept one, or plan one with rtstack plan";
+  showWhy(form, lease ?? missing ?? (sweep.refusal === null ? null : "see above"), sweep.words);
 });

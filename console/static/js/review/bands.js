@@ -10,7 +10,7 @@ const isTold = ({ name }) => name === "impact" || name === "verdict";
 const WORD_PX = 84; // a word needs as much room
 
 // Spans that are narrower than half a pixel are passed over: their neighbours are at the same place.
-function drawModes(context, spans, x, left, right, top, height, alpha, words) {
+export function drawModes(context, spans, x, left, right, top, height, alpha, words) {
   let drawn = left;
   for (const [from, to, mode] of spans) {
     const [start, end] = [Math.max(x(from), drawn), Math.min(x(to), right)];

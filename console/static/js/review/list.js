@@ -1,9 +1,11 @@
-// The page Logs: the table of all logs, two of which can be compared.
+// The page Logs: the table of all logs. Those that are ticked can be compared, tagged, noted and deleted.
 
 import { get } from "../api.js";
 import { showError } from "../errors.js";
 import { startFrame } from "../frame.js";
 import { LogTable } from "../log_table.js";
+import { Remarks, star } from "../remarks.js";
+import { Trash } from "../trash.js";
 
 const field = (id) => document.getElementById(id);
 const chosen = new Set();
@@ -12,8 +14,7 @@ function tick(row, log) {
   const box = document.createElement("input");
   box.type = "checkbox";
   box.checked = chosen.has(log.id);
-  box.disabled = log.kind === "not ours";
-  box.setAttribute("aria-label", `Compare ${log.name}`);
+  box.setAttribute("aria-label", `Tick ${log.name}`);
   box.addEventListener("change", () => {
     if (box.checked) chosen.add(log.id);
     else chosen.delete(log.id);
@@ -22,10 +23,22 @@ function tick(row, log) {
   row.insertCell().append(box);
 }
 
+// Those that are ticked and in the list: what is filtered away is not touched.
+const ticked = () => table.rows.filter((log) => chosen.has(log.id));
+
+function allow(id, why, what) {
+  field(id).disabled = why !== null;
+  field(id).title = why ?? what;
+}
+
 function showChosen() {
-  const two = chosen.size === 2;
-  field("compare").disabled = !two;
-  field("compare").title = two ? "Both logs in one view, aligned at the impact" : "Tick two logs to compare them";
+  const logs = ticked();
+  const none = logs.length ? null : "Tick logs first";
+  const two = logs.length === 2 && logs.every((log) => log.kind !== "not ours");
+  allow("compare", two ? null : "Tick two logs to compare them", "Both logs in one view, aligned at the impact");
+  allow("describe", none, "What you say about them stands beside them, in files of its own");
+  allow("delete", none, "Into the trash, from where they can be brought back");
+  field("tick-all").checked = logs.length > 0 && logs.length === table.rows.length;
 }
 
 async function copyFoxglove() {
@@ -40,20 +53,38 @@ async function copyFoxglove() {
 
 startFrame();
 field("query").value = new URLSearchParams(location.search).get("q") ?? "";
+const changed = async () => {
+  await table.refresh();
+  showChosen();
+};
 const table = new LogTable(
   field("logs"),
   () => ({ q: field("query").value.trim(), kind: field("kind").value, outcome: field("outcome").value }),
-  { columns: { tick } },
+  { columns: { tick, star: star(() => changed()) }, why: field("filter-why") },
 );
-for (const id of ["query", "kind", "outcome"]) field(id).addEventListener("input", () => table.refresh());
+const remarks = new Remarks(changed);
+const trash = new Trash(changed);
+for (const id of ["query", "kind", "outcome"]) field(id).addEventListener("input", changed);
 field("query").addEventListener("input", () => {
   const words = field("query").value.trim();
   history.replaceState(null, "", words ? `?q=${encodeURIComponent(words)}` : "/logs");
 });
+field("tick-all").addEventListener("change", ({ target }) => {
+  chosen.clear();
+  if (target.checked) for (const log of table.rows) chosen.add(log.id);
+  table.draw();
+  showChosen();
+});
 field("table-csv").addEventListener("click", () => table.saveCsv("logs.csv"));
 field("foxglove").addEventListener("click", copyFoxglove);
+field("describe").addEventListener("click", () => remarks.ask(ticked()));
+field("delete").addEventListener("click", async () => {
+  const gone = await trash.remove(ticked());
+  for (const id of gone) chosen.delete(id);
+  await changed();
+});
 field("compare").addEventListener("click", () => {
-  const [first, second] = table.rows.map((log) => log.id).filter((id) => chosen.has(id)).reverse();
-  location.assign(`/logs/${first ?? [...chosen][0]}?other=${second ?? [...chosen][1]}`);
+  const [first, second] = ticked().map((log) => log.id).reverse();
+  location.assign(`/logs/${first}?other=${second}`);
 });
 showChosen();
