@@ -19,7 +19,7 @@ from rtstack.samples import Reaction
 from rtstack.trials.controllers import DEFAULT, ControllerName
 
 MOST_VALUES = 500
-_MOST_SHIFT_MM, _MOST_TURN_DEG, _MOST_SEED = 1000.0, 180.0, 2**31 - 1
+MOST_SHIFT_MM, _MOST_TURN_DEG, _MOST_SEED = 1000.0, 180.0, 2**31 - 1
 
 # what parses is said by `numbers`, in one line that names the field
 Numbers = Annotated[str, Field(min_length=1, max_length=400)]
@@ -47,8 +47,8 @@ class SweepOrder:
     def trials(self) -> list[TrialOrder]:
         """Return the trials in the order in which they will run. Raises SweepRefused."""
         places = product(
-            numbers("displacements_mm", self.displacements_mm, _MOST_SHIFT_MM),
-            numbers("displacements_x_mm", self.displacements_x_mm, _MOST_SHIFT_MM),
+            numbers("displacements_mm", self.displacements_mm, MOST_SHIFT_MM),
+            numbers("displacements_x_mm", self.displacements_x_mm, MOST_SHIFT_MM),
             numbers("yaws_deg", self.yaws_deg, _MOST_TURN_DEG),
         )
         seeds = whole("seeds", self.seeds)

@@ -19,13 +19,16 @@ from pydantic.dataclasses import dataclass as checked
 from console.campaigns.campaigns import NICENESS, NICEST, CampaignView
 from console.campaigns.folder import hidden
 from console.parts import NeedsParts, NeedsSession, Parts
+from console.queue.sweep import MOST_SHIFT_MM, Numbers, numbers
 from console.routes.problems import file_of, problems
 from console.sign_in import UserSession
 from hal.configuration import ConfigurationError
-from rtstack.experiments.registry import kind_named, kind_of, plan_paths
+from rtstack.experiments.own_plans import Comparison, keep_plan, own_plans, plan_folder
+from rtstack.experiments.registry import DEFAULT, installed_plans, kind_named, kind_of
 from rtstack.live.client import RobotRefused
-from rtstack.live.protocol import Phase
+from rtstack.live.protocol import ObjectName, Phase, Seed
 from rtstack.messages import MESSAGE, NUMBER, StrictBool
+from rtstack.trials.controllers import ControllerName
 from rtstack.trials.errors import TrialError
 
 router = APIRouter(prefix="/api/campaigns", tags=["campaigns"], responses=problems(404, 409))
@@ -59,22 +62,43 @@ class CampaignOrder:
     nice: StrictBool = False
 
 
+@checked(frozen=True, slots=True, config=MESSAGE)
+class PlanOrder:
+    """A plan of the user's own: every controller with so many scripted demonstrations of each object, at every shift of
+    the object along y (mm, as -60:10:60 or -30, 0, 30), with so many repetitions.
+    """
+
+    name: Annotated[str, Field(min_length=1, max_length=48, pattern="^[a-z][a-z0-9-]*$")]
+    controllers: Annotated[tuple[ControllerName, ...], Field(min_length=1, max_length=32)]
+    objects: Annotated[tuple[ObjectName, ...], Field(min_length=1, max_length=32)]
+    displacements_mm: Numbers
+    demonstrations: Annotated[int, Field(ge=1, le=20), NUMBER] = 1
+    repetitions: Annotated[int, Field(ge=1, le=200), NUMBER] = 1
+    seed: Seed = 1
+    title: Annotated[str, Field(max_length=80, pattern=r"^\P{C}*$")] = ""
+
+
 @dataclass(frozen=True, slots=True)
 class PlanView:
-    """A campaign that can be started. quick_trials: of its sample, None where it has none."""
+    """A campaign that can be started, or the `problem` of one that cannot. quick_trials: of its sample, None where it
+    has none; own: of the user's own.
+    """
 
     name: str
     title: str
     trials: int
     quick_trials: int | None
+    own: bool = False
+    problem: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class CampaignsView:
-    """What can be started, and what was."""
+    """What can be started, and what was. folder: of the user's own plans, which may be edited there."""
 
     plans: tuple[PlanView, ...]
     campaigns: tuple[CampaignView, ...]
+    folder: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,17 +120,41 @@ class Adopted:
 @router.get("")
 def campaigns(parts: NeedsParts) -> CampaignsView:
     """Return the plans that can be started, and the campaigns that were, the newest first."""
-    return CampaignsView(_plans(), tuple(parts.campaigns.views()))
+    return CampaignsView(_plans(), tuple(parts.campaigns.views()), str(plan_folder()))
 
 
 @router.post("", status_code=201, responses=problems(503))
 def start(order: CampaignOrder, session: NeedsSession, parts: NeedsParts) -> CampaignView:
     """Start a campaign here. Refused while another operator has control, or, without `nice`, with armed arms."""
-    known = [plan.name for plan in _plans()]
+    known = {plan.name: plan for plan in _plans()}
     if order.name not in known:
         raise HTTPException(404, f"name: there is no such campaign; there are {', '.join(known)}")
+    if known[order.name].problem is not None:
+        raise HTTPException(409, f"name: this plan cannot be run: {known[order.name].problem}")
     _check(order.nice, session, parts)
     return parts.campaigns.start(order.name, order.quick, order.workers, NICEST if order.nice else NICENESS)
+
+
+@router.post("/plans", status_code=201, responses=problems(422))
+def keep(order: PlanOrder, parts: NeedsParts) -> PlanView:
+    """Write a plan of the user's own into their folder; it can then be started by its name. Never over another one."""
+    for name in order.objects:
+        if name not in parts.cell.objects:
+            known = ", ".join(parts.cell.objects)
+            raise HTTPException(409, f"objects: the cell has no {name}; it has {known}")
+    if order.name in installed_plans():
+        raise HTTPException(409, f"name: {order.name} is an installed plan; take another name")
+    comparison = Comparison(
+        order.name, order.title or order.name.replace("-", " "), tuple(dict.fromkeys(order.controllers)),
+        tuple(dict.fromkeys(order.objects)), order.demonstrations,
+        tuple(numbers("displacements_mm", order.displacements_mm, MOST_SHIFT_MM)), order.repetitions, order.seed,
+    )  # fmt: skip
+    kind = kind_named(DEFAULT)
+    try:
+        path = keep_plan(comparison, installed_plans()[DEFAULT], lambda path: kind.read(path, quick=False))
+    except ConfigurationError as error:
+        raise HTTPException(409, str(error)) from None
+    return _read(order.name, path, own=True)
 
 
 @router.get("/{campaign_id}")
@@ -204,22 +252,38 @@ def _check(nice: bool, session: UserSession, parts: Parts) -> None:
         )
 
 
-@lru_cache(maxsize=1)
 def _plans() -> tuple[PlanView, ...]:
-    """Return what can be started. The files are of the installed version: they are read once."""
-    return tuple(view for name, path in plan_paths().items() if (view := _plan(name, path)) is not None)
+    """Return what can be started, and the user's own plans that cannot, with the reason."""
+    installed = _installed()
+    taken = {plan.name for plan in installed}
+    own = [(name, path) for name, path in own_plans().items() if name not in taken]
+    return (*installed, *(_own(name, path, path.stat().st_mtime_ns) for name, path in own))
 
 
-def _plan(name: str, path: pathlib.Path) -> PlanView | None:
-    """Return a plan, None where it cannot be run: its kind is not installed, or it is wrong."""
+@lru_cache(maxsize=1)
+def _installed() -> tuple[PlanView, ...]:
+    """Return the installed plans that can be run: their kind is installed, and they are right. They are read once."""
+    views = [_read(name, path) for name, path in installed_plans().items()]
+    for view in views:
+        if view.problem is not None:
+            print(f"rtstack: warning: the campaign {view.name} is not offered: {view.problem}", file=sys.stderr)
+    return tuple(view for view in views if view.problem is None)
+
+
+@lru_cache(maxsize=64)
+def _own(name: str, path: pathlib.Path, changed_ns: int) -> PlanView:
+    """Return a plan of the user's own, read again once its file has changed."""
+    return _read(name, path, own=True)
+
+
+def _read(name: str, path: pathlib.Path, own: bool = False) -> PlanView:
     try:
         kind = kind_named(kind_of(path))
         whole = kind.read(path, quick=False)
     except (ConfigurationError, TrialError) as error:
-        print(f"rtstack: warning: the campaign {name} is not offered: {error}", file=sys.stderr)
-        return None
+        return PlanView(name, "", 0, None, own, str(error))
     try:
         sample = kind.read(path, quick=True).size()
     except ConfigurationError:
         sample = None
-    return PlanView(name, whole.title, whole.size(), sample)
+    return PlanView(name, whole.title, whole.size(), sample, own)

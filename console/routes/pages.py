@@ -61,7 +61,7 @@ def trials(request: Request, parts: NeedsParts) -> HTMLResponse:
 @router.get("/campaigns", response_class=HTMLResponse)
 def campaigns(request: Request, parts: NeedsParts) -> HTMLResponse:
     """Return the page of all campaigns."""
-    return show("campaigns.html", "campaigns", request, parts)
+    return show("campaigns.html", "campaigns", request, parts, default_controller=DEFAULT, **_CHOICES)
 
 
 @router.get("/access", response_class=HTMLResponse)

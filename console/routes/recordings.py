@@ -7,12 +7,13 @@ from fastapi import APIRouter, Query
 from fastapi.exceptions import HTTPException
 
 from console.log_rows import RECORDINGS
-from console.parts import NeedsParts, NeedsSession, Parts
+from console.parts import NeedsParts, NeedsSession, Parts, written_now
 from console.routes.problems import problems
 from rtstack.log.catalogue import LogEntry
 from rtstack.log.errors import LogError
-from rtstack.references.acceptance import Acceptance, acceptance_file, load_acceptance, save_acceptance
+from rtstack.references.acceptance import Acceptance, load_acceptance, save_acceptance
 from rtstack.references.recording import ReferenceError
+from rtstack.retention.trash import delete as throw_away
 from rtstack.trials.extraction import Extraction, extract
 
 router = APIRouter(prefix="/api/recordings", tags=["recordings"], responses=problems(404, 409, 500))
@@ -28,7 +29,7 @@ class RecordingView:
 
 @dataclass(frozen=True, slots=True)
 class Discarded:
-    """Says that the file is gone."""
+    """Says that the recording is in the trash."""
 
     discarded: bool
 
@@ -68,16 +69,11 @@ def accept(log_id: str, acceptance: Acceptance, parts: NeedsParts) -> Acceptance
 
 @router.post("/{log_id}/discard")
 def discard(log_id: str, session: NeedsSession, parts: NeedsParts) -> Discarded:
-    """Throw a recording away: its file is removed. Only a recording, and not the one that is being written."""
+    """Throw a recording away: it is moved to the trash, from where it comes back. Not the one that is being written."""
     entry = recording_entry(parts, log_id)
-    status = parts.watch.view.status
-    if status is not None and status.job is not None and status.job.active and status.job.log == entry.path.name:
+    if entry.path.name == written_now(parts):
         raise HTTPException(409, "it is being recorded; finish it first")
-    try:
-        entry.path.unlink()
-        acceptance_file(entry.path).unlink(missing_ok=True)
-    except OSError as error:
-        raise HTTPException(409, f"it cannot be removed: {error.strerror}") from None
+    throw_away(entry.path)
     return Discarded(True)
 
 

@@ -11,7 +11,7 @@ from threading import Lock
 import numpy as np
 from numpy.typing import NDArray
 
-from rtstack.configuration import ConfigurationError, from_document
+from hal.configuration import ConfigurationError, from_document
 from rtstack.log.catalogue import LogCondition, LogEntry
 from rtstack.log.errors import LogError
 from rtstack.log.reader import Log, read_log

@@ -1,6 +1,6 @@
 """The means of the trials in a list: a line for each controller and object, and its points over the shift."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -75,7 +75,7 @@ def _values(rows: list[LogRow], measure: Measure) -> list[float]:
     return [float(value) for value in found if value is not None]
 
 
-def _mean(place: float | None, groups: dict[float, list[float]], measure: Measure) -> Mean:
+def _mean(place: float | None, groups: Mapping[object, list[float]], measure: Measure) -> Mean:
     from rtstack.experiments.statistics import proportion, stratified_mean  # SciPy takes a second to load
 
     every = [value for group in groups.values() for value in group]

@@ -17,6 +17,7 @@ from typing import Any
 
 from hal.extensions import ExtensionError, ExtensionPoint
 from rtstack.experiments.experiment import Experiment
+from rtstack.experiments.own_plans import own_plans
 from rtstack.experiments.plan_file import PlanFile, plan_file_at
 from rtstack.trials.errors import TrialError
 
@@ -52,9 +53,14 @@ def kind_of(path: Path) -> str:
     return kind if isinstance(kind, str) else DEFAULT
 
 
-@lru_cache(maxsize=1)
 def plan_paths() -> dict[str, Path]:
-    """Return the plans that have a name: those of deploy/campaigns, and those of each plug-in.
+    """Return the plans that have a name: the user's own, and the installed ones, which no other hides."""
+    return own_plans() | installed_plans()
+
+
+@lru_cache(maxsize=1)
+def installed_plans() -> dict[str, Path]:
+    """Return the plans of deploy/campaigns, and those of each plug-in.
 
     A plug-in that cannot be loaded has none, and is named in a line on stderr.
     """

@@ -9,7 +9,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
 
 from hal.files import write_whole
-from rtstack.configuration import STRICT
+from hal.configuration import STRICT
 from rtstack.log.errors import LogError
 
 SUFFIX = ".remarks.json"

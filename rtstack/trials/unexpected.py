@@ -35,7 +35,7 @@ class Unexpected(StrEnum):
     TOO_HEAVY = "too heavy"
     TOO_LIGHT = "too light"
     TILTED = "surface tilted"
-    PUSH = "a person's push"
+    PUSH = "another contact, such as a push"  # a force that is not the object's; whose it was is not known
     UNKNOWN = "unknown"
 
 

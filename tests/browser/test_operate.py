@@ -175,9 +175,9 @@ def test_a_recording_becomes_the_reference_of_a_trial_whose_log_comes_down(recor
     row = rows.first
     for text in ("trial", "no interim", "rice box", "10"):
         expect(row).to_contain_text(text)
-    expect(row.locator(".outcome")).to_have_text(re.compile("^(success|failed: .+)$"))
+    expect(row.locator(".outcome")).to_have_text(re.compile("^(success|unexpected impact|failed: .+)$"))
     with page.expect_download() as download:
-        row.locator("a").click()
+        row.locator("a[download]").click()
     path = tmp_path / "trial.mcap"
     download.value.save_as(path)
     log = read_log(path)
@@ -185,6 +185,64 @@ def test_a_recording_becomes_the_reference_of_a_trial_whose_log_comes_down(recor
     assert log.metadata["result"]["controller"] == "no_interim"
     assert log.metadata["result"]["displacement_mm"] == "10.0"
     assert len(log.topic("/left/arm")) > 1000
+
+
+def test_a_trial_ends_in_a_card_from_which_its_log_opens_and_it_is_run_again(recorded):
+    """The card after a trial that failed and one that did not; rows, the form and the events beside it."""
+    page = recorded.page
+    card, form = page.locator("#trial-card"), page.locator("#trial")
+    expect(card).to_be_visible()  # of the trial before
+    page.click("#tab-trial")
+    recorded.arm()
+    page.fill("#trial input[name=displacement_mm]", "900")
+    page.click("#trial button[type=submit]")
+    expect(page.locator("#errors .error")).to_contain_text("allowed are", timeout=FINISHED_MS)
+    expect(card).to_be_hidden()  # nothing has run, and nothing was logged
+    recorded.start_trial("proposed", "-15")
+    expect(card).to_be_hidden()
+    expect(card).to_be_visible(timeout=FINISHED_MS)
+    expect(page.locator("#errors .error")).to_have_count(0)  # overtaken by a newer one that succeeded
+    expect(page.locator("#card-ending")).to_have_text("success")
+    expect(page.locator("#card-what")).to_have_text("proposed, rice box, -15 mm, seed 0")
+    expect(card.locator(".numbers .value")).to_have_text([re.compile(r"^[\d.]+$")] * 3)
+    expect(card.locator(".numbers .before").nth(1)).to_contain_text("before")
+    drawn = "canvas => new Set(canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data).size"
+    assert page.locator("#card-plot").evaluate(drawn) > 50
+
+    # the form keeps what was set, on a reload and after another page; the rows open their logs by click and by keys
+    page.goto("/logs")
+    rows = page.locator("#logs tbody tr")
+    expect(rows.first.locator("td.when")).to_have_text(re.compile(r"^\d{4}-\d\d-\d\d \d\d:\d\d:\d\d$"))
+    page.goto("/")
+    expect(form.locator("[name=displacement_mm]")).to_have_value("-15")
+    expect(form.locator("[name=controller]")).to_have_value("proposed")
+    expect(card).to_be_visible()
+    opened = (page.locator("#card-open").get_attribute("href") or "").split("?")[0]
+    rows.first.locator("td.outcome").click()
+    expect(page).to_have_url(re.compile(opened))
+    page.goto("/")
+    rows.first.locator("a").first.focus()
+    page.keyboard.press("ArrowDown")
+    page.keyboard.press("ArrowUp")
+    page.keyboard.press("Enter")
+    expect(page).to_have_url(re.compile(opened))
+    page.goto("/")
+
+    recorded.arm()
+    page.click("#card-again-shifted")
+    expect(card).to_be_hidden()
+    expect(card).to_be_visible(timeout=FINISHED_MS)
+    expect(page.locator("#card-what")).to_have_text("proposed, rice box, -5 mm, seed 0")
+    expect(rows.first).to_contain_text("-5")
+    page.click("#event")
+    times = page.locator("#events time")  # newest first, by one clock
+    seen = [text for text in times.all_inner_texts() if text]
+    assert len(seen) == page.locator("#events li").count()
+    assert seen == sorted(seen, reverse=True)
+    page.click("#event")
+    page.click("#card-compare")
+    expect(page).to_have_url(re.compile(r"/logs/[0-9a-f]+\?.*other="))
+    page.goto("/")
 
 
 @pytest.mark.parametrize("way", ["button", "space bar", "space bar in the scene", "cancel"])

@@ -80,7 +80,7 @@ _LEGENDS = """async () => {
 
 
 def names(page: Page) -> list[str]:
-    return page.locator("#logs tbody tr td:nth-child(3)").all_inner_texts()
+    return page.locator("#logs tbody td.when").evaluate_all("cells => cells.map(cell => cell.title)")
 
 
 def window(page: Page) -> tuple[float, float]:
@@ -91,7 +91,7 @@ def window(page: Page) -> tuple[float, float]:
 
 def open_log(page: Page, name: str, query: str = "") -> None:
     page.goto("/logs")
-    address = page.locator("#logs tbody a", has_text=name).get_attribute("href")
+    address = page.locator(f"#logs tbody td.when[title='{name}'] a").get_attribute("href")
     page.goto(f"{address}{query}")
     expect(page.locator("#figure-area")).to_have_attribute("data-points", re.compile("[1-9]"))
     expect(page.locator("#reading")).to_be_hidden()

@@ -175,3 +175,43 @@ def test_a_log_that_a_table_names_outside_of_its_folder_is_not_given_away(tmp_pa
 def test_names_are_those_of_the_runner():
     assert (folder.DATABASE, folder.PROGRESS) == (store.DATABASE, progress.PROGRESS)
     assert (folder.PAGE, folder.FIGURES, folder.NUMBERS) == (page.PAGE, report.FIGURES, report.NUMBERS)
+
+
+def test_a_plan_of_the_users_own_is_kept_offered_and_run_by_its_name_as_on_the_command_line(
+    served, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    folder_of_plans = tmp_path / "rtstack" / "campaigns"
+    order = {
+        "name": "wide-shifts", "controllers": ["proposed", "no_interim"], "objects": ["rice_box", "parcel"],
+        "displacements_mm": "-20:20:20", "demonstrations": 2, "repetitions": 3,
+    }  # fmt: skip
+    with served.signed_in() as (client, headers):
+
+        def keep(**change):
+            return client.post("/api/campaigns/plans", json={**order, **change}, headers=headers)
+
+        for change, status, says in (
+            ({"name": "../etc"}, 422, "name"), ({"name": "reference-spreading"}, 409, "name: reference"),
+            ({"objects": ["piano"]}, 409, "objects: the cell has no piano"), ({"controllers": ["best"]}, 422, "contr"),
+            ({"displacements_mm": "1:x"}, 422, "displacements_mm: '1:x' is none"), ({"repetitions": 0}, 422, "repet"),
+        ):  # fmt: skip
+            answer = keep(**change)
+            assert (answer.status_code, answer.json()["error"].startswith(says)) == (status, True), answer.json()
+        assert not list(folder_of_plans.glob("*"))
+        made = keep().raise_for_status().json()
+        assert made == {
+            "name": "wide-shifts", "title": "wide shifts", "trials": 2 * 2 * 2 * 3 * 3, "quick_trials": 4, "own": True,
+            "problem": None,
+        }  # fmt: skip
+        assert keep().status_code == 409  # never over another one
+        (folder_of_plans / "wrong.toml").write_text('name = "wrong"\n')
+        (folder_of_plans / "reference-spreading.toml").write_text('name = "mine"\n')  # hides no installed one
+        listed = client.get("/api/campaigns").json()
+        assert listed["folder"] == str(folder_of_plans)
+        plans = {plan["name"]: plan for plan in listed["plans"]}
+        assert plans["wide-shifts"] == made
+        assert plans["reference-spreading"]["trials"] == 850
+        assert "wrong.toml" in plans["wrong"]["problem"]
+        assert client.post("/api/campaigns", json={"name": "wrong"}, headers=headers).status_code == 409
+    assert plan_file("wide-shifts").path == folder_of_plans / "wide-shifts.toml"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from served_console import serve_console
 
-from console.log_rows import LogRow
+from console.log_rows import Ending, LogRow
 from console.queue.entry import Entry, EntryState, TrialOrder
 from console.trials.means import Measure, means_of
 from rtstack.cells import default_cell_file
@@ -117,12 +117,12 @@ def test_the_queues_means_are_those_of_its_trials_logs(trials):
     assert line["whole"]["low"] < 1.0
 
 
-def _row(controller, shift, force, success=True):
+def _row(controller, shift, force, success: bool | None = True):
     return LogRow(
         id="", name="", kind="trial", controller=controller, object="rice_box", displacement_mm=shift, seed=0,
         success=success, outcome="", verdict=None, note=None, average_force_norm=force, max_lift_mm=None, when=0.0,
         size_bytes=0, recording=False, title="", decision=None, displacement_x_mm=0.0, yaw_deg=0.0,
-        ending="success" if success else "failure", starred=False, tags=(),
+        ending=Ending.SUCCESS if success else Ending.FAILURE, starred=False, tags=(),
     )  # fmt: skip
 
 
@@ -132,7 +132,7 @@ def test_means_are_by_controller_and_shift_with_students_interval():
     assert (first.controller, first.trials, first.successes) == ("a", 3, 2)
     assert (first.points[0].mean, first.points[0].n) == (11.0, 2)
     # 12.706: the 97.5 % quantile of Student's t with one degree of freedom; sd 1.414, n 2
-    assert first.points[0].high - 11.0 == pytest.approx(12.706, rel=1e-4)
+    assert first.points[0].high == pytest.approx(11.0 + 12.706, rel=1e-4)
     assert (first.points[1].mean, first.points[1].low) == (30.0, None)
     assert first.whole.mean == pytest.approx(20.5)  # each shift counts alike
     assert (second.controller, second.whole.mean, second.whole.low) == ("b", 20.0, None)

@@ -77,7 +77,7 @@ class Memory(threading.Thread):
 def opened(page: Page) -> tuple[float, float]:
     """Click on the log's link; return s until the first curves were on the screen, and until all of the log was."""
     page.goto("/logs")
-    link = page.locator("#logs tbody a", has_text="long.mcap").first
+    link = page.locator("#logs tbody td.when[title='long.mcap'] a")
     link.wait_for()
     start_s = time.time()
     link.click(no_wait_after=True)

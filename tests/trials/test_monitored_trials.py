@@ -71,7 +71,7 @@ def test_a_good_grab_is_expected_and_its_log_says_so_again(trial) -> None:
 
 def test_a_push_stops_the_arms_in_the_tick_of_the_verdict(trial) -> None:
     result, log, _ = trial(PUSH, Reaction.STOP)
-    assert (result.impact_verdict, result.impact_kind) == ("unexpected", "a person's push")
+    assert (result.impact_verdict, result.impact_kind) == ("unexpected", "another contact, such as a push")
     assert not result.success
     control = log.topic("/left/control")
     verdict = int(np.argmax(control["pair_verdict"] == Verdict.UNEXPECTED))

@@ -3,6 +3,7 @@
 import { get, post } from "./api.js";
 import { showWhy } from "./jobs.js";
 import { showError } from "./errors.js";
+import { showRefusal, valuesOf } from "./field_refusal.js";
 import { plain, when } from "./formats.js";
 import { startFrame } from "./frame.js";
 import { cell } from "./log_table.js";
@@ -45,6 +46,10 @@ class Page {
     this.form = $("start");
     this.results = new Results($("results"), () => this.chosen);
     this.form.addEventListener("submit", (event) => this.start(event));
+    $("plan-form").addEventListener("submit", (event) => {
+      event.preventDefault();
+      this.keepPlan(event.target);
+    });
     for (const name of ["name", "quick"]) this.form.elements[name].addEventListener("change", () => this.showPlan());
     $("cancel-campaign").addEventListener("click", () => this.act(`${this.chosen}/cancel`));
     $("resume").addEventListener("click", () => this.act(`${this.chosen}/resume`, { nice: this.form.elements.nice.checked }));
@@ -59,9 +64,10 @@ class Page {
 
   async refresh() {
     try {
-      const { plans, campaigns } = await get("/api/campaigns");
+      const { plans, campaigns, folder } = await get("/api/campaigns");
       this.campaigns = campaigns;
       this.offer(plans);
+      write($("plan-folder"), `A TOML file in ${folder}: edit it there.`);
       this.show();
     } catch (error) {
       showError(`The campaigns are not up to date: ${error.message}`);
@@ -71,11 +77,27 @@ class Page {
   async act(path, body = {}) {
     try {
       const campaign = await post(path ? `/api/campaigns/${path}` : "/api/campaigns", body);
+      this.chosen = campaign.id;
+      this.campaigns = [campaign, ...this.campaigns.filter((one) => one.id !== campaign.id)]; // the list has it later
       this.choose(campaign.id);
     } catch (error) {
       showError(`Nothing was changed: ${error.message}`);
     }
     await this.refresh();
+  }
+
+  async keepPlan(form) {
+    try {
+      const plan = await post("/api/campaigns/plans", valuesOf(form, ["controllers", "objects"]));
+      showRefusal(form, null);
+      await this.refresh();
+      this.form.elements.name.value = plan.name;
+      this.form.elements.quick.checked = false; // it is small enough to be run as it is
+      $("own").open = false;
+      this.showPlan();
+    } catch (error) {
+      showRefusal(form, error.message);
+    }
   }
 
   start(event) {
@@ -87,21 +109,25 @@ class Page {
   }
 
   offer(plans) {
-    if (this.plans.length) return;
+    if (JSON.stringify(plans) === JSON.stringify(this.plans)) return;
+    const chosen = this.plans.length ? this.form.elements.name.value : "reference-spreading";
     this.plans = plans;
-    this.form.elements.name.replaceChildren(...plans.map((plan) => new Option(plan.name, plan.name)));
-    if (plans.some((plan) => plan.name === "reference-spreading")) this.form.elements.name.value = "reference-spreading";
+    this.form.elements.name.replaceChildren(...plans.map((plan) => new Option(plan.own ? `${plan.name} (your own)` : plan.name, plan.name)));
+    if (plans.some((plan) => plan.name === chosen)) this.form.elements.name.value = chosen;
     this.showPlan();
   }
 
   showPlan() {
     const plan = this.plans.find((one) => one.name === this.form.elements.name.value);
     const trials = this.form.elements.quick.checked ? plan.quick_trials : plan.trials;
+    if (plan.problem !== null) return write($("plan"), `It cannot be run: ${plan.problem}`);
     write($("plan"), trials === null ? plan.title : `${plan.title}: ${trials} trials`);
   }
 
   // Why none can be started now, in a line; null where one can. The server asks the same.
   whyNot() {
+    const plan = this.plans.find((one) => one.name === this.form.elements.name.value);
+    if (plan && plan.problem !== null) return "this plan cannot be run";
     if (this.campaigns.some((campaign) => BUSY.has(campaign.state))) return "a campaign is running: wait for its end, or cancel it";
     const { status, you } = this.view ?? {};
     if (!status) return "the robot process has not answered yet";
@@ -202,9 +228,10 @@ class Page {
     if (shown === this.shown.claims) return;
     this.shown.claims = shown;
     table.tBodies[0].replaceChildren();
+    const several = new Set(campaign.claims.map((claim) => claim.conditions)).size > 1;
     for (const claim of campaign.claims) {
       const row = table.tBodies[0].insertRow();
-      cell(row, claim.where);
+      cell(row, several ? `${claim.where} (${plain(claim.conditions)})` : claim.where);
       cell(row, claim.claim);
       cell(row, claim.figures);
       cell(row, claim.verdict, "verdict").dataset.verdict = claim.verdict;

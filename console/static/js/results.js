@@ -69,7 +69,10 @@ export class Results {
       const line = this.table.tBodies[0].insertRow();
       for (const at of places) cell(line, text(row[at]), typeof row[at] === "number" ? "number" : "");
       const last = line.insertCell();
-      if (log !== null) last.append(this.opener(log));
+      if (log === null) continue;
+      last.append(this.opener(log));
+      line.dataset.opens = "";
+      line.addEventListener("click", ({ target }) => !target.closest("button") && !String(getSelection()) && this.open(log));
     }
     this.count.textContent = found.length === rows.length ? `${rows.length}` : `${found.length} of ${rows.length}`;
     this.empty.hidden = found.length > 0;
@@ -105,14 +108,16 @@ export class Results {
     button.className = "small";
     button.textContent = "open";
     button.title = "Put its log among the logs, and review it";
-    button.addEventListener("click", async () => {
-      try {
-        const { log } = await post(`/api/campaigns/${this.chosen()}/logs/${id}`);
-        location.assign(`/logs/${log}`);
-      } catch (error) {
-        showError(`Its log is not shown: ${error.message}`);
-      }
-    });
+    button.addEventListener("click", () => this.open(id));
     return button;
+  }
+
+  async open(id) {
+    try {
+      const { log } = await post(`/api/campaigns/${this.chosen()}/logs/${id}`);
+      location.assign(`/logs/${log}`);
+    } catch (error) {
+      showError(`Its log is not shown: ${error.message}`);
+    }
   }
 }

@@ -1,6 +1,7 @@
 // The form of a sweep: how many trials it is as it is typed, and what is wrong with it at the field that is wrong.
 
 import { post } from "./api.js";
+import { showRefusal, valuesOf } from "./field_refusal.js";
 import { LOOKS } from "./scope.js";
 
 const WAIT_MS = 250;
@@ -9,7 +10,6 @@ const LISTS = ["controllers", "objects"];
 export class SweepForm {
   constructor(form) {
     this.form = form;
-    this.wrong = form.querySelector(".wrong");
     this.refusal = null; // why what is typed cannot be added
     this.size = null;
     this.asked = 0;
@@ -17,10 +17,7 @@ export class SweepForm {
   }
 
   order() {
-    const order = {};
-    for (const { name, type, value } of this.form.elements) if (name && type !== "checkbox") order[name] = value;
-    for (const name of LISTS) order[name] = [...this.form.querySelectorAll(`[name="${name}"]:checked`)].map((box) => box.value);
-    return order;
+    return valuesOf(this.form, LISTS);
   }
 
   changed() {
@@ -45,21 +42,9 @@ export class SweepForm {
     }
   }
 
-  // what: one line, "field: why" where it is about a field.
   refuse(what) {
     this.refusal = what;
-    const field = what === null ? null : this.form.querySelector(`[data-field="${what.split(":")[0].split(".")[0]}"]`);
-    for (const element of this.form.querySelectorAll("[data-field]")) {
-      const input = element.querySelector("input:not([type=checkbox])");
-      input?.setAttribute("aria-invalid", String(element === field));
-      element.classList.toggle("invalid", element === field);
-    }
-    this.wrong.hidden = what === null;
-    const text = field ? what.slice(what.indexOf(":") + 2) : what ?? "";
-    if (this.wrong.textContent !== text) this.wrong.textContent = text;
-    if (field?.closest("details")) field.closest("details").open = true;
-    if (field) field.after(this.wrong);
-    else this.form.querySelector(".fields").append(this.wrong);
+    showRefusal(this.form, what);
   }
 
   // How many trials it is, in words.
