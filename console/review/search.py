@@ -121,7 +121,9 @@ def search(
     ]
     for each in asked.ranges:
         if known and all(each.matches(own) is None for own in numbers):
-            raise FilterRefused(f"q: {each.word}: no log has a number {each.key}; try force, lift, shift, seed, size (MB)")
+            raise FilterRefused(
+                f"q: {each.word}: no log has a number {each.key}; try force, lift, shift, seed, size (MB)"
+            )
     return rows
 
 

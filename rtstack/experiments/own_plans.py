@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hal.files import PARTIAL, replacing
 from hal.configuration import ConfigurationError, toml_text
+from hal.files import PARTIAL, replacing
 
 _MADE = "made on the page Campaigns; the conditions and what a success is are those of the plan"
 

@@ -8,8 +8,8 @@ from typing import Annotated
 from pydantic import Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
 
-from hal.files import write_whole
 from hal.configuration import STRICT
+from hal.files import write_whole
 from rtstack.log.errors import LogError
 
 SUFFIX = ".remarks.json"

@@ -12,7 +12,7 @@ from console.queue.entry import Entry, TrialOrder
 from console.tokens import Scope
 from rtstack.retention.marks import mark_reviewed, may_go
 from rtstack.retention.trash import FOLDER
-from tests.console.test_review_api import read, write_log
+from tests.support.console.review_log import read, write_log
 
 COMMAND = Path(sys.executable).with_name("rtstack")
 

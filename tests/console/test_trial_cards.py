@@ -5,7 +5,6 @@ import shutil
 
 import numpy as np
 import pytest
-from served_console import serve_console
 
 from console.log_rows import Ending, LogRow
 from console.queue.entry import Entry, EntryState, TrialOrder
@@ -15,7 +14,8 @@ from rtstack.log.catalogue import Catalogue
 from rtstack.log.reader import read_log
 from rtstack.model.cell_description import base_frame, load_cell_description
 from rtstack.samples import SIDES
-from tests.console.test_review_api import write_log
+from tests.support.console.review_log import write_log
+from tests.support.console.served_console import serve_console
 
 
 @pytest.fixture(scope="module")

@@ -1,12 +1,12 @@
 // The page Trials: puts its parts together.
 
 import { Control } from "./control.js";
-import { FormMemory } from "./form_memory.js";
 import { startFrame } from "./frame.js";
 import { startJobLine } from "./job_line.js";
 import { showWhy } from "./jobs.js";
 import { LogTable } from "./log_table.js";
 import { Means } from "./means.js";
+import { remember } from "./memory.js";
 import { Queue } from "./queue.js";
 import { References } from "./references.js";
 import { startStrips } from "./strips.js";
@@ -17,11 +17,11 @@ const $ = (id) => document.getElementById(id);
 const live = startFrame();
 new Control(live);
 const form = $("trial");
-const memory = new FormMemory(form);
 const sweep = new SweepForm(form);
-const references = new References(form, memory, (object) => {
-  const boxes = [...form.querySelectorAll("[name=objects]")];
-  if ("objects" in memory.values || !boxes.some((box) => box.value === object)) return;
+remember("sweep", form.elements);
+const boxes = [...form.querySelectorAll("[name=objects]")];
+const references = new References(form, boxes, (object) => {
+  if (!boxes.some((box) => box.value === object)) return;
   for (const box of boxes) box.checked = box.value === object;
   sweep.changed();
 });
