@@ -34,6 +34,7 @@ from console.server import server_settings
 from console.sign_in import SignIn
 from console.teleoperation.teleop_input import TeleopInput
 from console.tokens import Tokens
+from console.training.trainer import Trainer
 from console.watch import STATUS_TIMEOUT_S, Watch
 from hal.configuration import ConfigurationError
 from rtstack.live.audit import FILE_NAME, AuditTrail
@@ -131,6 +132,7 @@ def _parts(asked: argparse.Namespace, port: int, stack: ExitStack) -> Parts:
         review_scenes=review_scenes,
         queue=queue,
         campaigns=campaigns,
+        trainer=stack.enter_context(closing(Trainer(watch))),
     )
 
 

@@ -41,6 +41,7 @@ from console.routes import (
     robot,
     scene,
     teleoperation,
+    training,
     trials,
 )
 from console.routes.problems import problems
@@ -54,7 +55,7 @@ from rtstack.references.acceptance import AcceptanceError
 
 _ROUTES = (
     pages, description, access, robot, control, jobs, queue, trials, campaigns, playback, logs, retention, live, review,
-    scene, teleoperation, recordings, foxglove,
+    scene, teleoperation, training, recordings, foxglove,
 )  # fmt: skip
 
 

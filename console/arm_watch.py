@@ -50,7 +50,7 @@ class ArmWatch:
         self.force: NDArray[np.float64] | None = None
         self._arm = rings.reader(f"/{side}/arm")
         self._control = rings.reader(f"/{side}/control")
-        self._t_ns = 0
+        self.t_ns = 0  # robot's time of the newest state
         self.changed_s = float("-inf")  # monotonic time of the last new state
         self.moved_s = float("-inf")  # monotonic time of the last new state in which a joint moved
         self.q: NDArray[np.float64] | None = None
@@ -64,8 +64,8 @@ class ArmWatch:
         if record is None:
             return ArmView("UNKNOWN", (), "UNKNOWN", NEVER_S, 0.0)
         t_ns = int(record["t_ns"][0])
-        if t_ns != self._t_ns or self.changed_s < 0.0:
-            self._t_ns, self.changed_s = t_ns, now_s
+        if t_ns != self.t_ns or self.changed_s < 0.0:
+            self.t_ns, self.changed_s = t_ns, now_s
             if np.abs(record["dq"]).max() > REST_DQ:
                 self.moved_s = now_s
         self.q = record["q"][0]

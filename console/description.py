@@ -39,6 +39,7 @@ _TAGS = {
     "trials": "What trials have come to: cards, means of sweeps.",
     "campaigns": "The papers' campaigns on simulated arms: progress, results, figures, reports.",
     "teleoperation": "Teleoperation of both arms.",
+    "training": "Faults of simulated arms at a random moment, and what the operator did about them.",
     "recordings": "Demonstrations: extracted, accepted, thrown away.",
     "logs": "The list of logs, what the review reads of one, what people say about them, and the trash.",
 }

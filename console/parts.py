@@ -14,6 +14,7 @@ from console.review.scene import ReviewScenes
 from console.scenes import Scenes
 from console.sign_in import SignIn, UserSession
 from console.teleoperation.teleop_input import TeleopInput
+from console.training.trainer import Trainer
 from console.trials.impact import Impacts
 from console.watch import Watch
 from rtstack.live.audit import AuditTrail
@@ -41,6 +42,7 @@ class Parts:
     review_scenes: ReviewScenes
     queue: Queue
     campaigns: Campaigns
+    trainer: Trainer
     impacts: Impacts = field(default_factory=Impacts)
 
 

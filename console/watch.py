@@ -123,6 +123,10 @@ class Watch:
         """Return the forces on both pads, (2, 3) N in the world, None until both have spoken."""
         return _both([self._arms[side].force for side in SIDES])
 
+    def robot_time_s(self) -> float:
+        """Return the robot's time of the left arm's newest state, s; each job may begin at 0 again."""
+        return self._arms["left"].t_ns * 1e-9
+
     def hits(self) -> list[tuple[NDArray[np.float64], NDArray[np.float64]] | None]:
         """Return where each pad has felt most since the newest job began, (3,) m in the world, and what, (3,) N."""
         return [self._arms[side].hit for side in SIDES]

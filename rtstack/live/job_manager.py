@@ -14,6 +14,7 @@ from hal.realtime import scheduling
 from rtstack.live.audit import AuditTrail
 from rtstack.live.control_authority import ControlAuthority
 from rtstack.live.protocol import (
+    DemonstrationRequest,
     Job,
     JobKind,
     JobRequest,
@@ -62,6 +63,9 @@ class JobManager:
         names = tuple(self._description.objects)
         if not isinstance(request, PlaybackRequest | MoveRequest) and request.object not in names:
             raise Refused(f"the cell has no object {request.object!r}; it has {', '.join(names)}")
+        faults = isinstance(request, DemonstrationRequest) and request.faults
+        if faults and not self._description.simulated:
+            raise Refused("only a simulated cell has scripted faults")
         with self._lock:
             refusal = self._refusal()
             if refusal is not None:
@@ -205,4 +209,4 @@ def _title(request: JobRequest) -> str:
         return f"{Path(request.source).name} at {request.speed:g}x"
     if isinstance(request, TeleoperationRequest):
         return f"{request.object}, {'recorded' if request.recorded else 'not recorded'}"
-    return f"{request.object}, variation {request.variation}, seed {request.seed}"
+    return f"{request.object}, variation {request.variation}, seed {request.seed}" + ", training" * bool(request.faults)

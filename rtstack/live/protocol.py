@@ -71,11 +71,15 @@ class StatusRequest:
 
 @checked(frozen=True, slots=True, config=MESSAGE)
 class DemonstrationRequest:
-    """Ask for a scripted demonstration, by the operator who has armed."""
+    """Ask for a scripted demonstration, by the operator who has armed.
+
+    faults: the text of a faults file for the simulated robot, as for `rtstack sim --faults`; empty for none.
+    """
 
     object: ObjectName = "rice_box"
     variation: Annotated[int, Field(ge=0, le=10_000), NUMBER] = 0
     seed: Seed = 0
+    faults: Annotated[str, Field(max_length=4096)] = ""
     operator: Operator = field(kw_only=True)
     verb: Literal["demonstration"] = "demonstration"
 

@@ -11,6 +11,7 @@ import contextlib
 import ctypes
 import signal
 import sys
+import tempfile
 import threading
 import time
 import traceback
@@ -33,7 +34,15 @@ from rtstack.live.idle import IdleView
 from rtstack.live.job_manager import JobManager
 from rtstack.live.notify import Notifier, Pulse
 from rtstack.live.parent_watch import watch_parent
-from rtstack.live.protocol import JobRequest, JobState, MoveRequest, PlaybackRequest, TeleoperationRequest, TrialRequest
+from rtstack.live.protocol import (
+    DemonstrationRequest,
+    JobRequest,
+    JobState,
+    MoveRequest,
+    PlaybackRequest,
+    TeleoperationRequest,
+    TrialRequest,
+)
 from rtstack.live.service import Service
 from rtstack.live.source import CellSource, live_source
 from rtstack.live.standalone import claim, publish_rings, withdraw_rings
@@ -213,7 +222,8 @@ class Robot:
         prepared = prepare_trial(order.specification(), description) if isinstance(order, TrialRequest) else None
         displacement = order.specification().displacement if isinstance(order, TrialRequest) else Displacement()
         self._close()
-        cell = self._open_or_raise(order.object, displacement, order.seed)
+        faults = order.faults if isinstance(order, DemonstrationRequest) else ""
+        cell = self._open_or_raise(order.object, displacement, order.seed, faults)
         start = None if prepared is None else prepared.reference.ante[:, 0]
         way = None if _is_practice(order) else start_motion(cell, description, order.object, displacement, start)
         if self._mailbox.stop_requested:
@@ -275,8 +285,13 @@ class Robot:
         except HardwareError as error:
             self._job_manager.authority.fault(str(error))
 
-    def _open_or_raise(self, object_name: str, displacement: Displacement, seed: int) -> Cell:
-        self._cell = self._source.open_cell(object_name, displacement, seed)
+    def _open_or_raise(self, object_name: str, displacement: Displacement, seed: int, faults: str = "") -> Cell:
+        """faults: the text of a faults file."""
+        with tempfile.NamedTemporaryFile("w", suffix=".toml") as script:  # read while the cell is opened
+            script.write(faults)
+            script.flush()
+            path = Path(script.name) if faults else None
+            self._cell = self._source.open_cell(object_name, displacement, seed, path)
         self._job_manager.opened(object_name)
         return self._cell
 

@@ -13,10 +13,13 @@ from rtstack.model.cell_description import CellDescription, load_cell_descriptio
 class OpenCell(Protocol):
     """Open a cell with an object in it, displaced from its place; without a name: with none.
 
-    Each call gives a fresh cell; the caller closes it. Raises hal.errors.HardwareError with one clear line.
+    faults: a script for a simulated robot, which others refuse. Each call gives a fresh cell; the caller closes it.
+    Raises hal.errors.HardwareError with one clear line.
     """
 
-    def __call__(self, object_name: str, displacement: Displacement, seed: int) -> Cell: ...
+    def __call__(
+        self, object_name: str, displacement: Displacement, seed: int, faults: Path | None = None
+    ) -> Cell: ...  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +50,7 @@ def live_source(file: Path, kind: str = "direct") -> CellSource:
     """
     description = described_as(file, kind)
 
-    def open_live(object_name: str, displacement: Displacement, seed: int) -> Cell:
-        return open_cell(kind, object_name, displacement, seed, description, cell_file=file, live=True)
+    def open_live(object_name: str, displacement: Displacement, seed: int, faults: Path | None = None) -> Cell:
+        return open_cell(kind, object_name, displacement, seed, description, faults, cell_file=file, live=True)
 
     return CellSource(kind=kind, description=description, file=file, open_cell=open_live)

@@ -5,9 +5,9 @@ import contextlib
 import numpy as np
 import pytest
 from playwright.sync_api import Error, expect
-from tests.browser.operator_hands import READY_MS, ClutchLost
 
 from rtstack.samples import SIDES
+from tests.support.console.operator_hands import READY_MS, ClutchLost
 
 pytestmark = [pytest.mark.browser, pytest.mark.alone, pytest.mark.timeout(900)]
 expect.set_options(timeout=60_000)

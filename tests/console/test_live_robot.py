@@ -93,7 +93,7 @@ class RunningRobot:
         events = read_log(self.logs / job.log).topic("/events")
         return [(event["name"].decode(), event["text"].decode()) for event in events]
 
-    def _open(self, object_name, displacement_m, seed):
+    def _open(self, object_name, displacement_m, seed, faults=None):
         self.opened.append(simulated_cell(object_name, displacement_m, seed, clock=PacedLockstep()))
         return self.opened[-1].as_cell("lockstep")
 

@@ -13,6 +13,7 @@ import { startScene } from "./scene.js";
 import { startStrips } from "./strips.js";
 import { startTabs } from "./tabs.js";
 import { Teleoperate } from "./teleoperate.js";
+import { startTraining } from "./training.js";
 
 const live = startFrame();
 const filter = document.getElementById("filter");
@@ -34,5 +35,7 @@ startStrips(live);
 startMoves(document.getElementById("moves"), live);
 new Teleoperate(live);
 new Plan(document.getElementById("trial"), live);
+const training = document.getElementById("training");
+if (training) startTraining(training, live);
 startTabs(document.getElementById("tabs"));
 startScene();

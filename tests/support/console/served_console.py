@@ -28,6 +28,7 @@ from console.server import server_settings
 from console.sign_in import SignIn
 from console.teleoperation.teleop_input import TeleopInput
 from console.tokens import Scope, Tokens
+from console.training.trainer import Trainer
 from console.watch import Watch
 from deploy import cells
 from rtstack.live.audit import FILE_NAME, AuditTrail
@@ -123,6 +124,8 @@ def serve_console(logs: Path) -> Iterator[ServedConsole]:
         runner.start()
         campaigns = Campaigns(logs)
         stack.callback(campaigns.close)
+        trainer = Trainer(watch)
+        stack.callback(trainer.close)
         listener = socket.create_server(("127.0.0.1", 0))
         stack.callback(listener.close)
         port = listener.getsockname()[1]
@@ -141,6 +144,7 @@ def serve_console(logs: Path) -> Iterator[ServedConsole]:
             review_scenes,
             queue,
             campaigns,
+            trainer,
         )
         application = create_app(parts, port)
         server = uvicorn.Server(server_settings(application))

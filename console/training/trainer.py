@@ -1,0 +1,127 @@
+"""An exercise: a scripted demonstration with a fault at a random moment, what the operator did, and how fast."""
+
+import random
+import threading
+import time
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+from console.remedies import remedy_of
+from console.training.exercises import ACTION_WORDS, EXERCISES, Action, Exercise
+from console.watch import EventView, Watch
+from rtstack.live.client import RobotRefused
+from rtstack.live.protocol import DemonstrationRequest, Status
+
+SURPRISE = "surprise"
+EARLIEST_S, LATEST_S = 1.2, 3.6  # of the scripted demonstration, which lasts 5 s: on the way, at the impact, in the air
+PATIENCE_S = 30.0  # after the fault: what is done later counts for nothing
+_LOOK_S = 0.02
+_DONE = {"pressed STOP": Action.STOP, "disarmed both arms": Action.STOP, "asked for a recovery": Action.RECOVER}
+
+
+class Stage(StrEnum):
+    """How far an exercise is."""
+
+    WAITING = "waiting"  # the fault has not come yet
+    HAPPENED = "happened"
+    OVER = "over"
+
+
+@dataclass(frozen=True, slots=True)
+class ExerciseView:
+    """What a page shows. fault: empty until it has come, where it is a surprise; did: what the operator did first, and
+    after_s: how long after the fault, s, negative before it; right: None until it is over. row: anchor of the runbook's row, empty for
+    none.
+    """
+
+    stage: Stage
+    fault: str
+    job: int
+    did: str | None = None
+    after_s: float | None = None
+    right: bool | None = None
+    verdict: str = ""
+    todo: str = ""
+    row: str = ""
+
+
+class Trainer:
+    """One exercise at a time. May be used from any thread."""
+
+    def __init__(self, watch: Watch, chance: random.Random | None = None) -> None:
+        self._watch = watch
+        self._chance = chance or random.Random()
+        self._lock = threading.Lock()
+        self._ending = threading.Event()
+        self.view: ExerciseView | None = None
+
+    def request(self, name: str, object_name: str, operator: str) -> tuple[Exercise, float, DemonstrationRequest]:
+        """Choose fault and moment, and return the order. Raises RobotRefused for a name that no exercise has."""
+        known = {exercise.name: exercise for exercise in EXERCISES}
+        if name != SURPRISE and name not in known:
+            raise RobotRefused(f"no exercise {name!r}; there are {', '.join(known)} and {SURPRISE}")
+        exercise = self._chance.choice(EXERCISES) if name == SURPRISE else known[name]
+        at_s = self._chance.uniform(EARLIEST_S, LATEST_S)
+        return exercise, at_s, DemonstrationRequest(object_name, faults=exercise.faults(at_s), operator=operator)
+
+    def follow(self, exercise: Exercise, at_s: float, status: Status, surprise: bool) -> None:
+        """Watch an exercise whose job was just ordered."""
+        job = 0 if status.job is None else status.job.number
+        with self._lock:
+            self.view = ExerciseView(Stage.WAITING, "" if surprise else exercise.words, job)
+        threading.Thread(target=self._run, args=(exercise, at_s, job), daemon=True, name="exercise").start()
+
+    def close(self) -> None:
+        """End what is watched."""
+        self._ending.set()
+
+    def _run(self, exercise: Exercise, at_s: float, job: int) -> None:
+        number, began_s, fault_s = self._newest(), None, None
+        while not self._ending.wait(_LOOK_S):
+            status = self._watch.view.status
+            now = None if status is None else status.job
+            if now is None or now.number != job:
+                return self._over(exercise, None, None)  # another job has begun
+            if began_s is None and self._watch.view.left.mode == "TELEOPERATION":
+                began_s = self._watch.robot_time_s()
+            if fault_s is None and began_s is not None and self._watch.robot_time_s() - began_s >= at_s:
+                fault_s = time.time()
+                self.view = replace(self.view or ExerciseView(Stage.HAPPENED, "", job), stage=Stage.HAPPENED)
+            did = next((event for event in self._watch.events() if event.number > number and _action(event)), None)
+            if did is not None:
+                return self._over(exercise, did, fault_s)
+            late = fault_s is not None and time.time() - fault_s > PATIENCE_S
+            if late or (not now.active and (fault_s is None or exercise.action is Action.GO_ON)):
+                return self._over(exercise, None, fault_s)
+        return None
+
+    def _newest(self) -> int:
+        events = self._watch.events()
+        return events[-1].number if events else 0
+
+    def _over(self, exercise: Exercise, event: EventView | None, fault_s: float | None) -> None:
+        action = Action.GO_ON if event is None else _action(event) or Action.GO_ON
+        after_s = None if event is None or fault_s is None else event.seen_s - fault_s
+        early = event is not None and (fault_s is None or event.seen_s < fault_s)
+        right = action is exercise.action and not early and (event is not None or fault_s is not None)
+        if early:
+            verdict = "too early: nothing was wrong yet"
+        elif right:
+            verdict = "right" if after_s is None else f"right, after {after_s:.1f} s"
+        elif event is None:
+            verdict = f"nothing was done within {PATIENCE_S:g} s" if fault_s is not None else "the fault did not come"
+        else:
+            verdict = "not what it needs"
+        view = self.view or ExerciseView(Stage.OVER, "", 0)
+        remedy = remedy_of(exercise.row)
+        self.view = ExerciseView(
+            Stage.OVER, exercise.words, view.job, None if event is None else event.text, after_s, right, verdict,
+            f"{exercise.todo} ({ACTION_WORDS[exercise.action]}.)", "" if remedy is None else remedy.anchor,
+        )  # fmt: skip
+
+
+def _action(event: EventView) -> Action | None:
+    """What an operator did, by its event; None for anything else."""
+    if event.name != "operator":
+        return None
+    return next((action for words, action in _DONE.items() if words in event.text), None)
