@@ -24,8 +24,9 @@ ACTION_WORDS = {
 
 @dataclass(frozen=True, slots=True)
 class Exercise:
-    """A fault. script: of it, without its moment; todo: in one line; row: what the runbook's row is about that says more,
-    empty for none."""
+    """A fault. script: of it, without its moment; todo: in one line; row: what the runbook's row is
+    about that says more, empty for none.
+    """
 
     name: str
     words: str

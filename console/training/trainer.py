@@ -30,8 +30,8 @@ class Stage(StrEnum):
 @dataclass(frozen=True, slots=True)
 class ExerciseView:
     """What a page shows. fault: empty until it has come, where it is a surprise; did: what the operator did first, and
-    after_s: how long after the fault, s, negative before it; right: None until it is over. row: anchor of the runbook's row, empty for
-    none.
+    after_s: how long after the fault, s, negative before it; right: None until it is over. row: the
+    anchor of the runbook's row, empty for none.
     """
 
     stage: Stage
