@@ -15,13 +15,6 @@ class Action(StrEnum):
     GO_ON = "go on"  # it is none
 
 
-ACTION_WORDS = {
-    Action.STOP: "press STOP: nothing else stops the arms",
-    Action.RECOVER: "look at the arms, then press Recover: they have stopped by themselves",
-    Action.GO_ON: "go on: the trial does not depend on it",
-}
-
-
 @dataclass(frozen=True, slots=True)
 class Exercise:
     """A fault. script: of it, without its moment; todo: in one line; row: what the runbook's row is

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from console.remedies import remedy_of
-from console.training.exercises import ACTION_WORDS, EXERCISES, Action, Exercise
+from console.training.exercises import EXERCISES, Action, Exercise
 from console.watch import EventView, Watch
 from rtstack.live.client import RobotRefused
 from rtstack.live.protocol import DemonstrationRequest, Status
@@ -116,7 +116,7 @@ class Trainer:
         remedy = remedy_of(exercise.row)
         self.view = ExerciseView(
             Stage.OVER, exercise.words, view.job, None if event is None else event.text, after_s, right, verdict,
-            f"{exercise.todo} ({ACTION_WORDS[exercise.action]}.)", "" if remedy is None else remedy.anchor,
+            exercise.todo, "" if remedy is None else remedy.anchor,
         )  # fmt: skip
 
 
