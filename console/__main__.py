@@ -23,12 +23,14 @@ from console.app import create_app
 from console.campaigns.campaigns import Campaigns
 from console.heartbeats import OperatorHeartbeats
 from console.parts import Parts
+from console.preview import Preview
 from console.queue.file import FILE_NAME as QUEUE_FILE
 from console.queue.file import QueueFileError
 from console.queue.queue import Queue
 from console.queue.runner import QueueRunner
 from console.review.cache import ReviewCache
 from console.review.scene import ReviewScenes
+from console.scene_ghost import GhostPlayer
 from console.scenes import Scenes
 from console.server import server_settings
 from console.sign_in import SignIn
@@ -108,7 +110,8 @@ def _parts(asked: argparse.Namespace, port: int, stack: ExitStack) -> Parts:
     watch = stack.enter_context(closing(Watch(rings, RobotClient(socket_path, STATUS_TIMEOUT_S), heartbeats, cell)))
     watch.start()
     teleop = TeleopInput(mailbox, watch)
-    scenes = stack.enter_context(closing(Scenes(cell, watch, teleop, asked.cell)))
+    ghost = GhostPlayer(asked.logs)
+    scenes = stack.enter_context(closing(Scenes(cell, watch, teleop, asked.cell, ghost)))
     review_cache = stack.enter_context(closing(ReviewCache(asked.logs)))
     review_scenes = stack.enter_context(closing(ReviewScenes(cell)))
     catalogue = Catalogue(asked.logs)
@@ -132,6 +135,7 @@ def _parts(asked: argparse.Namespace, port: int, stack: ExitStack) -> Parts:
         review_scenes=review_scenes,
         queue=queue,
         campaigns=campaigns,
+        preview=stack.enter_context(closing(Preview(asked.cell, ghost))),
         trainer=stack.enter_context(closing(Trainer(watch))),
     )
 

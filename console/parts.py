@@ -8,6 +8,7 @@ from fastapi.requests import HTTPConnection
 
 from console.campaigns.campaigns import Campaigns
 from console.heartbeats import OperatorHeartbeats
+from console.preview import Preview
 from console.queue.queue import Queue
 from console.review.cache import ReviewCache
 from console.review.scene import ReviewScenes
@@ -42,6 +43,7 @@ class Parts:
     review_scenes: ReviewScenes
     queue: Queue
     campaigns: Campaigns
+    preview: Preview
     trainer: Trainer
     impacts: Impacts = field(default_factory=Impacts)
 

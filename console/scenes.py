@@ -4,14 +4,17 @@ import threading
 from enum import StrEnum
 from pathlib import Path
 
-from console.scene import CellFigures, add_stage
+from console.scene import CellFigures, Ghost, add_stage
 from console.scene_experiment import ExperimentFigures
+from console.scene_ghost import GhostPlayer
 from console.scene_gizmos import Gizmos
 from console.scene_server import SceneServer
 from console.teleoperation.teleop_input import TeleopInput
 from console.trial_plan import TrialPlans
 from console.watch import Watch
 from rtstack.model.cell_description import CellDescription
+
+_GHOST = Ghost("/ghost", (204, 214, 224))  # neither an arm's colour nor the other log's of the review
 
 
 class Detail(StrEnum):
@@ -30,14 +33,16 @@ class _LiveScene:
     """One scene, its server, and the thread that keeps it up to date while it is shown."""
 
     def __init__(
-        self, cell: CellDescription, watch: Watch, teleop: TeleopInput, plans: TrialPlans, detail: Detail
+        self, cell: CellDescription, watch: Watch, teleop: TeleopInput, plans: TrialPlans, ghost: GhostPlayer,
+        detail: Detail,
     ) -> None:  # fmt: skip
         self.server = SceneServer()
         add_stage(self.server.viser, cell, full=detail is Detail.FULL)
         self._scene = CellFigures(self.server.viser.scene, cell, full=detail is Detail.FULL)
         self._gizmos = Gizmos(self.server.viser, cell, teleop)
         self._experiment = ExperimentFigures(self.server.viser.scene, cell)
-        self._watch, self._plans = watch, plans
+        self._watch, self._plans, self._player, self._cell = watch, plans, ghost, cell
+        self._ghost: CellFigures | None = None  # drawn when it is first shown
         self._frame_s = detail.frame_s
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._follow, daemon=True, name=f"scene {detail}")
@@ -62,14 +67,29 @@ class _LiveScene:
                 plan = self._plans.current(status)
                 self._experiment.show(plan, None if plan is None else self._plans.path(plan))
                 self._experiment.show_hits(self._watch.hits())
+                self._show_ghost()
                 self._gizmos.show(self._watch.measured(), self._watch.command(), self._watch.forces())
+
+    def _show_ghost(self) -> None:
+        pose = self._player.pose()
+        if pose is None:
+            if self._ghost is not None:
+                self._ghost.hide()
+            return
+        if self._ghost is None:
+            self._ghost = CellFigures(self.server.viser.scene, self._cell, full=False, ghost=_GHOST)
+        q, name, placed = pose
+        self._ghost.show_arms(q)
+        self._ghost.show_object(name, placed)
 
 
 class Scenes:
-    """The live scenes by their detail. plans: the trial that they show."""
+    """The live scenes by their detail. plans: the trial that they show; ghost: what does not take place."""
 
-    def __init__(self, cell: CellDescription, watch: Watch, teleop: TeleopInput, cell_file: Path) -> None:
-        self.plans = TrialPlans(cell_file)
+    def __init__(
+        self, cell: CellDescription, watch: Watch, teleop: TeleopInput, cell_file: Path, ghost: GhostPlayer
+    ) -> None:  # fmt: skip
+        self.plans, self.ghost = TrialPlans(cell_file), ghost
         self._cell = cell
         self._teleop = teleop
         self._watch = watch
@@ -80,7 +100,7 @@ class Scenes:
         """Return the server of a scene; the first call makes it, which takes a second or two for the full one."""
         with self._lock:
             if detail not in self._live:
-                self._live[detail] = _LiveScene(self._cell, self._watch, self._teleop, self.plans, detail)
+                self._live[detail] = _LiveScene(self._cell, self._watch, self._teleop, self.plans, self.ghost, detail)
             return self._live[detail].server
 
     def close(self) -> None:

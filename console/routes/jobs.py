@@ -9,6 +9,7 @@ from pydantic.dataclasses import dataclass as checked
 
 from console.log_rows import NoReference, reference_of
 from console.parts import NeedsParts, NeedsSession, Parts
+from console.preview import PreviewView
 from console.queue.entry import TrialOrder
 from console.routes.problems import problems
 from console.routes.scene import plan_of
@@ -84,6 +85,21 @@ def trial(order: TrialOrder, session: NeedsSession, parts: NeedsParts) -> Status
     if status.job is not None:
         parts.scenes.plans.ordered(status.job.number, plan_of(parts, order, order.object))
     return status
+
+
+@router.post("/preview", status_code=202, responses=problems(404))
+def begin_preview(order: TrialOrder, session: NeedsSession, parts: NeedsParts) -> PreviewView:
+    """Simulate a trial, and show it in the scene as a ghost. No arm moves, and no control is needed."""
+    status = parts.watch.view.status
+    if status is not None and status.job is not None and status.job.active:
+        raise HTTPException(409, "something moves: preview a trial while nothing does")
+    return parts.preview.begin(order, followed_by(parts, order.reference).path)
+
+
+@router.get("/preview")
+def preview(parts: NeedsParts) -> PreviewView:
+    """Return how far the newest preview is, and what came out."""
+    return parts.preview.view
 
 
 def followed_by(parts: Parts, log_id: str) -> LogEntry:

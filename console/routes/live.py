@@ -28,7 +28,9 @@ async def live(websocket: WebSocket) -> None:
     listening = asyncio.create_task(_listen(websocket))
     try:
         while (session := session_now(websocket)) is not None:
-            own = msgspec.json.encode({"you": session.operator, "hand": parts.teleop.view})
+            ghost = parts.scenes.ghost
+            ghost.watch(watch.view.status)
+            own = msgspec.json.encode({"you": session.operator, "hand": parts.teleop.view, "ghost": ghost.view})
             # waits for a page that does not keep up: it is sent the newest view next, and none in between
             await websocket.send_text((watch.document[:-1] + b"," + own[1:]).decode())
             await asyncio.sleep(_PERIOD_S)

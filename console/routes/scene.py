@@ -62,6 +62,12 @@ def show_plan(shown: PlanShown, session: NeedsSession, parts: NeedsParts) -> Pla
     return shown
 
 
+@router.post("/api/scene/ghost/end")
+def end_ghost(parts: NeedsParts) -> None:
+    """Show no preview and no replay any more."""
+    parts.scenes.ghost.end()
+
+
 def plan_of(parts: Parts, order: PlanShown | TrialOrder, object_name: str) -> TrialPlan:
     """Return what the scene draws of an order. A reference that is not there is left out."""
     put = Displacement.given(order.displacement_mm, order.displacement_x_mm, order.yaw_deg)

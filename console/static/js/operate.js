@@ -2,6 +2,7 @@
 
 import { Control } from "./control.js";
 import { startFrame } from "./frame.js";
+import { startGhost } from "./ghost.js";
 import { startJobLine } from "./job_line.js";
 import { Jobs } from "./jobs.js";
 import { LogTable } from "./log_table.js";
@@ -32,6 +33,7 @@ startJobLine(live, () => {
   references.refresh();
 });
 startStrips(live);
+startGhost(document.getElementById("trial"), live);
 startMoves(document.getElementById("moves"), live);
 new Teleoperate(live);
 new Plan(document.getElementById("trial"), live);

@@ -18,11 +18,13 @@ from console.app import create_app
 from console.campaigns.campaigns import Campaigns
 from console.heartbeats import OperatorHeartbeats
 from console.parts import Parts
+from console.preview import Preview
 from console.queue.file import FILE_NAME as QUEUE_FILE
 from console.queue.queue import Queue
 from console.queue.runner import QueueRunner
 from console.review.cache import ReviewCache
 from console.review.scene import ReviewScenes
+from console.scene_ghost import GhostPlayer
 from console.scenes import Scenes
 from console.server import server_settings
 from console.sign_in import SignIn
@@ -112,7 +114,8 @@ def serve_console(logs: Path) -> Iterator[ServedConsole]:
         stack.callback(watch.close)
         watch.start()
         teleop = TeleopInput(mailbox, watch)
-        scenes = Scenes(cell, watch, teleop, CELL)
+        ghost = GhostPlayer(logs)
+        scenes = Scenes(cell, watch, teleop, CELL, ghost)
         stack.callback(scenes.close)
         review_cache = ReviewCache(logs)
         stack.callback(review_cache.close)
@@ -124,6 +127,8 @@ def serve_console(logs: Path) -> Iterator[ServedConsole]:
         runner.start()
         campaigns = Campaigns(logs)
         stack.callback(campaigns.close)
+        preview = Preview(CELL, ghost)
+        stack.callback(preview.close)
         trainer = Trainer(watch)
         stack.callback(trainer.close)
         listener = socket.create_server(("127.0.0.1", 0))
@@ -144,6 +149,7 @@ def serve_console(logs: Path) -> Iterator[ServedConsole]:
             review_scenes,
             queue,
             campaigns,
+            preview,
             trainer,
         )
         application = create_app(parts, port)
