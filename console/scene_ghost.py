@@ -117,14 +117,12 @@ class GhostPlayer:
     def _replay(self, job: Job, name: str) -> None:
         try:
             log = read_log(self._logs / name)
-            found = log.metadata.get("result", {}).get("detected_impact_time_s")
-            if not isinstance(found, int | float):
-                return
+            found = float(log.metadata.get("result", {}).get("detected_impact_time_s", "null"))
             motion = motion_of(log, found - AROUND_S, found + AROUND_S)
-        except LogError:
+        except (LogError, ValueError):  # not readable, or nothing was met
             return
         if job.number == self._replayed:
-            self.play(motion, Shown.REPLAY, SLOWLY, float(found))
+            self.play(motion, Shown.REPLAY, SLOWLY, found)
 
     @property
     def view(self) -> GhostView | None:

@@ -57,7 +57,7 @@ def test_the_200_ms_around_the_hit_of_a_trial_are_shown_at_a_twentieth(served, r
     ghost.watch(status)
     wait_for(lambda: ghost.view is not None)
     view = ghost.view
-    impact_s = read_log(reference.path).metadata["result"]["detected_impact_time_s"]
+    impact_s = float(read_log(reference.path).metadata["result"]["detected_impact_time_s"])
     assert (view.shown, view.speed, view.impact_s) == (Shown.REPLAY, SLOWLY, impact_s)
     assert view.end_s == pytest.approx(impact_s + AROUND_S, abs=0.003)
     with served.signed_in() as (client, headers):

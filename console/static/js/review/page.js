@@ -48,8 +48,20 @@ async function start() {
   const marks = new Marks(view, log);
   const timeline = new Timeline(view, log, marks);
   const compare = new Compare(view, log, plots);
-  const ghost = () => (plots.other === null ? null : { id: plots.other.log.id, offset: plots.other.offset });
+  const ghostSwitch = document.createElement("button");
+  Object.assign(ghostSwitch, { type: "button", className: "quiet", id: "ghost-switch", textContent: "ghost: on", title: "The compared log in the scene", hidden: true });
+  element("home").parentElement.append(ghostSwitch);
+  let ghostShown = true;
+  const ghost = () => (plots.other === null || !ghostShown ? null : { id: plots.other.log.id, offset: plots.other.offset });
   const scrub = new Scrub(view, log, ghost, (answer) => plots.legends.showValues(answer.values, compare.showGhost(answer)));
+  ghostSwitch.addEventListener("click", () => {
+    ghostShown = !ghostShown;
+    ghostSwitch.textContent = `ghost: ${ghostShown ? "on" : "off"}`;
+    scrub.ask();
+  });
+  view.on("other", () => {
+    ghostSwitch.hidden = plots.other === null;
+  });
   plots.shown.then(() => {
     for (const id of ["full", "png"]) element(id).disabled = false; // before there are curves they would do nothing
     compare.offer(); // curves first
