@@ -7,6 +7,7 @@ far as they go: triangles, one transform a node, one diffuse colour a material.
 
 import sysconfig
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -50,6 +51,7 @@ def light_parts(model: RobotModel, link: str) -> list[Part]:
     return [part for parts in by_colour.values() if len((part := coarse(joined(parts), COARSE_M)).faces)]
 
 
+@cache
 def hull_parts(model: RobotModel, link: str) -> list[Part]:
     """Return the convex hull of a link, larger by GROWN_M: few faces, and none inside, for what is seen through."""
     vertices = np.vstack([part.vertices for part in light_parts(model, link)])

@@ -90,6 +90,7 @@ class GhostPlayer:
         self._logs = logs
         self._play: _Play | None = None
         self._replayed = -1  # the newest job whose end was looked at
+        self._looked = False  # at the robot: what had ended before is not shown
         self._moves = False
 
     def play(self, motion: Motion, shown: Shown, speed: float = 1.0, impact_s: float | None = None) -> None:
@@ -107,11 +108,13 @@ class GhostPlayer:
         self._moves = job is not None and job.active
         if self._moves:
             self.end()
-        if job is None or job.active or job.number == self._replayed:
+        if status is None:
             return
-        seen = self._replayed >= 0  # what ended before this process looked is not shown
-        self._replayed = job.number
-        if seen and job.kind is JobKind.TRIAL and job.state is JobState.DONE and job.log is not None:
+        if job is None or job.active or job.number == self._replayed:
+            self._looked = True
+            return
+        looked, self._looked, self._replayed = self._looked, True, job.number
+        if looked and job.kind is JobKind.TRIAL and job.state is JobState.DONE and job.log is not None:
             threading.Thread(target=self._replay, args=(job, job.log), daemon=True, name="replay").start()
 
     def _replay(self, job: Job, name: str) -> None:

@@ -2,7 +2,6 @@
 
 import shutil
 import time
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -53,7 +52,6 @@ def test_the_200_ms_around_the_hit_of_a_trial_are_shown_at_a_twentieth(served, r
     served.job_manager.started(reference.path.name)  # any log with an impact in it
     served.job_manager.finished(JobState.DONE, None, True, reference.path.name)
     status = served.job_manager.status()
-    ghost.watch(replace(status, job=replace(status.job, number=0)))  # as a console that has watched before
     ghost.watch(status)
     wait_for(lambda: ghost.view is not None)
     view = ghost.view
@@ -80,3 +78,15 @@ def test_a_ghost_is_where_the_log_was_at_that_time(served, reference):
     pose = player.pose()
     assert pose is not None
     np.testing.assert_array_equal(pose[0], motion.q[-1])
+
+
+def test_a_trial_that_had_ended_before_the_console_began_is_not_shown(served, reference):
+    served.job_manager.authority.take("anna")
+    served.job_manager.authority.arm("anna")
+    served.job_manager.order(TrialRequest(str(reference.path), operator="anna"))
+    served.job_manager.finished(JobState.DONE, None, True, reference.path.name)
+    late = GhostPlayer(served.logs)
+    late.watch(served.job_manager.status())
+    late.watch(served.job_manager.status())
+    time.sleep(1.0)
+    assert late.view is None
