@@ -15,9 +15,9 @@ from typing import Any
 from uuid import uuid4
 
 from rtstack.log.frames import CellFrames
+from rtstack.log.mcap_writer import encoded, topic_schemas
 from rtstack.log.ring import Rings
 from rtstack.log.scenery import Scenery, scenery_schemas
-from rtstack.log.sink import encoded, topic_schemas
 from rtstack.log.voxels import VOXELS
 from rtstack.samples import SIDES
 from rtstack.topics import ARM_TOPICS, OBJECT_TOPIC, TOPICS

@@ -45,7 +45,7 @@ class Figure:
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class Section:
     """A report under one set of conditions, or all of it. numbers: what report.json has of it beside its claims.
 
     about: the conditions in words.
@@ -68,7 +68,7 @@ class Report:
     the end; warnings: for stderr, a line each; reached: False where the program is to end with exit status 1.
     """
 
-    parts: Sequence[Part]
+    parts: Sequence[Section]
     figures: Sequence[Figure] = ()
     made: Sequence[tuple[str, str]] = ()
     page: tuple[str, str] = ("rtstack.experiments", "page.html")

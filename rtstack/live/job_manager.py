@@ -28,7 +28,7 @@ from rtstack.live.protocol import (
 from rtstack.live.source import CellSource
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox
-from rtstack.loop.watchdogs import Trip
+from rtstack.loop.watchdogs import WatchdogTrip
 from rtstack.safety.arming import Refused
 from rtstack.samples import Level
 from rtstack.trials.specification import HandMotion
@@ -52,7 +52,7 @@ class JobManager:
         self._job: Job | None = None
         self._description = source.description
         self._object = next(iter(source.description.objects))
-        self._ending: Trip | None = None
+        self._ending: WatchdogTrip | None = None
 
     # -- the socket's side
 
@@ -173,11 +173,12 @@ class JobManager:
     def end(self, end: End, detail: str) -> None:
         """Tell the loop's thread to come to its end, and why; a running job is stopped in a controlled way."""
         level = Level.WARNING if end is End.STOP_REQUESTED else Level.ERROR
-        self._ending = self._ending or Trip(end, detail, level)  # before the mailbox: the loop asks watchdogs first
+        # before the mailbox: the loop asks watchdogs first
+        self._ending = self._ending or WatchdogTrip(end, detail, level)
         self._mailbox.request_stop()
         self._news.set()
 
-    def trip(self) -> Trip | None:
+    def trip(self) -> WatchdogTrip | None:
         """See Watchdog."""
         return self._ending
 

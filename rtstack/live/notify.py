@@ -8,7 +8,7 @@ import socket
 import time
 from contextlib import suppress
 
-from rtstack.loop.watchdogs import Trip
+from rtstack.loop.watchdogs import WatchdogTrip
 
 EVERY_S = 1.0  # the units' WatchdogSec is a minute
 
@@ -51,7 +51,7 @@ class Pulse:
         """Count a turn: one addition, for the loop's thread."""
         self._turns += 1
 
-    def trip(self) -> Trip | None:
+    def trip(self) -> WatchdogTrip | None:
         """See Watchdog."""
         self._turns += 1
         return None

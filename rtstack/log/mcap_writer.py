@@ -45,7 +45,7 @@ class _File:
             raise
 
 
-class McapSink:
+class McapWriter:
     """Writes batches of records and finishes a chunk at least every 0.25 s, of robot's time and of wall time.
 
     Every method raises OSError when the disk refuses.

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from rtstack.log.batches import BatchWriter
 from rtstack.log.job import Evidence, LogJob, get_job, get_result
+from rtstack.log.mcap_writer import McapWriter
 from rtstack.log.ring import LogState, Rings
 from rtstack.log.scenery import Scenery
-from rtstack.log.sink import McapSink
 from rtstack.topics import TICK_TOPICS, TOPICS
 
 POLL_S = 0.04  # forty records a topic at 1 kHz: enough for a batch, little for a ring, a tenth of what may be lost
@@ -28,10 +28,10 @@ _NOTHING_YET_NS = np.iinfo(np.int64).min
 class RingDrain:
     """Moves what is in the rings into the file, a batch at a time."""
 
-    def __init__(self, rings: Rings, sink: McapSink, scenery: Scenery | None) -> None:
+    def __init__(self, rings: Rings, mcap: McapWriter, scenery: Scenery | None) -> None:
         self._rings = rings
-        self._sink = sink
-        self._writer = BatchWriter(sink, scenery)
+        self._mcap = mcap
+        self._writer = BatchWriter(mcap, scenery)
         self._readers = {topic: rings.log_reader(topic) for topic in TOPICS}
         self._held = {name: np.zeros(0, topic.record) for name, topic in TOPICS.items()}
         self._newest = dict.fromkeys(TICK_TOPICS, _NOTHING_YET_NS)
@@ -41,7 +41,7 @@ class RingDrain:
         batches = {topic: reader.drain() for topic, reader in self._readers.items()}
         self._writer.write(self._settled(batches, final))
         self._rings.messages = self._writer.messages
-        self._sink.flush_if_due()
+        self._mcap.flush_if_due()
 
     def _settled(self, batches: dict[str, NDArray], final: bool) -> dict[str, NDArray]:
         """Hold back whatever is not older than the newest tick that every topic has told about.
@@ -72,10 +72,10 @@ def run(job_descriptor: int, log_descriptor: int, parent: int) -> None:
     rings = Rings.attach(job.rings)
     try:
         with os.fdopen(log_descriptor, "wb") as file:
-            sink = McapSink(file)
-            sink.begin(job.metadata, job.attachments)
-            sink.flush()
-            drain = RingDrain(rings, sink, Scenery(job.cell) if job.cell else None)
+            mcap = McapWriter(file)
+            mcap.begin(job.metadata, job.attachments)
+            mcap.flush()
+            drain = RingDrain(rings, mcap, Scenery(job.cell) if job.cell else None)
             rings.state = LogState.READY
             while not rings.closing and os.getppid() == parent:
                 drain.step()

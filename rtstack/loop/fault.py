@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from rtstack.control.controller import ObservedArm
 from rtstack.control.records import WORKSPACE
 from rtstack.loop.end import End
-from rtstack.loop.watchdogs import Trip
+from rtstack.loop.watchdogs import WatchdogTrip
 from rtstack.samples import SIDES, QpStatus
 
 
@@ -25,13 +25,13 @@ class FailedQp:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """What ended a session: see Trip for what was found and allowed.
+    """What ended a session: see WatchdogTrip for what was found and allowed.
 
     t_ns: robot's time of the tick that saw it. reaction_ticks: from that tick to the one in which both arms were given
     the judge's stopping torque, None where they were being stopped already, or the robot ended torque control itself.
     """
 
-    trip: Trip
+    trip: WatchdogTrip
     t_ns: int
     reaction_ticks: int | None
     traceback: str = ""
@@ -47,7 +47,7 @@ class FaultNotes:
     """What a session notes in its ticks, in memory that is there already. The first fault stays."""
 
     def __init__(self) -> None:
-        self.trip = Trip(End.COMPLETED, "")
+        self.trip = WatchdogTrip(End.COMPLETED, "")
         self.ended = False  # something has asked for the end
         self.t_ns = 0
         self.now_ns = 0  # since the start of the reference
@@ -58,7 +58,7 @@ class FaultNotes:
         self._problem = np.zeros(1, WORKSPACE)
         self._problem_bytes = self._problem.view(np.uint8)
 
-    def take(self, trip: Trip, t_ns: int, now_ns: int) -> bool:
+    def take(self, trip: WatchdogTrip, t_ns: int, now_ns: int) -> bool:
         """Note why the session ends; return whether this is why. A fault replaces an end that is none."""
         if self.ended and not (trip.end.is_fault and not self.trip.end.is_fault):
             return False

@@ -25,7 +25,7 @@ from rtstack.loop.low_pass import low_pass, low_pass_share
 from rtstack.loop.publisher import Publisher
 from rtstack.loop.standstill import REST_DQ, STOP_TICKS, StandstillDetector
 from rtstack.loop.timeline import TICK_NS, Timeline
-from rtstack.loop.watchdogs import TickOverrun, Trip, Watchdog
+from rtstack.loop.watchdogs import TickOverrun, Watchdog, WatchdogTrip
 from rtstack.safety.judge import Reason, SafetyJudge
 from rtstack.samples import ARM_SAMPLE, SIDES, Mode, QpStatus
 
@@ -168,7 +168,7 @@ class Session:
                 self._pause()
         except HardwareError as error:
             self._reporter.end()
-            self._end(Trip(End.HARDWARE, str(error)))
+            self._end(WatchdogTrip(End.HARDWARE, str(error)))
             self._reporter.robot(error)
         finally:
             # whose state stands still may take its time to say that it has stopped
@@ -289,7 +289,7 @@ class Session:
         if self._notes.error is None:
             self._notes.error = error
         self._alone = True
-        self._end(Trip(End.CONTROLLER_EXCEPTION, f"{type(error).__name__}: {error}"), "controller")
+        self._end(WatchdogTrip(End.CONTROLLER_EXCEPTION, f"{type(error).__name__}: {error}"), "controller")
 
     def _publish(self, sides: tuple[int, ...], compute_us: float) -> None:
         """Publish once both arms were served; where one was served twice, with the other one's last tick."""
@@ -317,18 +317,18 @@ class Session:
                 self._alone = trip.end is End.TICK_OVERRUN
                 return self._alone
         if self._stop is not None and self._stop.stop_requested:
-            self._end(Trip(End.STOP_REQUESTED, ""))
+            self._end(WatchdogTrip(End.STOP_REQUESTED, ""))
         elif machine.patience_over:
             patience_s = machine.parameters.impact_patience_s
-            self._end(Trip(End.NO_IMPACT, f"within {patience_s} s of the nominal impact"))
+            self._end(WatchdogTrip(End.NO_IMPACT, f"within {patience_s} s of the nominal impact"))
         elif self._controller.reaction_over and self._controller.monitor is not None:
             monitor = self._controller.monitor
-            self._end(Trip(End.CRASH if monitor.crash else End.UNEXPECTED_IMPACT, monitor.text))
+            self._end(WatchdogTrip(End.CRASH if monitor.crash else End.UNEXPECTED_IMPACT, monitor.text))
         elif index >= self._last_index and self._plan.guide is None:
-            self._end(Trip(End.COMPLETED, ""))
+            self._end(WatchdogTrip(End.COMPLETED, ""))
         return False
 
-    def _end(self, trip: Trip, speaker: str = "") -> None:
+    def _end(self, trip: WatchdogTrip, speaker: str = "") -> None:
         """Stop from now on, for this reason unless there was one before."""
         if self._notes.take(trip, self._time.t_ns, self._time.now_ns):
             self._reporter.let_speak(speaker)
@@ -355,11 +355,11 @@ class Session:
             k = stopping.index(True) if k is None else k
             judge = self._judges[k]
             if judge.reason is Reason.CONTROLLER:
-                trip = Trip(End.QP, status.name.lower(), side=SIDES[self._notes.qp_side])
+                trip = WatchdogTrip(End.QP, status.name.lower(), side=SIDES[self._notes.qp_side])
             else:
                 value, bound = float(judge.memory["value"][0]), float(judge.memory["bound"][0])
                 detail = f"{SIDES[k]}: {judge.explanation}"
-                trip = Trip(End.SAFETY, detail, value=value, bound=bound, side=SIDES[k], joint=judge.joint)
+                trip = WatchdogTrip(End.SAFETY, detail, value=value, bound=bound, side=SIDES[k], joint=judge.joint)
             self._end(trip, "safety")
         if all(stopping) and self._notes.reaction_ticks is None and self._notes.trip.end.is_fault:
             self._notes.reaction_ticks = round((self._time.now_ns - self._notes.now_ns) / TICK_NS)
@@ -369,5 +369,5 @@ class Session:
             return False
         if not self._rest.reached:
             detail = f"still {self._rest.fastest:.3g} rad/s after {STOP_TICKS} ticks"
-            self._end(Trip(End.NOT_AT_REST, detail, value=self._rest.fastest, bound=REST_DQ), "safety")
+            self._end(WatchdogTrip(End.NOT_AT_REST, detail, value=self._rest.fastest, bound=REST_DQ), "safety")
         return True

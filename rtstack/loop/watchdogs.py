@@ -27,7 +27,7 @@ _PERIOD_NS = round(CONTROL_PERIOD_S * 1e9)
 
 
 @dataclass(frozen=True, slots=True)
-class Trip:
+class WatchdogTrip:
     """Why a session ends. value and bound: what was found and what was allowed, where it is a number.
 
     side: left or right, empty where it is not of one arm; joint: 1 to 7, 0 where it is of none.
@@ -50,7 +50,7 @@ class Trip:
 class Watchdog(Protocol):
     """One thing that may go quiet."""
 
-    def trip(self) -> Trip | None:
+    def trip(self) -> WatchdogTrip | None:
         """Return why the session has to stop, None while all is well. Asked once a tick; never waits or raises."""
         ...
 
@@ -67,7 +67,7 @@ class Heartbeat:
         self._limit_ns = round(limit_s * 1e9)
         self._end = end
 
-    def trip(self) -> Trip | None:
+    def trip(self) -> WatchdogTrip | None:
         """See Watchdog."""
         last_ns = self._read_ns()
         silent_ns = time.monotonic_ns() - last_ns
@@ -75,7 +75,7 @@ class Heartbeat:
             return None
         silent_s = silent_ns * 1e-9 if last_ns else nan
         what = f"no sign of life for {silent_s:.3g} s" if last_ns else "it never gave a sign of life"
-        return Trip(self._end, f"{what}, allowed {self._limit_s:g} s", value=silent_s, bound=self._limit_s)
+        return WatchdogTrip(self._end, f"{what}, allowed {self._limit_s:g} s", value=silent_s, bound=self._limit_s)
 
 
 class Parent:
@@ -84,11 +84,11 @@ class Parent:
     def __init__(self) -> None:
         self._pid = os.getppid()
 
-    def trip(self) -> Trip | None:
+    def trip(self) -> WatchdogTrip | None:
         """See Watchdog."""
         if os.getppid() == self._pid:
             return None
-        return Trip(End.PARENT_GONE, f"process {self._pid} has ended")
+        return WatchdogTrip(End.PARENT_GONE, f"process {self._pid} has ended")
 
 
 class TickOverrun:
@@ -109,10 +109,10 @@ class TickOverrun:
         for k in sides:
             self._long_ticks[k] = self._long_ticks[k] + 1 if long else 0
 
-    def trip(self) -> Trip | None:
+    def trip(self) -> WatchdogTrip | None:
         """See Watchdog."""
         if max(self._long_ticks) < OVERRUN_TICKS:
             return None
         took_s = sum(self._took_ns) * 1e-9
         detail = f"{OVERRUN_TICKS} ticks in a row, the last one {1e3 * took_s:.3g} ms"
-        return Trip(End.TICK_OVERRUN, detail, value=took_s, bound=CONTROL_PERIOD_S)
+        return WatchdogTrip(End.TICK_OVERRUN, detail, value=took_s, bound=CONTROL_PERIOD_S)

@@ -11,8 +11,8 @@ from hal.tracker import OBJECT_POSE
 from rtstack.log.errors import LogError
 from rtstack.log.frames import quaternions_of
 from rtstack.log.job import Attachment, texts
+from rtstack.log.mcap_writer import McapWriter
 from rtstack.log.scenery import Scenery
-from rtstack.log.sink import McapSink
 from rtstack.model.cell_description import CellDescription
 from rtstack.planning.planned import PlannedMotion
 from rtstack.references.planned import MONITOR, PLAN
@@ -43,10 +43,10 @@ def write_plan(
         attachments.append(Attachment(MONITOR, "application/toml", tuning.encode()))
     try:
         with replacing(path) as partial, open(partial, "wb") as file:
-            sink = McapSink(file)
-            sink.begin([("trial", trial), (PLAN, values)], attachments)
-            sink.write(batches, scenery.update(arms, batches[OBJECT_TOPIC]))
-            sink.close()
+            writer = McapWriter(file)
+            writer.begin([("trial", trial), (PLAN, values)], attachments)
+            writer.write(batches, scenery.update(arms, batches[OBJECT_TOPIC]))
+            writer.close()
     except OSError as error:
         raise LogError(f"cannot write {path}: {error.strerror or error}") from None
 

@@ -30,7 +30,7 @@ JUMP_M_S = 1e-3  # an arm whose velocity changes by less than this from tick to 
 COLUMNS = 7  # x, y, z, turned about them, posture
 
 
-class Part(StrEnum):
+class PlanPhase(StrEnum):
     """Of a plan: before its impact, or after it."""
 
     ANTE = "ante"
@@ -48,13 +48,13 @@ class FreeMotion:
 
 
 def free_motion(
-    planned: PlannedMotion, description: CellDescription, part: Part, control: ControlParameters, after_s: float
+    planned: PlannedMotion, description: CellDescription, part: PlanPhase, control: ControlParameters, after_s: float
 ) -> FreeMotion:
     """Return the free motion of a part; of the post-impact one, the first after_s. Raises PlanError where an arm cannot
     go there."""
     recording = planned.recording
     n, k = recording.points.shape[1], recording.impact
-    begin, end = (0, k) if part is Part.ANTE else (k, min(k + round(after_s / recording.period_s), n))
+    begin, end = (0, k) if part is PlanPhase.ANTE else (k, min(k + round(after_s / recording.period_s), n))
     targets = []
     for arm in range(2):
         points, period_s = recording.points[arm], recording.period_s

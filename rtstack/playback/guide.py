@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rtstack.control.controller import ObservedArm
 from rtstack.control.records import POINT
 from rtstack.loop.end import End
-from rtstack.loop.watchdogs import Trip
+from rtstack.loop.watchdogs import WatchdogTrip
 from rtstack.playback.pace import brake, end_s, follow
 from rtstack.playback.path import write_point
 from rtstack.samples import SIDES, Level, Mode
@@ -83,21 +83,21 @@ class PlaybackGuide:
         """How much of the playback is over, 0 to 1."""
         return min(1.0, max(self._t_s) / self._end_s)
 
-    def trip(self) -> Trip | None:
+    def trip(self) -> WatchdogTrip | None:
         """See rtstack.loop.watchdogs.Watchdog."""
         if self.contact:
-            return Trip(End.CRASH, self.contact)
+            return WatchdogTrip(End.CRASH, self.contact)
         t_s = max(self._t_s)
         if self._soft_stop is not None and not self._braking and self._soft_stop.asked:
             if not self.begun:
-                return Trip(End.STOP_REQUESTED, "before it began", Level.INFO)
+                return WatchdogTrip(End.STOP_REQUESTED, "before it began", Level.INFO)
             if t_s < self._paces["brake_t"][0]:
                 self._braking = True
                 brake(self._paces, t_s, self._moment)
                 self._end_s = end_s(self._paces)
         if min(self._t_s) < self._end_s:
             return None
-        return Trip(End.STOP_REQUESTED if self._braking else End.COMPLETED, "", Level.INFO)
+        return WatchdogTrip(End.STOP_REQUESTED if self._braking else End.COMPLETED, "", Level.INFO)
 
     def step(self, side: int, arm: ObservedArm) -> None:
         """Write the point of this tick of an arm whose state was observed."""

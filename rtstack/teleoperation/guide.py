@@ -14,7 +14,7 @@ from rtstack.control.records import POINT
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox
 from rtstack.loop.target import TARGET, Release
-from rtstack.loop.watchdogs import CLUTCH_S, Trip
+from rtstack.loop.watchdogs import CLUTCH_S, WatchdogTrip
 from rtstack.samples import Level
 from rtstack.teleoperation.aim import AIM, aim
 from rtstack.teleoperation.follower import FOLLOWER, advance, begin, hold, write_point
@@ -67,7 +67,7 @@ class TeleoperationGuide:
         advance(followers[0], 0.1, 0.1)
         write_point(followers[0], point)
 
-    def trip(self) -> Trip | None:
+    def trip(self) -> WatchdogTrip | None:
         """See rtstack.loop.watchdogs.Watchdog: take what was written since, and notice who let go."""
         if self._mailbox.target_sequence != self._sequence:
             ended = self._take()
@@ -78,7 +78,7 @@ class TeleoperationGuide:
             if quiet_ns > _CLUTCH_NS:
                 quiet_s = quiet_ns * 1e-9
                 detail = f"no sign of life of the clutch for {quiet_s:.3g} s, allowed {CLUTCH_S:g} s"
-                return Trip(End.CLUTCH_QUIET, detail, value=quiet_s, bound=CLUTCH_S)
+                return WatchdogTrip(End.CLUTCH_QUIET, detail, value=quiet_s, bound=CLUTCH_S)
         return None
 
     def step(self, side: int, arm: ObservedArm) -> None:
@@ -98,7 +98,7 @@ class TeleoperationGuide:
             if now != self._stiffness:
                 stiffness[:3] = now + min(max(self._stiffness - now, -_STIFFER_N_M), _STIFFER_N_M)
 
-    def _take(self) -> Trip | None:
+    def _take(self) -> WatchdogTrip | None:
         """Take a new target. One that is being written, or is not of this job, counts for nothing."""
         sequence = self._mailbox.target_sequence
         if not self._mailbox.read_target(self._target):
@@ -108,7 +108,7 @@ class TeleoperationGuide:
         if target["job"] != self._job:
             return None
         if target["finish"]:
-            return Trip(End.COMPLETED, "", Level.INFO)
+            return WatchdogTrip(End.COMPLETED, "", Level.INFO)
         if not target["clutch_ns"]:
             return self._released(int(target["release"]))
         self._held = self.moved = True
@@ -121,12 +121,12 @@ class TeleoperationGuide:
             aim(self._pose, self._followers, self._aims, self._reach.lower, self._reach.upper)
         return None
 
-    def _released(self, release: int) -> Trip | None:
+    def _released(self, release: int) -> WatchdogTrip | None:
         if not self._held:
             return None
         self._held = False
         if self._stop_on_release or release != Release.RELEASED:
-            return Trip(End.RELEASED, _RELEASE_TEXTS.get(release, "for no reason given"), Level.INFO)
+            return WatchdogTrip(End.RELEASED, _RELEASE_TEXTS.get(release, "for no reason given"), Level.INFO)
         for follower in self._followers:
             hold(follower)
         return None

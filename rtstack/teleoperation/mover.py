@@ -14,7 +14,7 @@ from hal.limits import CONTROL_PERIOD_S
 from rtstack.control.controller import ObservedArm
 from rtstack.control.records import POINT
 from rtstack.loop.end import End
-from rtstack.loop.watchdogs import Trip
+from rtstack.loop.watchdogs import WatchdogTrip
 from rtstack.samples import Level, Mode
 from rtstack.teleoperation.follower import FOLLOWER, advance, begin, coordinates, hold, write_point
 from rtstack.teleoperation.reach import TURN_RAD_M, Reach
@@ -79,7 +79,7 @@ class Mover:
         """How much of the ways is over, 0 to 1, roughly."""
         return 1.0 - len(self._ways) / max(1, self._count) - 0.5 / max(1, self._count)
 
-    def trip(self) -> Trip | None:
+    def trip(self) -> WatchdogTrip | None:
         """See rtstack.loop.watchdogs.Watchdog: choose the next way once the last one is gone."""
         if not all(self._begun) or self._mode[0] == Mode.STOPPING:
             return None
@@ -92,9 +92,9 @@ class Mover:
             return None
         if self._lowering:
             self.problem = "the pads are as low as they may go, and the table does not carry it: it is still held"
-            return Trip(End.COMPLETED, "", Level.INFO)
+            return WatchdogTrip(End.COMPLETED, "", Level.INFO)
         if not self._ways:
-            return Trip(End.COMPLETED, "", Level.INFO)
+            return WatchdogTrip(End.COMPLETED, "", Level.INFO)
         self._speed = SPEED_M_S
         self._ways.pop(0)()
         return None

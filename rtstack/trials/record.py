@@ -15,7 +15,7 @@ from rtstack.log.ring import LogState, Rings
 from rtstack.log.writer import Attachment, CellFrames, Evidence, LogProcess
 from rtstack.loop.end import End
 from rtstack.loop.history import Columns, History
-from rtstack.loop.watchdogs import Trip
+from rtstack.loop.watchdogs import WatchdogTrip
 from rtstack.model.cell_description import CellDescription, base_frame
 from rtstack.references.spreading import ExtendedReference
 from rtstack.samples import SIDES
@@ -63,7 +63,7 @@ class RunLog(Protocol):
         """Wait until samples are being kept: no arm moves before that. Raises LogError."""
         ...
 
-    def trip(self) -> Trip | None:
+    def trip(self) -> WatchdogTrip | None:
         """Return how the run has to end, None while the log is well. Never waits."""
         ...
 
@@ -143,11 +143,11 @@ class TrialLog:
         """See RunLog."""
         self._process.wait_ready()
 
-    def trip(self) -> Trip | None:
+    def trip(self) -> WatchdogTrip | None:
         """See RunLog: the log process has said that it failed, or `wait_for_room` has found that it is gone."""
         if not self._trouble and self.rings.state is LogState.FAILED:
             self._trouble = self.rings.error
-        return Trip(End.LOG_FAILED, self._trouble) if self._trouble else None
+        return WatchdogTrip(End.LOG_FAILED, self._trouble) if self._trouble else None
 
     def wait_for_room(self) -> None:
         """Between two ticks: look whether the log process lives; a lockstep run lets it catch up. Never raises."""

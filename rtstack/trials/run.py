@@ -14,7 +14,7 @@ from rtstack.loop.fault import Fault
 from rtstack.loop.history import History
 from rtstack.loop.publisher import Publisher
 from rtstack.loop.session import Plan, Session, SessionOutcome
-from rtstack.loop.watchdogs import Trip
+from rtstack.loop.watchdogs import WatchdogTrip
 from rtstack.model.cell_description import CellDescription
 from rtstack.safety.limits import PairLimits
 from rtstack.samples import Level
@@ -135,8 +135,8 @@ class Run:
             return None
         t_ns = 0 if cell.waits else cell.left.read().t_ns
         publisher.event(t_ns, Level.INFO, "start", way.summary)
-        trip = Trip(End.STOP_REQUESTED, "on the way to the start pose", Level.WARNING)
-        found: list[Trip] = []
+        trip = WatchdogTrip(End.STOP_REQUESTED, "on the way to the start pose", Level.WARNING)
+        found: list[WatchdogTrip] = []
 
         def stop() -> bool:
             if self._log is not None:
@@ -150,7 +150,7 @@ class Run:
             if found:
                 trip = replace(found[0], detail=f"on the way to the start pose: {found[0].detail}")
         except HardwareError as error:
-            trip = Trip(End.HARDWARE, f"on the way to the start pose: {error}")
+            trip = WatchdogTrip(End.HARDWARE, f"on the way to the start pose: {error}")
         publisher.event(t_ns, trip.level, "start", trip.text)
         fault = Fault(trip, t_ns, None) if trip.end.is_fault else None
         return SessionOutcome(trip.end, trip.detail, 0, 0, 0, 0.0, fault)

@@ -12,8 +12,8 @@ from hal.files import replacing
 from rtstack.log.batches import BatchWriter
 from rtstack.log.frames import CellFrames
 from rtstack.log.job import Attachment
+from rtstack.log.mcap_writer import McapWriter
 from rtstack.log.scenery import Scenery
-from rtstack.log.sink import McapSink
 from rtstack.trials.record import RunSamples
 
 
@@ -34,9 +34,9 @@ class WholeRunLog(RunSamples):
         try:
             # under a name of its own: a worker that was cut off may still write what another one has taken over
             with replacing(self.path) as partial, open(partial, "wb") as file:
-                sink = McapSink(file)
-                sink.begin(self._metadata.items(), self._attachments)
-                writer = BatchWriter(sink, Scenery(self._frames))
+                mcap = McapWriter(file)
+                mcap.begin(self._metadata.items(), self._attachments)
+                writer = BatchWriter(mcap, Scenery(self._frames))
                 if self.history is not None:
                     writer.write(self.history.batches())
                 writer.finish(result, "closed", self.evidence, {})

@@ -47,7 +47,7 @@ def _possible(request: MoveRequest) -> bool:
     return request.generator != Generator.NONE or request.controller == Controller.EXTERNAL
 
 
-class Station:
+class ArmServer:
     """One arm behind its link. `wire` is its RobotState, `motion` what it is to do, `settings` what was set."""
 
     def __init__(

@@ -9,9 +9,9 @@ import numpy as np
 from hal.state import RobotMode
 from sim_robot.faults.injection import Injection
 from sim_robot.faults.kinds import AnswersLost, Disconnect, Stall, StatesLost
+from sim_robot.fci.arm_server import ArmServer
 from sim_robot.fci.link import Link
 from sim_robot.fci.protocol import ROBOT_STATE, MoveStatus
-from sim_robot.fci.station import Station
 
 
 class FaultyLink(Link):
@@ -41,8 +41,8 @@ class FaultyLink(Link):
             self._close(self.client)
 
 
-class FaultyStation(Station):
-    """A station whose commands may be lost, and which a user stop or a stall may stop."""
+class FaultyArmServer(ArmServer):
+    """A arm_server whose commands may be lost, and which a user stop or a stall may stop."""
 
     link: FaultyLink
 
@@ -90,8 +90,8 @@ class FaultyStation(Station):
         super().show()
 
 
-def kinds(injection: Injection | None, side: int) -> tuple[Callable[..., Link], Callable[..., Station]]:
-    """Return what makes the link and the station of an arm."""
+def kinds(injection: Injection | None, side: int) -> tuple[Callable[..., Link], Callable[..., ArmServer]]:
+    """Return what makes the link and the arm_server of an arm."""
     if injection is None:
-        return Link, Station
-    return partial(FaultyLink, injection=injection, side=side), partial(FaultyStation, injection=injection)
+        return Link, ArmServer
+    return partial(FaultyLink, injection=injection, side=side), partial(FaultyArmServer, injection=injection)

@@ -18,8 +18,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from sim_robot.fci.arm_server import ArmServer
 from sim_robot.fci.server import Server
-from sim_robot.fci.station import Station
 
 IDLE_PERIOD_S = 1e-3
 # between two states before the first answer: the client's start takes one, its first read another one; a third one is
@@ -41,10 +41,10 @@ class Lockstep:
         """A client that moves an arm is waited for so long at most."""
         self._server, self._longest_wait_s = server, longest_wait_s
         self._heard_s = time.monotonic()  # since when an awaited client owes an answer
-        self._hung: list[Station] = []
-        self._in_step: list[Station] = []  # whose clients have answered: their time goes on by 1 ms a state
-        for station in server.stations:
-            station.patient = True
+        self._hung: list[ArmServer] = []
+        self._in_step: list[ArmServer] = []  # whose clients have answered: their time goes on by 1 ms a state
+        for arm_server in server.arm_servers:
+            arm_server.patient = True
         self._rest_ms = 0  # how long the plant has been left alone since the last motion
         self._resting = False
         self._idle_due_s = 0.0
@@ -61,7 +61,7 @@ class Lockstep:
                 server.poller.serve(0.0)
                 self._rest()
                 continue
-            moving = [station for station in server.stations if station.moving]
+            moving = [arm_server for arm_server in server.arm_servers if arm_server.moving]
             if (moving or server.hands_move) and not self._waits(moving) and self._due(moving):
                 self._step()
                 continue
@@ -69,13 +69,13 @@ class Lockstep:
             self._note_changes()
             self._repeat(time.monotonic())
 
-    def _waits(self, moving: list[Station]) -> bool:
+    def _waits(self, moving: list[ArmServer]) -> bool:
         """True while a responsive client owes an answer."""
         now = time.monotonic()
         if self._hung:
             self._server.poller.serve(0.0)  # an answer after all
-        self._hung = [station for station in self._hung if station.awaited]
-        awaited = [station for station in moving if station.awaited and station not in self._hung]
+        self._hung = [arm_server for arm_server in self._hung if arm_server.awaited]
+        awaited = [arm_server for arm_server in moving if arm_server.awaited and arm_server not in self._hung]
         if not awaited:
             self._heard_s = now
         elif now - self._heard_s > self._longest_wait_s:
@@ -83,31 +83,31 @@ class Lockstep:
             self._heard_s, awaited = now, []
         return bool(awaited)
 
-    def _due(self, moving: list[Station]) -> bool:
+    def _due(self, moving: list[ArmServer]) -> bool:
         """True if answers set the pace, or the ms is over."""
-        return not all(station.asynchronous for station in moving) or time.monotonic() >= self._idle_due_s
+        return not all(arm_server.asynchronous for arm_server in moving) or time.monotonic() >= self._idle_due_s
 
     def _note_changes(self) -> None:
         """See motions that began or ended: show it at once, and let the plant come to rest after the last one."""
-        moving = tuple(station.moving for station in self._server.stations)
+        moving = tuple(arm_server.moving for arm_server in self._server.arm_servers)
         if moving == self._were_moving:
             return
         if not any(moving):
             self._begin_rest()
-        for station in self._server.stations:
-            station.hold_replies = self._resting
-        for station, now, before in zip(self._server.stations, moving, self._were_moving, strict=True):
+        for arm_server in self._server.arm_servers:
+            arm_server.hold_replies = self._resting
+        for arm_server, now, before in zip(self._server.arm_servers, moving, self._were_moving, strict=True):
             if now != before:
-                self._in_step = [other for other in self._in_step if other is not station]
+                self._in_step = [other for other in self._in_step if other is not arm_server]
             if now and not before:
                 self._heard_s = time.monotonic()  # no client owed an answer before
-                others = [other for other in self._server.stations if other.moving and other is not station]
+                others = [other for other in self._server.arm_servers if other.moving and other is not arm_server]
                 jump = 0 if others else JUMP
-                station.message_id = max(
-                    [station.message_id + jump, *(o.message_id + max(0, 2 - o.repeats) - 2 for o in others)]
+                arm_server.message_id = max(
+                    [arm_server.message_id + jump, *(o.message_id + max(0, 2 - o.repeats) - 2 for o in others)]
                 )
             elif before and not now:
-                station.show_new()
+                arm_server.show_new()
         self._were_moving = moving
 
     def _begin_rest(self) -> None:
@@ -116,7 +116,7 @@ class Lockstep:
     def _note_hands(self) -> None:
         """See a hand's motion that ended while no arm moves: its answer waits for the plant's rest too."""
         moved, self._hands_moved = self._hands_moved, self._server.hands_move
-        if moved and not self._hands_moved and not any(station.moving for station in self._server.stations):
+        if moved and not self._hands_moved and not any(arm_server.moving for arm_server in self._server.arm_servers):
             self._begin_rest()
         if not self._resting:
             self._server.settle_grippers()
@@ -124,18 +124,18 @@ class Lockstep:
     def _step(self) -> None:
         self._hands_moved = self._server.hands_move
         self._server.advance()
-        stations = self._server.stations
+        arm_servers = self._server.arm_servers
         self._note_changes()
-        for station in stations:
-            if not station.moving:
-                station.show_new()
-        moving = [station for station in stations if station.moving]
-        in_step = [station for station in moving if station in self._in_step]
-        newest = max((station.message_id for station in in_step or moving), default=0)
-        for station in moving:
-            if station not in in_step:  # one clock: it takes over that of the others, whose clients are under way
-                station.message_id = max(station.message_id, newest)
-            station.show_new()
+        for arm_server in arm_servers:
+            if not arm_server.moving:
+                arm_server.show_new()
+        moving = [arm_server for arm_server in arm_servers if arm_server.moving]
+        in_step = [arm_server for arm_server in moving if arm_server in self._in_step]
+        newest = max((arm_server.message_id for arm_server in in_step or moving), default=0)
+        for arm_server in moving:
+            if arm_server not in in_step:  # one clock: it takes over that of the others, whose clients are under way
+                arm_server.message_id = max(arm_server.message_id, newest)
+            arm_server.show_new()
         self._in_step = moving
         self._note_hands()
         self._server.show_grippers()
@@ -150,37 +150,37 @@ class Lockstep:
             if (still and self._rest_ms >= REST_CHUNK_MS) or self._rest_ms >= LONGEST_REST_MS:
                 self._resting = False
                 break
-        for station in server.stations:
-            station.hold_replies = self._resting
-            station.show_new()
+        for arm_server in server.arm_servers:
+            arm_server.hold_replies = self._resting
+            arm_server.show_new()
         if not self._resting:
             server.resume_requests()
             server.settle_grippers()
 
     def _wait_s(self) -> float:
-        stations, now = self._server.stations, time.monotonic()
+        arm_servers, now = self._server.arm_servers, time.monotonic()
         due: list[float] = []
-        due += [station.repeat_due_s for station in stations if station.moving and not station.joined]
-        served = [station for station in stations if station.link.client is not None]
-        if any(not station.moving or station.asynchronous for station in served) or self._server.hands_in_use:
+        due += [arm_server.repeat_due_s for arm_server in arm_servers if arm_server.moving and not arm_server.joined]
+        served = [arm_server for arm_server in arm_servers if arm_server.link.client is not None]
+        if any(not arm_server.moving or arm_server.asynchronous for arm_server in served) or self._server.hands_in_use:
             due.append(self._idle_due_s)
         return max(0.0, min(due) - now) if due else 0.1
 
     def _repeat(self, now: float) -> None:
         """Show the same state of the plant again to who may be waiting for one before it answers."""
-        stations = self._server.stations
-        for station in stations:
-            if station.moving and not station.joined and now >= station.repeat_due_s:
-                station.show()
-                station.repeat_due_s = now + FIRST_REPEATS_S[min(station.repeats, len(FIRST_REPEATS_S) - 1)]
-                station.repeats += 1
-        clocked = self._server.hands_move or any(station.asynchronous for station in stations)
+        arm_servers = self._server.arm_servers
+        for arm_server in arm_servers:
+            if arm_server.moving and not arm_server.joined and now >= arm_server.repeat_due_s:
+                arm_server.show()
+                arm_server.repeat_due_s = now + FIRST_REPEATS_S[min(arm_server.repeats, len(FIRST_REPEATS_S) - 1)]
+                arm_server.repeats += 1
+        clocked = self._server.hands_move or any(arm_server.asynchronous for arm_server in arm_servers)
         if now >= self._idle_due_s and not clocked:
-            for station in stations:
-                if not station.moving:
-                    station.show()
+            for arm_server in arm_servers:
+                if not arm_server.moving:
+                    arm_server.show()
             self._server.show_grippers()
-            if not any(station.moving for station in stations):
+            if not any(arm_server.moving for arm_server in arm_servers):
                 self._server.repeat_pose()
             self._server.tidy(now - self._tidied_s)
             self._tidied_s = now

@@ -12,9 +12,9 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from sim_robot.fci.arm_server import ArmServer
 from sim_robot.fci.pace import LONGEST_SILENCE, PERIOD_NS, Pace
 from sim_robot.fci.server import Server
-from sim_robot.fci.station import Station
 from sim_robot.model import SIDES
 
 # of each ms, so that states go out on time: what timers and wake-ups may take
@@ -42,19 +42,19 @@ class RightClock:
 
 
 class _BoxClock(Pace):
-    """The pace of the stations of one clock."""
+    """The pace of the arm_servers of one clock."""
 
-    def __init__(self, stations: tuple[Station, ...], origin_ns: int, period_ns: float = PERIOD_NS) -> None:
+    def __init__(self, arm_servers: tuple[ArmServer, ...], origin_ns: int, period_ns: float = PERIOD_NS) -> None:
         super().__init__(origin_ns, period_ns)
-        self.stations = stations
+        self.arm_servers = arm_servers
 
     def ends_ns(self) -> int:
         """Return when the present millisecond ends, as things are now."""
         awaited = punctual = False
-        for station in self.stations:
-            if station.awaited:
+        for arm_server in self.arm_servers:
+            if arm_server.awaited:
                 awaited = True
-                punctual |= station.punctual
+                punctual |= arm_server.punctual
         return self.end_ns(awaited, punctual)
 
 
@@ -65,7 +65,7 @@ class Realtime:
         """Without a right_clock, or with one that is exactly the left one's, both arms share one."""
         self._server = server
         self._right = None if right_clock == RightClock() else right_clock
-        self._clocks: tuple[_BoxClock, ...] = (_BoxClock(server.stations, 0),)
+        self._clocks: tuple[_BoxClock, ...] = (_BoxClock(server.arm_servers, 0),)
         self._ahead = False  # the plant has gone on already, and what it shows waits for its time
         self.ticks = self.stalls = self.worst_stall_ns = 0
         self._last_stalls: deque[str] = deque(maxlen=STALLS_SAID)
@@ -73,7 +73,7 @@ class Realtime:
     def run(self, stopped: Callable[[], bool]) -> None:
         """Serve both arms."""
         server, clock = self._server, time.monotonic_ns
-        left, right = server.stations
+        left, right = server.arm_servers
         start = clock()
         if self._right is None:
             self._clocks = (_BoxClock((left, right), start),)
@@ -97,23 +97,23 @@ class Realtime:
             else:
                 right.box.sample()
                 right.settle_outcome()
-            for station in due.stations:
-                station.show_new()
+            for arm_server in due.arm_servers:
+                arm_server.show_new()
             now = clock()
             due.show(now)
             if now - expected_ns > PERIOD_NS:
                 self._note_stall(now - expected_ns)
             to_epoch_ns = time.time_ns() - now
-            for station in due.stations:
-                station.due_ns = to_epoch_ns + (due.window_ns if station.punctual else due.deadline_ns)
+            for arm_server in due.arm_servers:
+                arm_server.due_ns = to_epoch_ns + (due.window_ns if arm_server.punctual else due.deadline_ns)
 
     def _note_stall(self, late_ns: int) -> None:
         self.stalls += 1
         self.worst_stall_ns = max(self.worst_stall_ns, late_ns)
-        ids = " and ".join(str(station.message_id) for station in self._server.stations)
+        ids = " and ".join(str(arm_server.message_id) for arm_server in self._server.arm_servers)
         self._last_stalls.append(f"{1e-6 * late_ns:.1f} ms before message {ids}")
-        awaited = [station for station in self._server.stations if station.awaited]
-        if not awaited or any(station.silent < LONGEST_SILENCE for station in awaited):
+        awaited = [arm_server for arm_server in self._server.arm_servers if arm_server.awaited]
+        if not awaited or any(arm_server.silent < LONGEST_SILENCE for arm_server in awaited):
             for one in self._clocks:
                 one.stand_still(late_ns)
 
@@ -124,18 +124,18 @@ class Realtime:
             f"{self.ticks} ticks, {self.stalls} stalls of this host (worst {1e-6 * self.worst_stall_ns:.1f} ms), "
             f"{1e-6 * slipped_ns:.1f} ms given up"
         )
-        arms = zip(SIDES, self._server.stations, strict=True)
+        arms = zip(SIDES, self._server.arm_servers, strict=True)
         lines = (
-            f"{side}: {station.answers.report()}; {int(station.motion['beyond'])} targets beyond the published limits"
-            for side, station in arms
+            f"{side}: {server.answers.report()}; {int(server.motion['beyond'])} targets beyond the published limits"
+            for side, server in arms
         )
         stalls = [f"last stalls: {'; '.join(self._last_stalls)}"] if self._last_stalls else []
         return "\n".join([pace, *lines, *stalls])
 
     def _look_ahead(self, left_ns: int) -> None:
         """Advance the plant as soon as nothing can change its next ms any more: its states then go out on time."""
-        stations = self._clocks[0].stations
-        if self._ahead or left_ns < LONGEST_ADVANCE_NS or any(station.awaited for station in stations):
+        arm_servers = self._clocks[0].arm_servers
+        if self._ahead or left_ns < LONGEST_ADVANCE_NS or any(arm_server.awaited for arm_server in arm_servers):
             return
         self._server.advance()
         self._ahead = True

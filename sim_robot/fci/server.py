@@ -6,12 +6,12 @@ import numpy as np
 
 from sim_robot.cell import SimulatedCell
 from sim_robot.fci import link_faults
+from sim_robot.fci.arm_server import ArmServer
 from sim_robot.fci.gripper import GripperPort, vacuum_port
 from sim_robot.fci.poller import Poller
 from sim_robot.fci.protocol import ROBOT_STATE, Command
 from sim_robot.fci.robot_state import MOTION_RECORD, fill_states
 from sim_robot.fci.settings import SETTINGS_RECORD, Settings
-from sim_robot.fci.station import Station
 from sim_robot.fci.tracker_feed import TrackerFeed
 from sim_robot.plant_parameters import PlantParameters
 from sim_robot.proximity import Proximity
@@ -21,7 +21,7 @@ TIDY_AFTER_S = 1.0
 
 
 class Server:
-    """The stations of both arms, and the one way in which the plant goes on."""
+    """The arm_servers of both arms, and the one way in which the plant goes on."""
 
     def __init__(
         self, cell: SimulatedCell, scene: Scene, parameters: PlantParameters, addresses: tuple[str, str]
@@ -38,19 +38,19 @@ class Server:
         self._alone_s, self._tidy = 0.0, True
         self._proximity = Proximity(cell.plant)
         self._feed: TrackerFeed | None = None
-        stations = []
+        arm_servers = []
         for side, address in enumerate(addresses):
             make_link, make_station = link_faults.kinds(cell.faults, side)
             link = make_link(
                 self.poller,
                 address,
                 on_request=functools.partial(self._request, side),
-                on_command=lambda command, side=side: self.stations[side].take(command),
+                on_command=lambda command, side=side: self.arm_servers[side].take(command),
                 on_gone=functools.partial(self._gone, side),
             )
             hand, model = (scene.left, scene.right)[side].hand, cell.plant.robots[side]
             settings = Settings(self._settings[side], model, scene.pad, parameters.holding.stiffness, hand)
-            stations.append(
+            arm_servers.append(
                 make_station(
                     cell,
                     side,
@@ -62,7 +62,7 @@ class Server:
                     self._fill,
                 )
             )
-        self.stations: tuple[Station, Station] = (stations[0], stations[1])
+        self.arm_servers: tuple[ArmServer, ArmServer] = (arm_servers[0], arm_servers[1])
         hands = tuple(GripperPort(self.poller, *one) for one in zip(addresses, cell.hands, strict=True))
         self.grippers = (*hands, *(vacuum_port(self.poller, address) for address in addresses))
         self._proximity.update()
@@ -72,18 +72,18 @@ class Server:
         if self.deferring and command in (Command.MOVE, Command.AUTOMATIC_ERROR_RECOVERY):
             self._deferred.append((side, command, command_id, values))
         else:
-            self.stations[side].handle(command, command_id, values)
+            self.arm_servers[side].handle(command, command_id, values)
 
     def _gone(self, side: int) -> None:
         self._deferred = [request for request in self._deferred if request[0] != side]
-        self.stations[side].abandon()
+        self.arm_servers[side].abandon()
 
     def resume_requests(self) -> None:
         """Handle what had to wait for the plant to come to rest."""
         self.deferring = False
         deferred, self._deferred = self._deferred, []
         for side, command, command_id, values in deferred:
-            self.stations[side].handle(command, command_id, values)
+            self.arm_servers[side].handle(command, command_id, values)
 
     def _fill(self) -> None:
         cell = self.cell
@@ -120,13 +120,13 @@ class Server:
                 self._motions[side]["base_shaken"] = self.cell.faults.base_shaken(side)
         self._fill()
         self._proximity.update()
-        for side, station in enumerate(self.stations):
-            station.judge(int(self._collisions[side]), int(self._proximity.masks[side]))
+        for side, arm_server in enumerate(self.arm_servers):
+            arm_server.judge(int(self._collisions[side]), int(self._proximity.masks[side]))
         self._publish_pose()
 
     def tidy(self, elapsed_s: float) -> None:
         """Put the object back once no client was connected for TIDY_AFTER_S, as a person does between two trials."""
-        if self.hands_in_use or any(station.link.client is not None for station in self.stations):
+        if self.hands_in_use or any(arm_server.link.client is not None for arm_server in self.arm_servers):
             self._alone_s, self._tidy = 0.0, False
         elif not self._tidy:
             self._alone_s += elapsed_s
@@ -150,13 +150,13 @@ class Server:
 
     def _next_stamp_ns(self) -> int:
         """The time that the next states will carry: of the arms that move, else of both, the one that is ahead."""
-        shown = [station for station in self.stations if station.moving] or self.stations
-        return (max(station.message_id for station in shown) + 1) * 1_000_000
+        shown = [arm_server for arm_server in self.arm_servers if arm_server.moving] or self.arm_servers
+        return (max(arm_server.message_id for arm_server in shown) + 1) * 1_000_000
 
     def close(self) -> None:
         """Close every socket."""
-        for station in self.stations:
-            station.link.close()
+        for arm_server in self.arm_servers:
+            arm_server.link.close()
         for gripper in self.grippers:
             gripper.close()
         if self._feed is not None:

@@ -9,8 +9,8 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Page, expect
 
+from rtstack.log.mcap_writer import McapWriter
 from rtstack.log.reader import read_log
-from rtstack.log.sink import McapSink
 from rtstack.papers.reference_spreading.controllers import Controller
 from rtstack.topics import TOPICS
 from tests.support.console.curve_pixels import drawn, highest_seen
@@ -31,13 +31,13 @@ def add_spike(source, target):
     warning["level"], warning["name"], warning["text"] = 3, b"safety", b"<img src=x onerror=alert(1)>"
     columns["/events"] = np.concatenate([columns["/events"], warning])
     with open(target, "wb") as file:
-        sink = McapSink(file)
-        sink.write_metadata("trial", log.metadata["trial"])
+        writer = McapWriter(file)
+        writer.write_metadata("trial", log.metadata["trial"])
         for attachment in log.attachments:
-            sink.attach(attachment.name, attachment.media_type, attachment.data)
-        sink.write(columns, {})
-        sink.write_metadata("result", log.metadata["result"])
-        sink.close()
+            writer.attach(attachment.name, attachment.media_type, attachment.data)
+        writer.write(columns, {})
+        writer.write_metadata("result", log.metadata["result"])
+        writer.close()
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import pytest
 from websockets.sync.client import connect
 
 from rtstack.log.catalogue import Catalogue
-from rtstack.log.sink import McapSink
+from rtstack.log.mcap_writer import McapWriter
 from rtstack.loop.target import TARGET
 from rtstack.topics import TOPICS
 
@@ -19,16 +19,16 @@ VIEW = "a-page-of-mine"
 def write_motion(path, first):
     """A log of a second in which joint 1 of both arms goes from `first` with 1 rad/s."""
     with open(path, "wb") as file:
-        sink = McapSink(file)
-        sink.write_metadata("trial", {"object": "rice_box"})
+        writer = McapWriter(file)
+        writer.write_metadata("trial", {"object": "rice_box"})
         batches = {topic: np.zeros(1 if topic == "/events" else 1000, TOPICS[topic].record) for topic in TOPICS}
         for batch in batches.values():
             batch["t_ns"] = np.arange(len(batch)) * MS
         for side in ("left", "right"):
             batches[f"/{side}/arm"]["q"][:, 0] = first + np.arange(1000) * 1e-3
-        sink.write(batches, {})
-        sink.write_metadata("result", {})
-        sink.close()
+        writer.write(batches, {})
+        writer.write_metadata("result", {})
+        writer.close()
 
 
 @pytest.fixture

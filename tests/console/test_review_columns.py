@@ -11,8 +11,8 @@ from console.review.conversion import convert
 from console.review.conversion import main as conversion
 from console.review.series import Tabled, Window, csv_lines, curves, moment
 from console.review.signals import column_block, signals, topic_signals
+from rtstack.log.mcap_writer import McapWriter
 from rtstack.log.reader import read_log
-from rtstack.log.sink import McapSink
 from rtstack.samples import Mode
 from rtstack.topics import PLOTTED_TOPICS, TOPICS
 
@@ -50,12 +50,12 @@ def made(tmp_path_factory):
     columns["/events"] = events
     path = folder / "made.mcap"
     with open(path, "wb") as file:
-        sink = McapSink(file)
-        sink.write_metadata("trial", {"object": "rice_box", "seed": "3"})
+        writer = McapWriter(file)
+        writer.write_metadata("trial", {"object": "rice_box", "seed": "3"})
         for start in range(START_NS, START_NS + TICKS * MS, 250 * MS):
             inside = {t: r[(r["t_ns"] >= start) & (r["t_ns"] < start + 250 * MS)] for t, r in columns.items()}
-            sink.write(inside, {})
-        sink.close()
+            writer.write(inside, {})
+        writer.close()
     target = folder / "columns"
     target.mkdir()
     return path, columns, target, convert(read_log(path), target)

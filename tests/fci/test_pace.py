@@ -1,4 +1,4 @@
-"""Who is late, the client or the server's host: the real server, stations and plant on a clock that the test moves.
+"""Who is late, the client or the server's host: the real server, arm_servers and plant on a clock that the test moves.
 
 Only the sockets and the clock are the test's. Instants are in us from the start of the pace.
 """
@@ -13,7 +13,7 @@ import pytest
 from hal.robot_errors import error_names
 from hal.state import RobotMode
 from sim_robot.cell import simulated_cell
-from sim_robot.fci import realtime, station
+from sim_robot.fci import arm_server, realtime
 from sim_robot.fci.drive import DrivenBox
 from sim_robot.fci.protocol import ROBOT_COMMAND, ROBOT_STATE, Command
 from sim_robot.fci.realtime import Realtime, RightClock
@@ -37,13 +37,13 @@ class Rig:
         self._events: list[tuple[int, int, Callable[[], None]]] = []
         self._count = itertools.count()
         self.stalls: dict[int, int] = {}  # in that ms of the plant the server is stopped for so many us
-        for module in (realtime, station):
+        for module in (realtime, arm_server):
             monkeypatch.setattr(module, "time", self)
         cell = simulated_cell("rice_box", 0.0, 0, box_kind=DrivenBox, on_the_wire=True)
         self.server = Server(cell, load_scene(), load_plant_parameters(), addresses())
         self._real_poller, self.server.poller = self.server.poller, self
         self._advance, self.server.advance = self.server.advance, self.advance
-        self.wires = [Wire(self, one) for one in self.server.stations]
+        self.wires = [Wire(self, one) for one in self.server.arm_servers]
 
     def monotonic_ns(self) -> int:
         self.now_ns += 2 * US  # who looks at the clock again and again gets on
@@ -82,12 +82,12 @@ class Rig:
 
 
 class Wire:
-    """What a station takes for its link, with a client of torque control at the other end."""
+    """What a arm_server takes for its link, with a client of torque control at the other end."""
 
-    def __init__(self, rig: Rig, one: station.Station) -> None:
+    def __init__(self, rig: Rig, one: arm_server.ArmServer) -> None:
         self.client = object()
         self.arrived_ns = 0
-        self._rig, self._station = rig, one
+        self._rig, self._arm_server = rig, one
         self._socket, one.link = one.link, self
         # how long the client takes to answer, us; from which state after Move on; and what it does not answer
         self.reaction_us, self.first, self.silence = 150, 0, range(0)
@@ -96,7 +96,7 @@ class Wire:
 
     def move(self) -> None:
         self.moved = True
-        self._station.handle(Command.MOVE, 1, TORQUE_CONTROL)
+        self._arm_server.handle(Command.MOVE, 1, TORQUE_CONTROL)
 
     def send_state(self, state: memoryview) -> None:
         if not self.moved:
@@ -112,7 +112,7 @@ class Wire:
         command = np.zeros(1, ROBOT_COMMAND)
         command["message_id"] = message_id
         self.arrived_ns = instant_ns + (1 << 58)
-        self._station.take(command[0])
+        self._arm_server.take(command[0])
 
     def reply(self, *_: object) -> None:
         pass
@@ -122,11 +122,11 @@ class Wire:
 
     @property
     def errors(self) -> tuple[str, ...]:
-        return error_names(self._station.box.errors)
+        return error_names(self._arm_server.box.errors)
 
     @property
     def lost(self) -> int:
-        return self._station.answers.lost
+        return self._arm_server.answers.lost
 
 
 @pytest.fixture
@@ -281,8 +281,8 @@ def test_before_the_first_command_the_arm_is_held(rig, first_ms: int, caught: bo
     left.move()
     cell.run(min(first_ms, 990))
     assert left.errors == ()
-    assert cell.server.stations[0].box.mode == RobotMode.MOVE
-    assert cell.server.stations[0].box.success_rate == 1.0
+    assert cell.server.arm_servers[0].box.mode == RobotMode.MOVE
+    assert cell.server.arm_servers[0].box.success_rate == 1.0
     assert np.abs(cell.server.cell.states[0]["q"] - q).max() < 1e-4
     cell.run(200)
     assert left.errors == ((COMMUNICATION,) if caught else ())

@@ -21,7 +21,7 @@ from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription, load_cell_description
 from rtstack.model.rotation import quaternion_from_rotation
 from rtstack.planning import plan_grab
-from rtstack.planning.free import Part, free_motion
+from rtstack.planning.free import PlanPhase, free_motion
 from rtstack.references.demonstration import end_effector_pose
 from rtstack.samples import SIDES
 from rtstack.trials.assembly import cell_parameters
@@ -147,7 +147,7 @@ def free_log(robot, cell_file, tmp_path_factory) -> Path:
     """A planned motion that meets nothing, made on these arms."""
     described = load_cell_description(cell_file)
     parameters = cell_parameters(described)
-    free = free_motion(plan_grab(described, "rice_box"), described, Part.ANTE, parameters.control, 0.1)
+    free = free_motion(plan_grab(described, "rice_box"), described, PlanPhase.ANTE, parameters.control, 0.1)
 
     def run(log: Path) -> str | None:
         with opened(robot, described) as cell:

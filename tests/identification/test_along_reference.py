@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from rtstack.identification.along import WINDOW, average, residual
 from rtstack.papers.impact_maps.feedback import AFTER_S
 from rtstack.planning import PushPlan, plan_grab, plan_push
-from rtstack.planning.free import Part, compensated, free_motion
+from rtstack.planning.free import PlanPhase, compensated, free_motion
 from rtstack.trials.assembly import arm_controllers, default_parameters
 from rtstack.trials.motion import run_motion
 from sim_robot.cell import SimulatedCell
@@ -47,7 +47,7 @@ def run_free(free, cell, parameters, force):
     return columns
 
 
-@pytest.mark.parametrize("part", list(Part))
+@pytest.mark.parametrize("part", list(PlanPhase))
 def test_a_constant_force_is_found_and_compensated(cell, parameters, pushed, part):
     free = free_motion(pushed, cell, part, parameters.control, AFTER_S)
     arms = arm_controllers(cell, parameters)
@@ -59,7 +59,7 @@ def test_a_constant_force_is_found_and_compensated(cell, parameters, pushed, par
     needed = -np.concatenate([motion.J[ticks] @ reaction, reaction[:, :1]], axis=1)[:, :, :3] @ FORCE_N
     # from 0.2 s on: before, the controller has not met the force, which was there from the first tick. Within 10 %:
     # a pad that is pushed goes at another velocity, and has another friction
-    late = slice(200 if part is Part.ANTE else 0, None)
+    late = slice(200 if part is PlanPhase.ANTE else 0, None)
     np.testing.assert_allclose((found - without)[0, late, :3], needed[late, :3], atol=0.1 * np.abs(needed[:, :3]).max())
     of_the_force, largest = (found - without)[0, late].mean(axis=0), np.abs(needed).max()
     np.testing.assert_allclose(of_the_force, needed[late].mean(axis=0), atol=0.1 * largest)
@@ -77,7 +77,7 @@ def test_a_constant_force_is_found_and_compensated(cell, parameters, pushed, par
 
 def test_a_part_is_the_plan_and_leads_there_and_to_rest(cell, parameters, pushed):
     k = pushed.recording.impact
-    for part, begin, end in ((Part.ANTE, 0, k), (Part.POST, k, k + 600)):
+    for part, begin, end in ((PlanPhase.ANTE, 0, k), (PlanPhase.POST, k, k + 600)):
         free = free_motion(pushed, cell, part, parameters.control, AFTER_S)
         assert (free.begin, free.end) == (begin, end)
         for name in ("position", "rotation", "twist", "xi", "dxi"):
@@ -96,7 +96,7 @@ def test_a_part_is_the_plan_and_leads_there_and_to_rest(cell, parameters, pushed
 
 def test_pads_that_turn_after_a_grab_turn_as_smoothly_in_a_free_run(cell, parameters):
     grabbed = plan_grab(cell, "box_130")
-    k, free = grabbed.recording.impact, free_motion(grabbed, cell, Part.POST, parameters.control, AFTER_S)
+    k, free = grabbed.recording.impact, free_motion(grabbed, cell, PlanPhase.POST, parameters.control, AFTER_S)
     points = free.plan.ante
     assert np.abs(points["twist"][:, k, 3:]).max() > 0.02
     for arm in range(2):

@@ -22,7 +22,7 @@ from rtstack.log.ring import Rings
 from rtstack.log.writer import LogProcess
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox
-from rtstack.loop.watchdogs import CONSOLE_S, OPERATOR_S, OVERRUN_TICKS, Heartbeat, TickOverrun, Trip
+from rtstack.loop.watchdogs import CONSOLE_S, OPERATOR_S, OVERRUN_TICKS, Heartbeat, TickOverrun, WatchdogTrip
 from rtstack.safety.judge import Verdict
 from rtstack.samples import Level, QpStatus
 from rtstack.trials.record import TrialLog
@@ -364,4 +364,4 @@ def test_a_disk_that_is_full_stops_the_arms(stage, log):
 def test_a_log_that_says_that_it_failed_is_seen_at_once(log):
     assert log[0].trip() is None
     log[0].rings.fail("No space left on device")
-    assert log[0].trip() == Trip(End.LOG_FAILED, "No space left on device")
+    assert log[0].trip() == WatchdogTrip(End.LOG_FAILED, "No space left on device")

@@ -10,8 +10,8 @@ import pytest
 
 from rtstack.cells import default_cell_file, open_cell
 from rtstack.cli.playback import play
+from rtstack.log.mcap_writer import McapWriter
 from rtstack.log.reader import read_log
-from rtstack.log.sink import McapSink
 from rtstack.loop.mailbox import Mailbox
 from rtstack.loop.target import TARGET
 from rtstack.playback.finish import Finish
@@ -151,10 +151,10 @@ def rewritten(source, target, change):
     for side in ("left", "right"):
         columns[f"/{side}/arm"] = change(columns[f"/{side}/arm"])
     with open(target, "wb") as file:
-        sink = McapSink(file)
-        sink.write_metadata("trial", log.metadata["trial"])
-        sink.write(columns, {})
-        sink.close()
+        writer = McapWriter(file)
+        writer.write_metadata("trial", log.metadata["trial"])
+        writer.write(columns, {})
+        writer.close()
     return target
 
 

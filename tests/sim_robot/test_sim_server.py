@@ -20,6 +20,7 @@ import sim_robot
 from hal.robot_errors import ROBOT_ERRORS
 from hal.state import RobotMode
 from sim_robot.cell import simulated_cell
+from sim_robot.fci.arm_server import ArmServer
 from sim_robot.fci.drive import DrivenBox
 from sim_robot.fci.lockstep import Lockstep
 from sim_robot.fci.protocol import (
@@ -34,7 +35,6 @@ from sim_robot.fci.protocol import (
     MoveStatus,
 )
 from sim_robot.fci.server import Server
-from sim_robot.fci.station import Station
 from sim_robot.plant_parameters import load_plant_parameters
 from sim_robot.scene import load_scene
 
@@ -76,21 +76,21 @@ class Compilations(event.Listener):
 
 def advance(server: Server, ticks: int, **fields: object) -> None:
     """Let the left arm answer each of `ticks` states with what it desires now, but for the given fields."""
-    station = server.stations[0]
+    arm_server = server.arm_servers[0]
     for _ in range(ticks):
         server.advance()
-        station.show_new()
-        command, wire = np.zeros(1, ROBOT_COMMAND)[0], station._wire[0]
-        command["message_id"] = station.message_id
+        arm_server.show_new()
+        command, wire = np.zeros(1, ROBOT_COMMAND)[0], arm_server._wire[0]
+        command["message_id"] = arm_server.message_id
         for name in ("q_c", "O_T_EE_c", "elbow_c"):
             command[name] = wire["q_d" if name == "q_c" else name]
         for name, value in fields.items():
             command[name] = value
-        station.take(command)
+        arm_server.take(command)
 
 
 def test_nothing_is_compiled_once_the_clock_runs(server: Server) -> None:
-    left, listener = server.stations[0], Compilations()
+    left, listener = server.arm_servers[0], Compilations()
     with event.install_listener("numba:compile", listener):
         for controller, generator in itertools.product(Controller, Generator):
             if controller != Controller.OTHER and (generator != Generator.NONE or controller == Controller.EXTERNAL):
@@ -126,24 +126,24 @@ def test_nothing_is_compiled_once_the_clock_runs(server: Server) -> None:
     assert listener.names == []
 
 
-def errors(station: Station) -> tuple[str, ...]:
-    return station.box.error_names
+def errors(arm_server: ArmServer) -> tuple[str, ...]:
+    return arm_server.box.error_names
 
 
 def assert_recovery(server: Server, refused: bool) -> None:
     """Ask the left arm to end its motion, which clears nothing, and to recover."""
-    station = server.stations[0]
-    reasons = errors(station)
-    station.handle(Command.STOP_MOVE, 1, ())
+    arm_server = server.arm_servers[0]
+    reasons = errors(arm_server)
+    arm_server.handle(Command.STOP_MOVE, 1, ())
     advance(server, 2)
-    assert errors(station) == reasons
-    station.handle(Command.AUTOMATIC_ERROR_RECOVERY, 1, ())
+    assert errors(arm_server) == reasons
+    arm_server.handle(Command.AUTOMATIC_ERROR_RECOVERY, 1, ())
     advance(server, 2)
-    assert errors(station) == (reasons if refused else ())
+    assert errors(arm_server) == (reasons if refused else ())
 
 
 def test_a_push_that_lasts_refuses_the_recovery(server: Server) -> None:
-    left, wire = server.stations[0], server.stations[0]._wire[0]
+    left, wire = server.arm_servers[0], server.arm_servers[0]._wire[0]
     thresholds = np.concatenate([[8.0] * 7, [80.0] * 7] * 2 + [[8.0] * 6, [20.0] * 6] * 2)
     left.handle(Command.SET_COLLISION_BEHAVIOR, 1, tuple(thresholds))
     left.handle(Command.MOVE, 1, move_values(Controller.EXTERNAL, Generator.NONE))
@@ -162,7 +162,7 @@ def test_a_push_that_lasts_refuses_the_recovery(server: Server) -> None:
 
 def test_an_arm_that_stays_too_near_refuses_the_recovery(server: Server) -> None:
     """The hand's link next to the table, put there: the arm stops before it gets so near by itself."""
-    plant, left = server.cell.plant, server.stations[0]
+    plant, left = server.cell.plant, server.arm_servers[0]
     home, q = plant.data.qpos[:7].copy(), plant.data.qpos[:7].copy()
 
     def put(posture: np.ndarray) -> None:
@@ -188,7 +188,7 @@ def test_an_arm_that_stays_too_near_refuses_the_recovery(server: Server) -> None
 
 
 def test_torque_control_desires_nothing_before_its_first_torque(server: Server) -> None:
-    left, wire, tau = server.stations[0], server.stations[0]._wire[0], np.full(7, 0.5)
+    left, wire, tau = server.arm_servers[0], server.arm_servers[0]._wire[0], np.full(7, 0.5)
     advance(server, 5)
     assert not wire["tau_J_d"].any()  # idle: what holds the arm is nobody's command
     left.handle(Command.MOVE, 1, move_values(Controller.EXTERNAL, Generator.NONE))
@@ -280,9 +280,9 @@ def test_lockstep_does_not_wait_for_a_client_that_hangs(server: Server, addresse
             state = alive.state(answer=True)
             if state["robot_mode"] == RobotMode.MOVE:  # older ones may wait to be read
                 rates.append(state["control_command_success_rate"])
-            if server.stations[0].box.errors:
+            if server.arm_servers[0].box.errors:
                 break
-        assert server.stations[0].box.error_names == ("communication_constraints_violation",)
+        assert server.arm_servers[0].box.error_names == ("communication_constraints_violation",)
         assert hanging.reply() == bytes((MoveStatus.REFLEX_ABORTED,))
         assert state["robot_mode"] == RobotMode.MOVE
         assert set(rates) == {1.0}

@@ -11,7 +11,7 @@ from hal.configuration import STRICT, load_toml
 from rtstack.experiments.claims import Claim, verdict_of
 from rtstack.experiments.experiment import Experiment, Request, Results, Row, Stage, Stages, Task
 from rtstack.experiments.generic import mean_figure, mean_table
-from rtstack.experiments.report import Part, Report
+from rtstack.experiments.report import Report, Section
 
 PLAN = """kind = "counting"
 name = "counting"
@@ -93,4 +93,4 @@ class CountingExperiment(Experiment[Counting, Number]):
         claim = Claim("1", "some are even", str(os.getpid() > 0), verdict_of(any(row["even"] for row in rows)))
         table = mean_table("Numbers", rows, ("even",), {"number": "mean number"})
         figure = mean_figure("numbers.png", "The numbers.", rows, "number", "even", "number", "number")
-        return Report([Part("all", [claim], [table], [figure])])
+        return Report([Section("all", [claim], [table], [figure])])

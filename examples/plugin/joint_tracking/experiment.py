@@ -16,7 +16,7 @@ from hal.configuration import STRICT, load_toml
 from rtstack.cells import default_cell_file, load_description, open_cell
 from rtstack.experiments.experiment import Experiment, Request, Results, Row, Stage, Stages, Task
 from rtstack.experiments.generic import mean_figure, mean_table
-from rtstack.experiments.report import Part, Report
+from rtstack.experiments.report import Report, Section
 from rtstack.trials.controllers import ControllerName
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
@@ -88,7 +88,7 @@ class Tracking(Experiment[Plan, Case]):
         figure = mean_figure(
             "tracking.png", "Error before the impact, by seed.", results.rows, "seed", "controller", "error_mm", "mm"
         )
-        return Report([Part(self.specification.title, tables=[table], figures=[figure])])
+        return Report([Section(self.specification.title, tables=[table], figures=[figure])])
 
 
 def record(path: Path) -> str | None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from rtstack.experiments.experiment import Results
-from rtstack.experiments.report import Figure, Part, Report
+from rtstack.experiments.report import Figure, Report, Section
 from rtstack.papers.aim_aware.bands import bands
 from rtstack.papers.aim_aware.claims import judge
 from rtstack.papers.aim_aware.classification import Impact, plan_case, simulate_case
@@ -35,7 +35,7 @@ def report(run: StudyRun, results: Results) -> Report:
         caption += "has not seen."
         figures.append(Figure("figure7.png", caption, partial(shares, found=found, wanted=columns)))
     return Report(
-        [Part("all cases", judge(run, rows))], figures, page=("rtstack.papers.aim_aware", "planar.html"),
+        [Section("all cases", judge(run, rows))], figures, page=("rtstack.papers.aim_aware", "planar.html"),
         values=page_values(run.study, run.tuned, results.rows, rows, "Table 1", SIGNALS),
         summary=f"{len(results.rows)} simulations, {cpu_s(results.rows):.0f} s of a CPU",
     )  # fmt: skip

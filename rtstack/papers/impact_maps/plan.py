@@ -13,7 +13,7 @@ from hal.configuration import STRICT, ConfigurationError, load_toml
 from rtstack.experiments.seeds import seed_of
 from rtstack.papers.impact_maps.feedback import Direction
 from rtstack.planning import GrabPlan, PlanError, PushPlan, grab_plan, push_plan
-from rtstack.planning.free import Part
+from rtstack.planning.free import PlanPhase
 from rtstack.references.motion import Motion
 
 Count = Annotated[int, Field(ge=1, le=1000)]
@@ -114,8 +114,8 @@ class PlannedReference:
         the same for all velocities after it."""
         if not self.along:
             return ()
-        scales = {Part.ANTE: 1.0, Part.POST: self.scale}
-        return tuple(FreeRuns(self.motion, self.object, self.case_name, scales[part], part) for part in Part)
+        scales = {PlanPhase.ANTE: 1.0, PlanPhase.POST: self.scale}
+        return tuple(FreeRuns(self.motion, self.object, self.case_name, scales[part], part) for part in PlanPhase)
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +126,7 @@ class FreeRuns:
     object: str
     case_name: str
     scale: float
-    part: Part
+    part: PlanPhase
 
     @property
     def file(self) -> str:

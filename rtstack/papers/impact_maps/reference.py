@@ -15,7 +15,7 @@ from rtstack.papers.impact_maps.prediction import predict
 from rtstack.papers.impact_maps.worker import SWEEPS, ValidationBench, description_of, parameters_of
 from rtstack.planning import GrabPlan, PlanError, PlannedMotion, plan_grab, plan_push
 from rtstack.planning.file import write_plan
-from rtstack.planning.free import Part, compensated, free_motion
+from rtstack.planning.free import PlanPhase, compensated, free_motion
 from rtstack.trials.assembly import arm_controllers
 from rtstack.trials.motion import run_motion
 from rtstack.trials.record import frames, trial_metadata
@@ -65,7 +65,7 @@ def identify_along(bench: ValidationBench, runs: FreeRuns, scenario: Scenario, c
         if reason is not None:
             return f"its run with nothing in the way ({runs.log(run)}): {reason}"
         found.append(residual(columns, free, arms))
-    fade_s = FADE_S if runs.part is Part.POST else 0.0
+    fade_s = FADE_S if runs.part is PlanPhase.POST else 0.0
     with replacing(bench.out / SWEEPS / runs.file) as partial, open(partial, "wb") as file:
         np.save(file, average(found, fade_s, free.plan.period_s))
     return None
@@ -76,7 +76,7 @@ def _along(bench: ValidationBench, reference: PlannedReference, planned: Planned
     acceleration = np.zeros((2, planned.recording.points.shape[1], COORDINATES))
     for runs in reference.free_runs:
         part = np.load(bench.out / SWEEPS / runs.file)
-        begin = planned.recording.impact if runs.part is Part.POST else 0
+        begin = planned.recording.impact if runs.part is PlanPhase.POST else 0
         acceleration[:, begin : begin + part.shape[1]] = part
     return compensated(planned, acceleration)
 

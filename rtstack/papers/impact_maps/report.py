@@ -9,7 +9,7 @@ from pathlib import Path
 from rtstack.control.tick import ArmController
 from rtstack.experiments.experiment import Results, Row
 from rtstack.experiments.page import PAGE
-from rtstack.experiments.report import Figure, Part, Report, Table
+from rtstack.experiments.report import Figure, Report, Section, Table
 from rtstack.impact_map import ReflectedInertia
 from rtstack.log.reader import read_log
 from rtstack.model.cell_description import CellDescription
@@ -40,7 +40,7 @@ def report(
     for name in names:
         own = [table for table in of_all if table.conditions == name]
         words = ", ".join(f"{key} {value}" for key, value in asdict(plan.conditions[name]).items() if value is not None)
-        parts.append(Part(name, judge_claims(own), [_table(table) for table in own], about=words))
+        parts.append(Section(name, judge_claims(own), [_table(table) for table in own], about=words))
     left_out = sum(plan.reference(trial) in refused for trial in plan.trials())
     return Report(
         parts, [] if results.preliminary else _figures(rows, of_all, plan, results.out, description),

@@ -12,7 +12,7 @@ from rtstack.experiments.claims import shown
 from rtstack.experiments.experiment import Results, Row
 from rtstack.experiments.generic import mean_figure, mean_table
 from rtstack.experiments.page import PAGE
-from rtstack.experiments.report import Figure, Part, Report, Table
+from rtstack.experiments.report import Figure, Report, Section, Table
 from rtstack.model.cell_description import CellDescription
 from rtstack.papers.demonstrations import RECORDINGS, Bench
 from rtstack.papers.reference import Reference
@@ -72,7 +72,7 @@ def report(plan: Plan, bench: Bench, results: Results) -> Report:
     )  # fmt: skip
 
 
-def _part(rows: list[Row], evaluation: Evaluation, plan: Plan) -> Part:
+def _part(rows: list[Row], evaluation: Evaluation, plan: Plan) -> Section:
     name = evaluation.conditions
     both = Evaluation(rows, name, COMPARED)
     every = Evaluation(rows, name, plan.controllers)
@@ -104,7 +104,7 @@ def _part(rows: list[Row], evaluation: Evaluation, plan: Plan) -> Part:
                             "mean desired force norm, 200 ms around $T_r$")
             )  # fmt: skip
     about = _words(asdict(plan.conditions[name]))
-    return Part(name, judge_claims(evaluation), tables, figures, numbers(evaluation), about)
+    return Section(name, judge_claims(evaluation), tables, figures, numbers(evaluation), about)
 
 
 def _figure11_table(evaluation: Evaluation) -> Table:

@@ -22,7 +22,7 @@ from rtstack.papers.impact_maps.experiment import Validation
 from rtstack.papers.impact_maps.plan import DIRECTIONS, JointFriction, load_validation_plan
 from rtstack.papers.impact_maps.reference import plan_reference
 from rtstack.papers.impact_maps.worker import SWEEPS
-from rtstack.planning.free import Part
+from rtstack.planning.free import PlanPhase
 from rtstack.references.motion import Motion
 from rtstack.trials.friction import ArmFriction, FrictionFile, friction_toml
 from tests.support.dask_worker import dask_worker
@@ -99,7 +99,7 @@ def test_a_refused_plan_is_reported_and_does_not_end_the_campaign(cell, tmp_path
         assert [row["case_name"] for row in store.rows()] == ["2"]
         # what is left of friction was identified along the other one, in free space, and is in its feedforward
         parts = [runs for runs in plan.free_runs() if runs.case_name == "2"]
-        assert [runs.part for runs in parts] == list(Part)
+        assert [runs.part for runs in parts] == list(PlanPhase)
         for runs in parts:
             metadata = read_log(tmp_path / SWEEPS / runs.log(0)).metadata
             assert (metadata["trial"]["object"], metadata["result"]["success"]) == ("", "true")

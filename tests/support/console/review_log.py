@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 
-from rtstack.log.sink import McapSink
+from rtstack.log.mcap_writer import McapWriter
 from rtstack.topics import TOPICS
 
 MS = 1_000_000
@@ -14,9 +14,9 @@ SPIKE_S = 1.234
 def write_log(path, trial, result=None, spike=80.0, complete=True):
     """A log of two seconds with a spike of one sample in a torque and an impact."""
     with open(path, "wb") as file:
-        sink = McapSink(file)
-        sink.write_metadata("trial", trial)
-        sink.attach("cell.toml", "application/toml", f"[pad]\nsize = {trial.get('seed', 0)}\n".encode())
+        writer = McapWriter(file)
+        writer.write_metadata("trial", trial)
+        writer.attach("cell.toml", "application/toml", f"[pad]\nsize = {trial.get('seed', 0)}\n".encode())
         batches = {}
         for topic in TOPICS:
             batches[topic] = np.zeros(1 if topic == "/events" else 2000, TOPICS[topic].record)
@@ -24,12 +24,12 @@ def write_log(path, trial, result=None, spike=80.0, complete=True):
         batches["/left/arm"]["tau_J"][round(SPIKE_S * 1e3), 3] = spike
         batches["/events"]["t_ns"], batches["/events"]["name"] = int(SPIKE_S * 1e9), b"impact"
         batches["/events"]["text"], batches["/events"]["level"] = b"detected", 2
-        sink.write(batches, {})
+        writer.write(batches, {})
         if not complete:
-            sink.flush()
+            writer.flush()
             return
-        sink.write_metadata("result", result or {})
-        sink.close()
+        writer.write_metadata("result", result or {})
+        writer.close()
 
 
 def read(client, log_id):

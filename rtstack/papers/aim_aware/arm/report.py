@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rtstack.experiments.experiment import Results, Row
-from rtstack.experiments.report import Figure, Part, Report
+from rtstack.experiments.report import Figure, Report, Section
 from rtstack.experiments.statistics import proportion
 from rtstack.papers.aim_aware.arm.claims import difference_deg, judge
 from rtstack.papers.aim_aware.arm.study import ArmRun
@@ -42,7 +42,7 @@ def report(run: ArmRun, results: Results) -> Report:
         "stopped": Counter(row["stopped"].split(" (")[0] for row in rows if row["stopped"]),
     }  # fmt: skip
     return Report(
-        [Part("all hits", judge(run, rows))], figures, page=("rtstack.papers.aim_aware", "arm.html"),
+        [Section("all hits", judge(run, rows))], figures, page=("rtstack.papers.aim_aware", "arm.html"),
         values=page_values(run.study, run.tuned, rows, rows, "Table 2", SIGNALS) | more,
         summary=f"{len(rows)} simulations, {cpu_s(rows):.0f} s of a CPU",
     )  # fmt: skip

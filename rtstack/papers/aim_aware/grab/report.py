@@ -11,7 +11,7 @@ import numpy as np
 from rtstack.experiments.claims import Claim, ClaimStatus, verdict_of
 from rtstack.experiments.experiment import Results
 from rtstack.experiments.page import PAGE
-from rtstack.experiments.report import Figure, Part, Report
+from rtstack.experiments.report import Figure, Report, Section
 from rtstack.experiments.statistics import Interval, proportion
 from rtstack.papers.aim_aware.grab.cases import FURTHER, TRUE_KIND, FaultKind
 from rtstack.papers.aim_aware.grab.figures import figure_delays
@@ -131,7 +131,7 @@ def report(tunings: Mapping[str, Mapping[str, Any]], results: Results) -> Report
     names = [field.name for field in fields(Finding)]
     findings = [Finding(**{name: row[name] for name in names}) for row in results.rows]
     summaries = {name: summarise([f for f in findings if f.object == name]) for name in tunings}
-    parts = [Part(name, _claims(summary), numbers=summary.as_dict()) for name, summary in summaries.items()]
+    parts = [Section(name, _claims(summary), numbers=summary.as_dict()) for name, summary in summaries.items()]
     draw = partial(figure_delays, findings=findings, objects=list(tunings))
     return Report(
         parts, [Figure("delays.png", CAPTION, draw)], page=("rtstack.papers.aim_aware.grab", PAGE),
