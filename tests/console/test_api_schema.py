@@ -22,7 +22,7 @@ SECONDS = int(os.environ.get("RTSTACK_FUZZ_SECONDS", "0"))  # for each way of as
 FEW = ("--generation-deterministic", "--max-examples", "5")  # so that every machine asks the same
 COVERAGE_SECONDS = 24  # what of it a machine has time for; a quiet one does all in 85
 REVOKE = "/api/tokens/{token_id}"
-COMPUTES = ("campaigns_start", "campaigns_resume")  # for hours
+COMPUTES = ("campaigns_start", "campaigns_resume", "jobs_begin_preview")  # for hours, or a trial's time
 
 # what a schema cannot say: a window that ends before it begins, a signal that there is not, both lines of 422; and
 # where schemathesis reads a pattern too loosely: its \p{C} is control characters, not what is unassigned or private

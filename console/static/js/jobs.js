@@ -9,7 +9,7 @@ const write = (element, text) => {
   if (element.textContent !== text) element.textContent = text;
 };
 
-function bodyOf(form) {
+export function bodyOf(form) {
   const body = {};
   for (const field of form.elements) {
     if (!field.name) continue;
