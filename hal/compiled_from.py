@@ -58,16 +58,6 @@ def _source(value: Any) -> Any:
     return None
 
 
-def _reached(found: Any, names: tuple[str, ...]) -> list[Any]:
-    """Return a value, and where it is a module what the code may take from it."""
-    reached = [found]
-    for value in reached:
-        if isinstance(value, ModuleType):
-            within = (vars(value)[name] for name in names if name in vars(value))
-            reached.extend(other for other in within if not any(other is known for known in reached))
-    return reached
-
-
 def _nested(code: CodeType) -> Iterator[CodeType]:
     yield code
     for constant in code.co_consts:

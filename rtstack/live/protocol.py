@@ -315,11 +315,6 @@ def decode_answer(line: bytes) -> Answer:
     return _checked(_ANSWERS, line, "answer")
 
 
-def status_document(status: Status) -> dict[str, Any]:
-    """Return the status as JSON-ready values, for the page."""
-    return asdict(status)
-
-
 def _checked(adapter: TypeAdapter[Any], line: bytes, kind: str) -> Any:
     try:
         return adapter.validate_json(line)

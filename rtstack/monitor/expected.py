@@ -24,8 +24,3 @@ class ExpectedImpact:
     net_force: Array
     set_down_s: float
     release_s: float
-
-    @property
-    def dq_jump(self) -> Array:
-        """Velocity jump (2, 7), rad/s, of the ideally rigid impact: dq+ - dq- at t_d."""
-        return self.dq_post[:, round(self.t_d_s * 1e3)] - self.dq_ante

@@ -14,8 +14,7 @@ from rtstack.live.idle import IdleView
 from rtstack.live.protocol import JobState
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, SIDES, Level, Mode
 from sim_robot.faults.file import faults_in, refuse_link_faults
-from tests.console.test_console_jobs import arm
-from tests.console.test_console_watch import wait_for
+from tests.support.console.client import arm, wait_for
 
 
 @pytest.mark.parametrize("exercise", EXERCISES, ids=lambda exercise: exercise.name)
