@@ -32,7 +32,8 @@ PLACES = """(selectors) => selectors.map((selector) => {
   const element = document.querySelector(selector);
   if (!element) return null;
   const { x, y, width, height } = element.getBoundingClientRect();
-  return selector === '#control-line' ? [x] : [x, y, width, height];
+  const top = element.closest('.bar') ? y : y + scrollY; // the page of a phone scrolls to what is pressed
+  return selector === '#control-line' ? [x, top] : [x, top, width, height];
 })"""
 
 

@@ -111,6 +111,7 @@ function showState(view) {
     remedy.querySelector("a").href = `/recovery#${anchor}`;
   }
   const holder = status?.holder ?? null;
+  $("holder").title = `Who has control: ${holder ?? "no operator"}`;
   write($("holder"), holder === null ? "no operator has control" : holder === you ? `you, ${holder}` : holder);
 }
 

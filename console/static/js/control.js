@@ -27,6 +27,7 @@ export function whyNot(view) {
   if (status === null) return "the robot process has not answered yet";
   const other = status.holder !== null && status.holder !== you;
   if (other && (status.phase === "disarmed" || status.phase === "armed")) return `${status.holder} has control; take over first`;
+  if (status.phase === "fault") return "there is a fault: recover first"; // the bar says which
   return status.refusal;
 }
 

@@ -47,7 +47,7 @@ form.addEventListener("submit", async (event) => {
   sweep.refuse(await queue.add(sweep.order()));
 });
 live.onView(({ status, you }) => {
-  const lease = status?.holder === you ? null : "take control first: only the operator with control fills its queue";
+  const lease = status?.holder === you ? null : "take control first, then fill the queue";
   const missing = references.count ? null : "no reference yet: record and accept one, or plan one with rtstack plan";
   showWhy(form, lease ?? missing ?? (sweep.refusal === null ? null : "see above"), sweep.words);
 });

@@ -85,6 +85,8 @@ class Stage:
             jobs.authority.recover(operator)
             jobs.authority.recovered()
         jobs.authority.disarm(operator)
+        if jobs.authority.view().holder is not None:
+            jobs.authority.release(operator)
         mailbox.clear_stop()
 
 
