@@ -16,7 +16,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from console.review.signals import column_block, topic_signals
+from rtstack.log.signals import column_block, topic_signals
 from hal.files import write_whole
 
 BUCKET = 64

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from console.review.cache import Opened, ReviewCache
 from console.review.columns import Index
-from console.review.signals import Signal, signals
+from rtstack.log.signals import Signal, signals
 from rtstack.log.catalogue import Catalogue, LogCondition, LogEntry
 from rtstack.log.errors import LogError
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from console.review.columns import BUCKET, Columns, Index
-from console.review.signals import Signal
+from rtstack.log.signals import Signal
 from rtstack.topics import ARM_TOPICS, OBJECT_TOPIC
 
 _NS = 1e-9

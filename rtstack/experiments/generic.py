@@ -7,7 +7,7 @@ from typing import Any
 import matplotlib as mpl
 
 from rtstack.experiments.claims import shown
-from rtstack.experiments.figures import COLOURS, MARKERS, STYLE, new_figure, save
+from rtstack.figures.style import COLOURS, MARKERS, STYLE, new_figure, save
 from rtstack.experiments.report import Figure, Table
 from rtstack.experiments.statistics import Interval, plain_mean, proportion
 

@@ -7,7 +7,7 @@ import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
 
-from rtstack.experiments.figures import STYLE, new_figure, save
+from rtstack.figures.style import STYLE, new_figure, save
 from rtstack.monitor.parameters import MonitorParameters
 from rtstack.monitor.records import Verdict
 from rtstack.papers.aim_aware.bands import Bands

@@ -6,7 +6,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 
-from rtstack.experiments.figures import STYLE, new_figure, save
+from rtstack.figures.style import STYLE, new_figure, save
 from rtstack.impact_map import ReflectedInertia
 from rtstack.papers.impact_maps.evaluation import NAMES, Cell
 from rtstack.papers.impact_maps.feedback import FeedbackSignal

@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from rtstack.control.parameters import ControlParameters
-from rtstack.experiments.figures import STYLE, new_figure, save
+from rtstack.figures.style import STYLE, new_figure, save
 from rtstack.log.reader import read_log
 from rtstack.loop.history import Columns
 from rtstack.model.cell_description import CellDescription

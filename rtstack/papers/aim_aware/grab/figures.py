@@ -6,7 +6,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 
-from rtstack.experiments.figures import STYLE, new_figure, save
+from rtstack.figures.style import STYLE, new_figure, save
 from rtstack.papers.aim_aware.grab.cases import FaultKind
 from rtstack.papers.aim_aware.grab.worker import Finding
 
