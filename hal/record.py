@@ -24,7 +24,8 @@ class Field:
     names the first values only, row-major. kind: numpy's, one of f8, i8 and S24 (ASCII, 24 bytes).
     enum: what a number stands for. bits: the names of a mask's bits, from the lowest one.
     column_major: a matrix that is column-major in the log, as in libfranka. host_clock: measured by the host, and
-    not the same in a second run. plotted: whether it is a curve.
+    not the same in a second run. plotted: whether it is a curve. plain: what it is in words, beside libfranka's name.
+    reference: the field of the same group that this one is to follow.
     """
 
     name: str
@@ -39,6 +40,8 @@ class Field:
     column_major: bool = False
     host_clock: bool = False
     plotted: bool = True
+    plain: str = ""
+    reference: str = ""
 
     @property
     def dtype(self) -> np.dtype:

@@ -38,25 +38,33 @@ NEEDS_PERSON = {
 # O_T_EE is row-major here, column-major on the wire and in the log (libfranka's layout). O_F_ext_hat_K is positive
 # where the robot pushes the environment, and tau_ext_hat_filtered has its sign.
 ARM_STATE_FIELDS = (
-    Field("q", "Joint positions, {unit}.", "rad", JOINTS),
-    Field("dq", "Joint velocities, {unit}.", "rad/s", JOINTS),
-    Field("tau_J", "Measured joint torques, {unit}, gravity included.", "Nm", JOINTS),
-    Field("tau_J_d", "Commanded joint torques as the robot echoes them, {unit}, gravity excluded.", "Nm", JOINTS),
-    Field("dtau_J", "Derivative of the measured joint torques, {unit}.", "Nm/s", JOINTS),
-    Field("theta", "Motor positions, {unit}.", "rad", JOINTS),
-    Field("dtheta", "Motor velocities, {unit}.", "rad/s", JOINTS),
-    Field("tau_ext_hat_filtered", "Estimated external torques, {unit}.", "Nm", JOINTS),
+    Field("q", "Joint positions, {unit}.", "rad", JOINTS, plain="joint position"),
+    Field("dq", "Joint velocities, {unit}.", "rad/s", JOINTS, plain="joint velocity"),
+    Field("tau_J", "Measured joint torques, {unit}, gravity included.", "Nm", JOINTS, plain="joint torque, measured"),
+    Field(
+        "tau_J_d", "Commanded joint torques as the robot echoes them, {unit}, gravity excluded.", "Nm", JOINTS,
+        plain="joint torque, commanded",
+    ),
+    Field(
+        "dtau_J", "Derivative of the measured joint torques, {unit}.", "Nm/s", JOINTS, plain="rate of the joint torque"
+    ),
+    Field("theta", "Motor positions, {unit}.", "rad", JOINTS, plain="motor position"),
+    Field("dtheta", "Motor velocities, {unit}.", "rad/s", JOINTS, plain="motor velocity"),
+    Field("tau_ext_hat_filtered", "Estimated external torques, {unit}.", "Nm", JOINTS, plain="external joint torque"),
     Field(
         "O_T_EE", "Pose of the end effector (the pad's face) in the base: 4x4, column-major, {unit}.", "m", MATRIX,
-        frame="base", shape=(4, 4), column_major=True,
+        frame="base", shape=(4, 4), column_major=True, plain="pad's pose in the base",
     ),
     Field(
         "O_F_ext_hat_K",
         "External wrench about the stiffness frame along the base's axes: force N, torque Nm.", "N, Nm", WRENCH,
-        frame="base",
+        frame="base", plain="force and torque on the environment",
     ),
-    Field("control_command_success_rate", "Share of the commands of the last 100 ms that arrived in time, 0 to 1."),
-    Field("robot_mode", "What the robot is doing.", enum=RobotMode),
+    Field(
+        "control_command_success_rate", "Share of the commands of the last 100 ms that arrived in time, 0 to 1.",
+        plain="commands that arrived in time",
+    ),
+    Field("robot_mode", "What the robot is doing.", enum=RobotMode, plain="robot mode"),
     Field("current_errors", "Active errors, by the vendor's names.", bits=ROBOT_ERRORS, plotted=False),
 )  # fmt: skip
 ARM_STATE = record_of(ARM_STATE_FIELDS)

@@ -16,12 +16,12 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from rtstack.log.signals import column_block, topic_signals
 from hal.files import write_whole
+from rtstack.log.signals import column_block, topic_signals
 
 BUCKET = 64
 INDEX = "index.json"
-VERSION = 1
+VERSION = 2
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,10 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from console.review.columns import ColumnWriter, Index, Mark
+from rtstack.log.derived import DERIVED_TOPICS, DerivedBatches
 from rtstack.log.errors import LogError
 from rtstack.log.reader import Log, read_log
+from rtstack.log.signals import CURVES
 from rtstack.samples import SIDES, Level, Mode
-from rtstack.topics import CONTROL_TOPICS, EVENT_TOPIC, PLOTTED_TOPICS
+from rtstack.topics import ARM_TOPICS, CONTROL_TOPICS, EVENT_TOPIC, PLOTTED_TOPICS
 
 _NICE = 5  # the robot's loop may run on this machine
 _NS = 1e-9
@@ -78,9 +80,12 @@ def convert(log: Log, folder: Path, begun: Callable[[], None] = _nothing) -> Ind
 
     begun: called once, when the first part can be seen.
     """
-    index = Index(log.start_ns, log.duration_s, dict.fromkeys(PLOTTED_TOPICS, 0))
+    index = Index(log.start_ns, log.duration_s, dict.fromkeys(CURVES, 0))
     index.write(folder)
-    writers = {topic: ColumnWriter(folder, topic, log.count(topic)) for topic in PLOTTED_TOPICS if log.count(topic)}
+    counts = {topic: log.count(topic) for topic in PLOTTED_TOPICS}
+    counts |= {topic: log.count(arm) for topic, arm in zip(DERIVED_TOPICS, ARM_TOPICS, strict=True)}
+    writers = {topic: ColumnWriter(folder, topic, count) for topic, count in counts.items() if count}
+    deriving = DerivedBatches(log)
     modes = {side: _Modes(log.start_ns) for side in SIDES}
     events = list(index.events)
     try:
@@ -93,11 +98,14 @@ def convert(log: Log, folder: Path, begun: Callable[[], None] = _nothing) -> Ind
                     events += _marks(records, log.start_ns)
                 elif topic in writers:
                     writers[topic].append(records)
+            for topic, records in deriving.add(batch.records):
+                if topic in writers:
+                    writers[topic].append(records)
             for side, topic in zip(SIDES, CONTROL_TOPICS, strict=True):
                 modes[side].add(batch.records.get(topic, np.zeros(0)))
             index = replace(
                 index,
-                rows={topic: writers[topic].rows if topic in writers else 0 for topic in PLOTTED_TOPICS},
+                rows=_rows(writers),
                 share=batch.share,
                 events=sorted(events, key=lambda mark: mark.t_s),
                 modes={side: modes[side].spans for side in SIDES},
@@ -105,12 +113,19 @@ def convert(log: Log, folder: Path, begun: Callable[[], None] = _nothing) -> Ind
             index.write(folder)
             begun()
             begun = _nothing
+        for topic, records in deriving.rest():
+            if topic in writers:
+                writers[topic].append(records)
     finally:
         for writer in writers.values():
             writer.close()
-    index = replace(index, share=1.0, done=True)
+    index = replace(index, rows=_rows(writers), share=1.0, done=True)
     index.write(folder)
     return index
+
+
+def _rows(writers: dict[str, ColumnWriter]) -> dict[str, int]:
+    return {topic: writers[topic].rows if topic in writers else 0 for topic in CURVES}
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from console.review.cache import Opened, ReviewCache
 from console.review.columns import Index
-from rtstack.log.signals import Signal, signals
 from rtstack.log.catalogue import Catalogue, LogCondition, LogEntry
 from rtstack.log.errors import LogError
+from rtstack.log.signals import Signal, signals
 
 MAX_SIGNALS = 64
 _QUIET_S = 3.0  # a log that grows is flushed every 0.25 s

@@ -14,10 +14,10 @@ from console.review.difference import differences
 from console.review.logs import NotReviewable, ReadLog, entry_of, opened, opened_entry, read_share, wanted_signals
 from console.review.search import Outcome, SortKey, ordered, search
 from console.review.series import Tabled, Window, csv_lines, curves, moment, packed
-from rtstack.log.signals import Signal, signals
 from console.routes.problems import file_of, problems
 from rtstack.log.catalogue import LogCondition
 from rtstack.log.reader import read_log
+from rtstack.log.signals import Signal, signals
 from rtstack.samples import Level
 
 router = APIRouter(prefix="/api/logs", tags=["logs"], responses=problems(500))

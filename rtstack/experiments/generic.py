@@ -7,9 +7,9 @@ from typing import Any
 import matplotlib as mpl
 
 from rtstack.experiments.claims import shown
-from rtstack.figures.style import COLOURS, MARKERS, STYLE, new_figure, save
 from rtstack.experiments.report import Figure, Table
 from rtstack.experiments.statistics import Interval, plain_mean, proportion
+from rtstack.figures.style import COLOURS, MARKERS, STYLE, new_figure, save
 
 Row = Mapping[str, Any]
 

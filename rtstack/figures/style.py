@@ -1,14 +1,20 @@
 """How all figures look: Matplotlib without a display, and colours that can be told apart."""
 
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+
+from rtstack.palette import MODE_STYLES
+from rtstack.samples import Mode
 
 # Okabe and Ito's colours, safe for colour-blind eyes
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#000000")
 MARKERS = "osD^vP*"
+BAND_ALPHA = 0.13
 STYLE: Any = {
     "font.size": 9,
     "axes.spines.top": False,
@@ -19,6 +25,14 @@ STYLE: Any = {
     "lines.linewidth": 1.2,
     "legend.frameon": False,
     "savefig.dpi": 150,
+    "pdf.fonttype": 42,  # whole TrueType fonts in the file: publishers refuse Matplotlib's Type 3
+    "svg.hashsalt": "rtstack",  # else each run has other ids
+}
+FORMATS = ("pdf", "svg", "png")
+_UNSAID: dict[str, dict[str, None]] = {  # what a file would say of the program and of the time at which it was made
+    "pdf": {"Creator": None, "Producer": None, "CreationDate": None},
+    "svg": {"Creator": None, "Date": None},
+    "png": {"Software": None},
 }
 
 
@@ -28,6 +42,21 @@ def new_figure(width: float, height: float, **grid: Any) -> tuple[Figure, NDArra
     return figure, figure.subplots(squeeze=False, **grid)
 
 
-def save(figure: Figure, path: Path) -> None:
-    """Write a figure, without saying by what: the same figure is the same file."""
-    figure.savefig(path, metadata={"Software": None})
+def save(figure: Figure, target: Path | IO[bytes], form: str | None = None) -> None:
+    """Write a figure, without saying by what: the same figure is the same file. form: of FORMATS, else the suffix."""
+    if form is None:
+        form = target.suffix[1:] if isinstance(target, Path) else "png"
+    figure.savefig(target, format=form, metadata=_UNSAID[form])
+
+
+def mode_bands(axis: Axes, t: NDArray[np.float64], mode: NDArray[np.int64], shown: tuple[Mode, ...]) -> None:
+    """Shade the modes behind a plot. t, mode (n,): the mode at each time, in the axis' unit; shown: which of them."""
+    edges = np.flatnonzero(np.diff(mode)) + 1
+    for start, end in zip([0, *edges], [*edges, len(mode) - 1], strict=True):
+        if mode[start] in shown and end > start:
+            mode_band(axis, float(t[start]), float(t[end]), Mode(int(mode[start])))
+
+
+def mode_band(axis: Axes, start: float, end: float, mode: Mode) -> None:
+    """Shade the time in which a mode was on."""
+    axis.axvspan(start, end, color=MODE_STYLES[mode].colour, alpha=BAND_ALPHA, linewidth=0, zorder=0)

@@ -30,6 +30,34 @@ def review(
 
 
 @commands.command()
+def plot(
+    words: Annotated[
+        list[str],
+        typer.Argument(metavar="LOG.mcap [SIGNAL...] [LOG.mcap...]", help="Signals by name, or a part of it."),
+    ],
+    html: Annotated[
+        bool, typer.Option("--html", help="A page with the values at the pointer; needs no network.")
+    ] = False,
+    pdf: Annotated[bool, typer.Option("--pdf", help="With fonts inside, for a paper.")] = False,
+    png: Annotated[bool, typer.Option("--png", help="The default.")] = False,
+    svg: Annotated[bool, typer.Option("--svg")] = False,
+    output: Annotated[Path | None, typer.Option(metavar="FILE", help="By default LOG.png, here.")] = None,
+    start: Annotated[float | None, typer.Option("--from", metavar="S", help="After the first sample.")] = None,
+    end: Annotated[float | None, typer.Option("--to", metavar="S", help="After the first sample.")] = None,
+    impact: Annotated[bool, typer.Option("--impact", help="0.2 s before to 0.3 s after the first impact.")] = False,
+    reference: Annotated[bool, typer.Option("--reference", help="Draw what is to be followed, too.")] = False,
+    align: Annotated[bool, typer.Option(help="Several logs with their first impacts at one time.")] = True,
+) -> None:
+    """Draw curves of a log, or of up to five above each other; without signals the pads' forces and velocities."""
+    from rtstack.cli.plot import plot as run
+
+    kinds = [kind for kind, chosen in (("html", html), ("pdf", pdf), ("png", png), ("svg", svg)) if chosen]
+    if len(kinds) > 1:
+        raise typer.BadParameter(f"--{kinds[0]} and --{kinds[1]}: give one of them")
+    run(words, kinds[0] if kinds else None, output, start, end, impact, reference, align)
+
+
+@commands.command()
 def recover(log: Annotated[Path, typer.Argument(metavar="LOG.mcap")]) -> None:
     """Make a complete log of one that was cut off. The original stays as it is."""
     from rtstack.cli.logs import recover as run

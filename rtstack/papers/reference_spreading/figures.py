@@ -9,10 +9,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
 from rtstack.control.parameters import ControlParameters
-from rtstack.figures.style import STYLE, new_figure, save
+from rtstack.figures.style import BAND_ALPHA, STYLE, mode_bands, new_figure, save
 from rtstack.log.reader import read_log
 from rtstack.loop.history import Columns
 from rtstack.model.cell_description import CellDescription
@@ -107,7 +106,7 @@ def figure8(
         force = sign * trial.columns.control[arm]["wrench_desired"][:, 1]
         for row, (measured, name) in enumerate(((sign * seen.velocity_y[arm], "twist"), (force, "wrench_ff"))):
             axis: Axes = axes[row][column]
-            _bands(axis, t_ms[shown], trial.columns.control[arm]["mode"][shown])
+            mode_bands(axis, t_ms[shown], trial.columns.control[arm]["mode"][shown], BANDS)
             for points, mode in ((reference.ante, Mode.ANTE_IMPACT), (reference.post, Mode.POST_IMPACT)):
                 values = sign * points[arm][name][near, 1]
                 axis.plot(reference_ms[near], values, color=MODE_STYLES[mode].colour, linestyle="--", linewidth=1.0)
@@ -133,20 +132,10 @@ def figure8(
             for m in (Mode.ANTE_IMPACT, Mode.POST_IMPACT)
         ),
         Line2D([], [], color="#222222", linestyle=":", label="detected impact, nominal impact $T_r$"),
-        *(Patch(color=MODE_STYLES[m].colour, alpha=0.13, label=f"{MODE_STYLES[m].word} mode") for m in BANDS),
+        *(Patch(color=MODE_STYLES[m].colour, alpha=BAND_ALPHA, label=f"{MODE_STYLES[m].word} mode") for m in BANDS),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=8)
     save(figure, path)
-
-
-def _bands(axis: Axes, t_ms: NDArray[np.float64], mode: NDArray[np.int64]) -> None:
-    """Shade the modes behind a plot."""
-    edges = np.flatnonzero(np.diff(mode)) + 1
-    for start, end in zip([0, *edges], [*edges, len(mode) - 1], strict=True):
-        shown = Mode(int(mode[start]))
-        if shown in BANDS and end > start:
-            colour = MODE_STYLES[shown].colour
-            axis.axvspan(float(t_ms[start]), float(t_ms[end]), color=colour, alpha=0.13, linewidth=0, zorder=0)
 
 
 @mpl.rc_context(STYLE)

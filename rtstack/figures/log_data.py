@@ -1,0 +1,67 @@
+"""What a figure shows of a log on disk: the signals' samples, the modes and the impacts."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtstack.figures.log_figure import FigureLog, Span, Trace
+from rtstack.log.derived import DERIVED_TOPICS, derived
+from rtstack.log.reader import Log, read_log
+from rtstack.log.signals import Signal, signals
+from rtstack.samples import SIDES, Mode
+from rtstack.topics import CONTROL_TOPICS
+
+_NS = 1e-9
+
+
+def figure_log(path: Path, wanted: Sequence[Signal], name: str | None = None) -> FigureLog:
+    """Read a log. name: in the legend, the file's by default. Raises LogError with one line."""
+    log = read_log(path)
+    records = {topic: _records(log, topic) for topic in dict.fromkeys(signal.topic for signal in wanted)}
+    return FigureLog(
+        name or path.stem,
+        tuple(_trace(signal, records[signal.topic], log.start_ns) for signal in wanted),
+        tuple(mode_spans(log)),
+        tuple(
+            ((event.t_ns - log.start_ns) * _NS, arm_of(event.text)) for event in log.events if event.name == "impact"
+        ),
+    )
+
+
+def with_references(wanted: Sequence[Signal]) -> list[Signal]:
+    """Return signals, and behind them what they are to follow, each once."""
+    return list(dict.fromkeys([*wanted, *(signals()[signal.reference] for signal in wanted if signal.reference)]))
+
+
+def mode_spans(log: Log) -> list[Span]:
+    """Return when the left arm was in which mode."""
+    control = log.topic(CONTROL_TOPICS[0])
+    if not len(control):
+        return []
+    t_s, mode = (control["t_ns"] - log.start_ns) * _NS, control["mode"]
+    edges = [0, *(np.flatnonzero(np.diff(mode)) + 1).tolist()]
+    ends = [*edges[1:], len(mode) - 1]
+    return [
+        Span(float(t_s[start]), float(t_s[end]), Mode(int(mode[start])))
+        for start, end in zip(edges, ends, strict=True)
+        if mode[start] in Mode._value2member_map_
+    ]
+
+
+def arm_of(text: str) -> str:
+    """Return which arm an impact's event names, an empty word for both."""
+    named = [side for side in SIDES if re.search(rf"\b{side}\b", text)]
+    return named[0] if len(named) == 1 else ""
+
+
+def _records(log: Log, topic: str) -> NDArray:
+    return derived(log, topic) if topic in DERIVED_TOPICS else log.topic(topic)
+
+
+def _trace(signal: Signal, records: NDArray, start_ns: int) -> Trace:
+    values = records[signal.field].reshape(len(records), -1)
+    components = [one.component for one in signals().values() if (one.group, one.field) == (signal.group, signal.field)]
+    return Trace(signal, (records["t_ns"] - start_ns) * _NS, values[:, components.index(signal.component)])

@@ -1,0 +1,182 @@
+"""Curves of one log, or of several over it, in the papers' style: bands by mode, impacts, units at the axes."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from textwrap import fill
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex, to_rgb
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from rtstack.figures.style import COLOURS, STYLE, mode_band, new_figure
+from rtstack.log.signals import Signal
+from rtstack.palette import MODE_STYLES
+from rtstack.samples import SIDES, Mode
+
+Array = NDArray[np.floating]
+# of the logs that lie over the first one: dark to light purple, Color Brewer's RdPu without its pale end
+OVERLAYS = ("#49006a", "#8f1289", "#c51b8a", "#f768a1")
+MOST_LOGS = 1 + len(OVERLAYS)
+_WIDTH_IN, _PANE_IN, _AROUND_IN = 7.5, 1.35, 0.9
+_LIGHTER = 0.18  # of a colour, for each further component of one arm
+_WORD_SHARE = 0.1  # of the width: a narrower band has no word
+_LABEL_LETTERS = 22
+_FAINT = "#555555"
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """A signal of a log: t_s (n,) after its first sample, values (n,)."""
+
+    signal: Signal
+    t_s: Array
+    values: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """The time, s after a log's first sample, in which the left arm was in a mode."""
+
+    start_s: float
+    end_s: float
+    mode: Mode
+
+
+@dataclass(frozen=True, slots=True)
+class FigureLog:
+    """What a figure shows of a log. offset_s is added to its time; impacts: (s after its first sample, arm or "")."""
+
+    name: str
+    traces: tuple[Trace, ...]
+    spans: tuple[Span, ...] = ()
+    impacts: tuple[tuple[float, str], ...] = ()
+    offset_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A curve as it is drawn in a pane."""
+
+    label: str
+    colour: str
+    style: str
+    t_s: Array
+    values: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Pane:
+    """What shares a vertical axis: its name with its unit, and its lines."""
+
+    label: str
+    lines: tuple[Line, ...]
+
+
+def aligned(logs: Sequence[FigureLog]) -> list[FigureLog]:
+    """Return logs moved in time so that their first impacts are those of the first log, where both have one."""
+    first = min((t_s for t_s, _ in logs[0].impacts), default=None)
+    moved = [logs[0]]
+    for log in logs[1:]:
+        own = min((t_s for t_s, _ in log.impacts), default=None)
+        moved.append(log if first is None or own is None else replace(log, offset_s=first - own))
+    return moved
+
+
+def panes_of(logs: Sequence[FigureLog]) -> list[Pane]:
+    """Return what each pane has: the signals of one field, and what they are to follow."""
+    followed = {trace.signal.reference: trace.signal.field for trace in logs[0].traces if trace.signal.reference}
+    fields: dict[str, list[Signal]] = {}
+    for trace in logs[0].traces:
+        fields.setdefault(followed.get(trace.signal.name, trace.signal.field), []).append(trace.signal)
+    panes = []
+    for field, members in fields.items():
+        own = [signal for signal in members if signal.field == field] or members
+        units = ", ".join(dict.fromkeys(signal.unit for signal in own if signal.unit))
+        lines = [
+            _line(log, place, trace, members, own)
+            for place, log in enumerate(logs)
+            for trace in log.traces
+            if trace.signal in members
+        ]
+        panes.append(Pane(own[0].plain + (f", {units}" if units else ""), tuple(lines)))
+    return panes
+
+
+def _line(log: FigureLog, place: int, trace: Trace, members: list[Signal], own: list[Signal]) -> Line:
+    signal = trace.signal
+    reference = signal not in own
+    words = [signal.whose, signal.component] + ["reference"] * reference
+    if place:
+        colour, style = OVERLAYS[place - 1], ":" if reference else "--" if signal.group == SIDES[1] else "-"
+        words.append(f"({log.name})")
+    else:
+        colour, style = _colour(signal, members), "--" if reference else "-"
+    return Line(" ".join(filter(None, words)), colour, style, trace.t_s + log.offset_s, trace.values)
+
+
+def _colour(signal: Signal, members: list[Signal]) -> str:
+    """Return the colour of an arm, lighter for each further component of the same field."""
+    base = COLOURS[SIDES.index(signal.whose) if signal.whose in SIDES else 2]
+    family = [one.component for one in members if one.group == signal.group and one.field == signal.field]
+    share = min(family.index(signal.component) * _LIGHTER, 0.7)
+    return to_hex([channel + (1.0 - channel) * share for channel in to_rgb(base)])
+
+
+@mpl.rc_context(STYLE)
+def draw(logs: Sequence[FigureLog], start_s: float, end_s: float, title: str = "") -> Figure:
+    """Draw logs between two times of the first one, s. There is one signal at least, and at most MOST_LOGS logs."""
+    panes = panes_of(logs)
+    height = _AROUND_IN + _PANE_IN * len(panes)
+    figure, axes = new_figure(_WIDTH_IN, height, nrows=len(panes), sharex=True)
+    for axis, pane in zip(axes[:, 0], panes, strict=True):
+        for line in pane.lines:
+            near = _within(line.t_s, start_s, end_s)
+            axis.plot(line.t_s[near], line.values[near], color=line.colour, linestyle=line.style, label=line.label)
+        axis.set_ylabel(fill(pane.label, _LABEL_LETTERS))
+        axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.03), fontsize=7, handlelength=1.6)
+        axis.set_xlim(start_s, end_s)
+        _mark(axis, logs[0], start_s, end_s)
+    _say(axes[0, 0], logs[0], start_s, end_s)
+    axes[-1, 0].set_xlabel("time, s")
+    if title:
+        figure.suptitle(title, fontsize=9, x=0.01, ha="left")
+    return figure
+
+
+def _within(t_s: Array, start_s: float, end_s: float) -> slice:
+    """Return the samples of a window, and one more on either side."""
+    first, last = np.searchsorted(t_s, [start_s, end_s])
+    return slice(max(0, int(first) - 1), int(last) + 1)
+
+
+def _mark(axis: Axes, log: FigureLog, start_s: float, end_s: float) -> None:
+    """Put bands behind a pane, and a line where there was an impact."""
+    for span in log.spans:
+        if span.end_s > start_s and span.start_s < end_s and span.mode is not Mode.IDLE:
+            mode_band(axis, max(span.start_s, start_s), min(span.end_s, end_s), span.mode)
+    for t_s, _ in log.impacts:
+        if start_s <= t_s <= end_s:
+            axis.axvline(t_s, color=_FAINT, linestyle=":", linewidth=0.9)
+
+
+def _say(axis: Axes, log: FigureLog, start_s: float, end_s: float) -> None:
+    """Write above the first pane what the bands and the lines are."""
+    length, free = end_s - start_s, start_s
+    told = [(t_s, f"impact {side}".strip()) for t_s, side in log.impacts if start_s <= t_s <= end_s]
+    for t_s, word in told:
+        axis.plot([t_s], [1.0], marker="v", markersize=4, color=_FAINT, transform=axis.get_xaxis_transform(),
+                  clip_on=False)  # fmt: skip
+        if t_s >= free:
+            axis.annotate(word, (t_s, 1.0), xytext=(3, 3), xycoords=axis.get_xaxis_transform(),
+                          textcoords="offset points", fontsize=7, color=_FAINT)  # fmt: skip
+            free = t_s + _WORD_SHARE * length
+    for span in log.spans:
+        first, last = max(span.start_s, start_s), min(span.end_s, end_s)
+        busy = any(first - _WORD_SHARE * length < t_s < last for t_s, _ in told)
+        if last - first > _WORD_SHARE * length * (2 if busy else 1) and span.mode is not Mode.IDLE:
+            axis.annotate(MODE_STYLES[span.mode].word, (last if busy else first, 1.0), xytext=(-2 if busy else 2, 3),
+                          ha="right" if busy else "left", xycoords=axis.get_xaxis_transform(),
+                          textcoords="offset points", fontsize=7, color=MODE_STYLES[span.mode].light)  # fmt: skip
