@@ -1,12 +1,14 @@
-"""What was different between two logs: what was asked, the versions, the host, the cell's description."""
+"""What was different between logs: what was asked, the versions, the host, the cell's description."""
 
 import json
 import tomllib
+from collections.abc import Sequence
 from typing import Any
 
 from rtstack.log.reader import Log
 
 _CELL = "cell.toml"
+_ASKED = "trial.specification."
 
 
 def settings(log: Log) -> dict[str, str]:
@@ -22,11 +24,12 @@ def settings(log: Log) -> dict[str, str]:
     return flat
 
 
-def differences(left: Log, right: Log) -> list[tuple[str, str | None, str | None]]:
-    """Return (key, value of the one, value of the other) wherever they differ; None: not set."""
-    ours, others = settings(left), settings(right)
-    keys = [*ours, *(key for key in others if key not in ours)]
-    return [(key, ours.get(key), others.get(key)) for key in keys if ours.get(key) != others.get(key)]
+def differences(logs: Sequence[Log]) -> list[tuple[str, tuple[str | None, ...]]]:
+    """Return (key, its value in each log) wherever they differ, what was asked first; None: not set."""
+    of_each = [settings(log) for log in logs]
+    keys = dict.fromkeys(key for one in of_each for key in one)
+    rows = [(key, tuple(one.get(key) for one in of_each)) for key in keys]
+    return sorted([row for row in rows if len(set(row[1])) > 1], key=lambda row: not row[0].startswith(_ASKED))
 
 
 def _parsed(text: str) -> Any:

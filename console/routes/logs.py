@@ -191,10 +191,8 @@ def csv(
 @router.get("/{log_id}/difference", responses=_OF_A_LOG)
 def difference(log_id: str, other: str, parts: NeedsParts) -> list[Difference]:
     """Return what was set differently for two logs: metadata, cell, parameters."""
-    ours, others = (
-        read_log(entry_of(parts.catalogue, one).path, truncated=True) for one in (log_id, other)
-    )  # fmt: skip
-    return [Difference(*row) for row in differences(ours, others)]
+    both = [read_log(entry_of(parts.catalogue, one).path, truncated=True) for one in (log_id, other)]
+    return [Difference(key, *values) for key, values in differences(both)]
 
 
 @router.get(

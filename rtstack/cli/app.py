@@ -2,10 +2,12 @@
 
 import os
 import sys
+from typing import Annotated
 
 import typer
+from typer.completion import completion_init
 
-from rtstack.cli.commands import bench, host, logs, plan, retention, runs, stack, studies, token
+from rtstack.cli.commands import bench, host, log_folder, logs, plan, runs, shell, stack, studies, token
 
 BAD_INPUT = 2
 FAILED = 1
@@ -14,17 +16,36 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
-    help="Impact-aware dual-arm control: demonstrate, run, review.",
 )
-for part in (runs, logs, stack, host, studies, plan):
+for part in (runs, logs, stack, host, studies, plan, shell):
     app.add_typer(part.commands)
 app.add_typer(bench.commands, name="bench")
 app.add_typer(token.commands, name="token")
-app.add_typer(retention.commands, name="logs")
+app.add_typer(log_folder.commands, name="logs")
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        import platform
+        from importlib.metadata import version
+
+        typer.echo(f"rtstack {version('rtstack')}, Python {platform.python_version()}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Say which version this is.")
+    ] = False,
+) -> None:
+    """Impact-aware dual-arm control: demonstrate, run, review."""
 
 
 def main() -> None:
     """Run the command line. Bad input is one line on stderr and exit status 2; no traceback reaches a user."""
+    if shell.VARIABLE in os.environ:
+        completion_init()  # a shell asks for completions: typer answers them
     arguments = sys.argv[1:] or ["--help"]
     try:
         status = app(arguments, prog_name="rtstack", standalone_mode=False)

@@ -1,10 +1,13 @@
 """`rtstack review` and `rtstack recover`."""
 
 import json as json_module
+import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 import typer
 
+from rtstack.cli.picture import picture
 from rtstack.cli.progress import progress_bar
 from rtstack.log.errors import LogError
 from rtstack.log.reader import read_log
@@ -19,8 +22,18 @@ def review(path: Path, json: bool) -> None:
     if json:
         typer.echo(json_module.dumps(found.as_dict()))
         return
-    for line in _lines(found):
+    for line in (*_lines(found), *_pictured(path)):
         typer.echo(line)
+
+
+def _pictured(path: Path) -> list[str]:
+    """Return the picture, where the terminal has letters for it."""
+    lines = picture(read_log(path))
+    try:
+        "".join(lines).encode(sys.stdout.encoding or "ascii")
+    except UnicodeEncodeError:
+        return []
+    return lines
 
 
 def review_in_rerun(path: Path, rrd: Path | None) -> None:
@@ -43,13 +56,27 @@ def review_in_rerun(path: Path, rrd: Path | None) -> None:
     typer.echo(f"wrote {rrd}: open it with rerun {rrd}")
 
 
+_ASKED = ("object", "cell", "git_commit")
+
+
+def settings(trial: Mapping[str, str]) -> dict[str, str]:
+    """Return what a trial's specification says, a line each, from its JSON; nothing where there is none."""
+    try:
+        specification = json_module.loads(trial.get("specification", "{}"))
+    except ValueError:
+        return {}
+    values = specification.items() if isinstance(specification, dict) else ()
+    return {key: value if isinstance(value, str) else json_module.dumps(value) for key, value in values}
+
+
 def _lines(found: Review) -> list[str]:
     lines = [f"{found.path}: {found.kind}, {found.duration_s:.3f} s"]
-    for name in ("object", "specification", "cell", "git_commit"):
-        if name in found.trial:
-            lines.append(f"  {name:<22} {found.trial[name]}")
+    asked = settings(found.trial)
+    for name, value in {**asked, **{name: found.trial.get(name, "") for name in _ASKED if name not in asked}}.items():
+        if value not in ("", "null", "{}"):
+            lines.append(f"  {name:<22} {value}")
     for name in ("success", "failure_reason"):
-        if name in found.recorded:
+        if found.recorded.get(name, "null") != "null":
             lines.append(f"  {name:<22} {found.recorded[name]}")
     if not found.recorded and found.kind != "plan":
         lines.append("  result                 none: the trial was cut off before its end")

@@ -1,12 +1,11 @@
 """`rtstack plot`: curves of logs as a figure, in the papers' style, or as a page for a browser."""
 
-import json
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 
 import typer
 
+from rtstack.cli.logs import settings
 from rtstack.cli.progress import progress_bar
 from rtstack.figures.log_data import figure_log, with_references
 from rtstack.figures.log_figure import MOST_LOGS, FigureLog, aligned, draw
@@ -23,8 +22,8 @@ _FACTS = ("kind", "object", "controller", "displacement_mm", "seed", "success", 
 
 
 def plot(
-    words: Sequence[str], kind: str | None, output: Path | None, start_s: float | None, end_s: float | None,
-    impact: bool, reference: bool, together: bool,
+    words: Sequence[str], kind: str | None, output: Path | None, start_s: float | None = None,
+    end_s: float | None = None, impact: bool = False, reference: bool = False, together: bool = True,
 ) -> None:  # fmt: skip
     """Draw what `words` name, logs and signals in any order, and say where. Raises LogError with one line."""
     paths = [Path(word) for word in words if word.endswith(".mcap") or Path(word).is_file()]
@@ -89,8 +88,6 @@ def _window(log: FigureLog, start_s: float | None, end_s: float | None, impact: 
 def _facts(path: Path) -> Mapping[str, str]:
     """Return what the page's table says of a log: what was asked, and what came out."""
     log = read_log(path)
-    asked = dict(log.metadata.get("trial", {}))
-    with suppress(ValueError):
-        asked |= {key: str(value) for key, value in json.loads(asked.get("specification", "{}")).items()}
-    known = {**asked, **log.metadata.get("result", {})}
+    trial = log.metadata.get("trial", {})
+    known = {**trial, **settings(trial), **log.metadata.get("result", {})}
     return {name.replace("_", " "): known[name] for name in _FACTS if name in known}

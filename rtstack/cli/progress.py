@@ -1,20 +1,53 @@
-"""A progress bar on stderr, where a person looks at it; nothing where stdout or stderr is a file."""
+"""How far a command is, on stderr: a bar with the time left where it is a terminal, now and then a line elsewhere."""
 
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+
+LINE_S = 20.0  # between two lines: what takes less says nothing
 
 
 @contextmanager
 def progress_bar(label: str, shown: bool) -> Iterator[Callable[[float], None] | None]:
     """Yield a function that takes the done fraction, or None where it is not shown."""
-    if not shown or not sys.stderr.isatty():
+    if not shown:
         yield None
         return
+    if not sys.stderr.isatty():
+        yield Lines(label)
+        return
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TaskProgressColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+    columns = (
+        TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn(), TextColumn("left"),
+        TimeRemainingColumn(),
+    )  # fmt: skip
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task(label, total=1.0)
         yield lambda fraction: progress.update(task, completed=fraction)
+
+
+class Lines:
+    """Says how far a command is in a line of its own, every LINE_S. clock: gives s."""
+
+    def __init__(self, label: str, clock: Callable[[], float] = time.monotonic) -> None:
+        self._label, self._clock = label, clock
+        self._began_s = self._said_s = clock()
+
+    def __call__(self, fraction: float) -> None:
+        """Take the done fraction."""
+        now_s = self._clock()
+        if now_s - self._said_s < LINE_S or fraction <= 0.0:
+            return
+        self._said_s = now_s
+        left_s = (now_s - self._began_s) * (1.0 - fraction) / fraction
+        print(f"rtstack: {self._label}: {100 * fraction:.0f} %, {left_s:.0f} s left", file=sys.stderr, flush=True)

@@ -21,7 +21,7 @@ Array = NDArray[np.floating]
 OVERLAYS = ("#49006a", "#8f1289", "#c51b8a", "#f768a1")
 MOST_LOGS = 1 + len(OVERLAYS)
 _WIDTH_IN, _PANE_IN, _AROUND_IN = 7.5, 1.35, 0.9
-_LIGHTER = 0.18  # of a colour, for each further component of one arm
+_LIGHTER, _PALEST = 0.18, 0.75  # of a colour: each further component of one arm, and the last one at most
 _WORD_SHARE = 0.1  # of the width: a narrower band has no word
 _LABEL_LETTERS = 22
 _FAINT = "#555555"
@@ -121,7 +121,7 @@ def _colour(signal: Signal, members: list[Signal]) -> str:
     """Return the colour of an arm, lighter for each further component of the same field."""
     base = COLOURS[SIDES.index(signal.whose) if signal.whose in SIDES else 2]
     family = [one.component for one in members if one.group == signal.group and one.field == signal.field]
-    share = min(family.index(signal.component) * _LIGHTER, 0.7)
+    share = family.index(signal.component) * min(_LIGHTER, _PALEST / len(family))
     return to_hex([channel + (1.0 - channel) * share for channel in to_rgb(base)])
 
 

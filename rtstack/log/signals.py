@@ -30,7 +30,8 @@ DEFAULT = ("left.pad_force", "right.pad_force", "left.force_norm", "left.pad_vel
 class Signal:
     """One curve: column `column` of the columns of `topic`, counted over its fields and their components.
 
-    plain: the field in words; whose: the arm's or both arms'; reference: the name of the signal that this one is to follow, empty where there is none.
+    plain: the field in words; whose: the arm's or both arms'; reference: the name of the signal that this one is to
+    follow, empty where there is none.
     """
 
     name: str

@@ -121,6 +121,12 @@ WRONG = {
     "token create": ("--name robot --scope all", "one of view, operate"),
     "token list": ("--logs none", "none: no such folder"),
     "token revoke": ("id --logs none", "none: no such folder"),
+    "token sign-in": ("--logs none", "none: no such folder"),
+    "plot": ("none.mcap", "cannot read none.mcap"),
+    "completion": ("tcsh", "'bash', 'zsh', 'fish'"),
+    "logs list": ("--logs none", "cannot read none"),
+    "logs show": ("none.mcap", "cannot read none.mcap"),
+    "logs compare": ("none.mcap none.mcap", "cannot read none.mcap"),
     "logs reviewed": ("none.mcap", "there is no such log"),
     "logs prune": ("--logs none --older-than 3", "cannot read none"),
 }

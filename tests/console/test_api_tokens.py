@@ -55,6 +55,20 @@ def test_a_program_with_a_token_does_what_the_page_does_without_cookie_or_word(s
         assert made["word"].encode() not in path.read_bytes(), path
 
 
+def test_a_terminal_prints_an_address_that_signs_a_browser_in_once(served, terminal, tmp_path):
+    status, address, _ = terminal("sign-in", "--logs", str(served.logs), "--console", served.base)
+    assert (status, address.split("?")[0]) == (0, f"{served.base}/")
+    for first in (True, False):
+        with httpx.Client(trust_env=False, timeout=60.0) as browser:
+            assert browser.get(address, follow_redirects=True).status_code == (200 if first else 403)
+            assert browser.get(f"{served.base}/api/me").status_code == (200 if first else 401)
+    assert served.parts.sign_in.tokens.all() == ()
+    status, said, error = terminal("sign-in", "--logs", str(tmp_path), "--console", served.base)
+    assert (status, said, "other logs" in error) == (2, "", True)
+    status, said, error = terminal("sign-in", "--logs", str(tmp_path), "--console", "http://127.0.0.1:9")
+    assert (status, said, "rtstack up" in error) == (2, "", True)
+
+
 def test_a_revoked_token_is_worth_nothing_in_what_is_open_too(served):
     token, word = served.parts.sign_in.tokens.create("bot", Scope.OPERATE)
     headers = {"authorization": f"Bearer {word}"}

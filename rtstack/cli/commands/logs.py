@@ -18,12 +18,19 @@ def review(
     rrd: Annotated[
         Path | None, typer.Option(metavar="OUT.rrd", help="Write it for Rerun instead, to be opened elsewhere.")
     ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write a figure instead, as `rtstack plot` does.")
+    ] = None,
 ) -> None:
-    """Say what is in a log: result, events, impacts, recomputed from its samples."""
+    """Say what is in a log: result, events, impacts, recomputed from its samples, and a small picture of the forces."""
     from rtstack.cli.logs import review as run
     from rtstack.cli.logs import review_in_rerun
 
-    if rerun or rrd is not None:
+    if plot is not None:
+        from rtstack.cli.plot import plot as draw
+
+        draw([str(log)], None, plot)
+    elif rerun or rrd is not None:
         review_in_rerun(log, rrd)
     else:
         run(log, json)

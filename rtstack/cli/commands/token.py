@@ -7,7 +7,7 @@ import typer
 
 from rtstack.cli.commands.options import LogFolder
 
-commands = typer.Typer(help="Let programs use the console: bearer tokens.")
+commands = typer.Typer(help="Let programs use the console (bearer tokens), and a browser back in (sign-in).")
 
 
 @commands.command("create")
@@ -39,3 +39,15 @@ def token_revoke(
     from rtstack.cli.token import revoke as run
 
     run(token_id, logs)
+
+
+@commands.command("sign-in")
+def token_sign_in(
+    scope: Annotated[str, typer.Option(help="view: look, and press STOP; operate: everything.")] = "operate",
+    logs: LogFolder = Path("logs"),
+    console: Annotated[str, typer.Option(metavar="URL", help="Of the running console.")] = "http://127.0.0.1:8080",
+) -> None:
+    """Print a fresh address of a running console, for a browser that has lost its cookies."""
+    from rtstack.cli.token import sign_in as run
+
+    run(scope, logs, console)

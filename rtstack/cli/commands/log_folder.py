@@ -1,4 +1,4 @@
-"""`rtstack logs`: what is reviewed, and what may go."""
+"""`rtstack logs`: what there is, what is reviewed, and what may go."""
 
 import time
 from pathlib import Path
@@ -6,10 +6,47 @@ from typing import Annotated
 
 import typer
 
-from rtstack.cli.commands.options import FAILED, LogFolder
+from rtstack.cli.commands.options import FAILED, Json, LogFolder
 
-commands = typer.Typer(help="What may go of the logs.")
+commands = typer.Typer(help="List, compare and prune the logs of a folder.")
 _GB = 1e9
+
+
+@commands.command("list")
+def logs_list(
+    words: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="WORD...", help="As in the page's filter: rice, seed:3."),
+    ] = None,
+    folder: LogFolder = Path("logs"),
+    kind: Annotated[str, typer.Option(help="trial, demonstration, recording, plan, playback ...")] = "",
+    outcome: Annotated[str, typer.Option(metavar="[any|success|failure|none]")] = "any",
+    sort: Annotated[str, typer.Option(metavar="COLUMN", help="when, name, average_force_norm ...")] = "when",
+    ascending: Annotated[bool, typer.Option("--ascending", help="The smallest first, or the oldest.")] = False,
+    json: Json = False,
+) -> None:
+    """List logs that have every word somewhere in what is known of them, the newest first."""
+    from rtstack.cli.log_folder import list_logs as run
+
+    run(folder, " ".join(words or []), kind, outcome, sort, not ascending, json)
+
+
+@commands.command("show")
+def logs_show(log: Annotated[Path, typer.Argument(metavar="LOG.mcap")], json: Json = False) -> None:
+    """Say what was set for a log, what came out, and which topics it has."""
+    from rtstack.cli.log_folder import show as run
+
+    run(log, json)
+
+
+@commands.command("compare")
+def logs_compare(
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG.mcap LOG.mcap...")], json: Json = False
+) -> None:
+    """Say what was set differently for logs, and what came out of each."""
+    from rtstack.cli.log_folder import compare as run
+
+    run(logs, json)
 
 
 @commands.command("reviewed")
