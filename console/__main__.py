@@ -24,6 +24,7 @@ from console.campaigns.campaigns import Campaigns
 from console.heartbeats import OperatorHeartbeats
 from console.parts import Parts
 from console.preview import Preview
+from console.questions import Questions
 from console.queue.file import FILE_NAME as QUEUE_FILE
 from console.queue.file import QueueFileError
 from console.queue.queue import Queue
@@ -137,6 +138,7 @@ def _parts(asked: argparse.Namespace, port: int, stack: ExitStack) -> Parts:
         campaigns=campaigns,
         preview=stack.enter_context(closing(Preview(asked.cell, ghost))),
         trainer=stack.enter_context(closing(Trainer(watch))),
+        questions=stack.enter_context(closing(Questions(cell))),
     )
 
 

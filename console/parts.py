@@ -9,6 +9,7 @@ from fastapi.requests import HTTPConnection
 from console.campaigns.campaigns import Campaigns
 from console.heartbeats import OperatorHeartbeats
 from console.preview import Preview
+from console.questions import Questions
 from console.queue.queue import Queue
 from console.review.cache import ReviewCache
 from console.review.scene import ReviewScenes
@@ -45,6 +46,7 @@ class Parts:
     campaigns: Campaigns
     preview: Preview
     trainer: Trainer
+    questions: Questions
     impacts: Impacts = field(default_factory=Impacts)
 
 

@@ -10,6 +10,7 @@ from pydantic.dataclasses import dataclass as checked
 
 from console.log_rows import log_path
 from console.parts import NeedsParts, NeedsSession
+from console.questions import Refused
 from console.routes.jobs import start_job
 from console.routes.problems import problems
 from rtstack.live.protocol import PlaybackRequest, Seed, Status
@@ -42,6 +43,29 @@ def playback(order: PlaybackOrder, session: NeedsSession, parts: NeedsParts) -> 
     if path is None:
         raise HTTPException(404, "there is no such log; choose one from the list")
     return start_job(parts, PlaybackRequest(str(path), order.speed, order.seed, operator=session.operator))
+
+
+@dataclass(frozen=True, slots=True)
+class PlaybackLimit:
+    """The largest speed at which a log may be played, times its own, or why it cannot be; neither: not known yet."""
+
+    fastest: float | None
+    refused: str | None
+
+
+@router.get("/logs/{log_id}/playback", responses=problems(404))
+def limit(log_id: str, parts: NeedsParts) -> PlaybackLimit:
+    """Say how fast a log may be played on the arms. The first answers have neither: it is being computed."""
+    path = log_path(parts.catalogue, log_id)
+    if path is None:
+        raise HTTPException(404, "there is no such log; choose one from the list")
+    question = parts.questions.ask("fastest", path)
+    if not question.done:
+        return PlaybackLimit(None, None)
+    try:
+        return PlaybackLimit(question.answer(), None)
+    except Refused as error:
+        return PlaybackLimit(None, str(error))
 
 
 @router.post("/playback/finish")

@@ -1,30 +1,38 @@
 """Recordings: what can be extracted from one, what a person thinks of it, and throwing it away."""
 
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Query
 from fastapi.exceptions import HTTPException
+from fastapi.responses import Response
+from pydantic import TypeAdapter
 
 from console.log_rows import RECORDINGS
 from console.parts import NeedsParts, NeedsSession, Parts, written_now
-from console.routes.problems import problems
+from console.questions import Question, Refused
+from console.review.logs import opened
+from console.review.thumbnail import forces_svg
+from console.routes.problems import file_of, problems
 from rtstack.log.catalogue import LogEntry
 from rtstack.log.errors import LogError
 from rtstack.references.acceptance import Acceptance, load_acceptance, save_acceptance
-from rtstack.references.recording import ReferenceError
 from rtstack.retention.trash import delete as throw_away
-from rtstack.trials.extraction import Extraction, extract
+from rtstack.trials.extraction import Extraction
 
 router = APIRouter(prefix="/api/recordings", tags=["recordings"], responses=problems(404, 409, 500))
+
+Seconds = Annotated[float, Query(ge=0.0, le=3600.0, allow_inf_nan=False)]
+_EXTRACTION = TypeAdapter(Extraction)
 
 
 @dataclass(frozen=True, slots=True)
 class RecordingView:
-    """What was said about a recording, and what is extracted from it."""
+    """What was said about a recording, and what is extracted from it: None while that is being made, up to `share`."""
 
     acceptance: Acceptance
-    extraction: Extraction
+    extraction: Extraction | None
+    share: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,18 +46,24 @@ class Discarded:
 def recording(
     log_id: str,
     parts: NeedsParts,
-    nominal_impact_s: Annotated[float | None, Query(ge=0.0, le=3600.0, allow_inf_nan=False)] = None,
+    nominal_impact_s: Seconds | None = None,
+    from_s: Seconds | None = None,
+    to_s: Seconds | None = None,
+    tried: Annotated[
+        bool, Query(description="with these three instead of what is kept, also where they are missing")
+    ] = False,
+    wait: Annotated[bool, Query(description="for the extraction, which takes as long as the recording")] = True,
 ) -> RecordingView:
-    """Return what was said about a recording and what is extracted from it; nominal_impact_s: as if it were there."""
+    """Return what was said about a recording and what is extracted from it; nominal_impact_s, from_s, to_s: as if they
+    were there."""
     entry = recording_entry(parts, log_id)
     acceptance = load_acceptance(entry.path)
-    tried = acceptance if nominal_impact_s is None else replace(acceptance, nominal_impact_s=nominal_impact_s)
-    try:
-        extraction = extract(entry.path, parts.cell, tried)
-    except ReferenceError as error:
-        raise HTTPException(409, str(error).replace(f"{entry.path}: ", "")) from None
-    problem = extraction.problem and extraction.problem.replace(f"{entry.path}: ", "")
-    return RecordingView(acceptance, replace(extraction, problem=problem))
+    asked = {"nominal_impact_s": nominal_impact_s, "from_s": from_s, "to_s": to_s}
+    told = {key: value for key, value in asked.items() if tried or value is not None}
+    question = _extraction(parts, entry, replace(acceptance, **told))
+    if not (wait or question.done):
+        return RecordingView(acceptance, None, question.share)
+    return RecordingView(acceptance, _EXTRACTION.validate_python(_answer(question)), 1.0)
 
 
 @router.post("/{log_id}")
@@ -57,14 +71,33 @@ def accept(log_id: str, acceptance: Acceptance, parts: NeedsParts) -> Acceptance
     """Say what a recording is called, and whether it may be followed. An accepted one has to give a reference."""
     entry = recording_entry(parts, log_id)
     if acceptance.verdict == "accepted":
-        try:
-            problem = extract(entry.path, parts.cell, acceptance).problem
-        except ReferenceError as error:
-            problem = str(error)
+        problem = _answer(_extraction(parts, entry, acceptance))["problem"]
         if problem is not None:
             raise HTTPException(409, problem.replace(f"{entry.path}: ", ""))
     save_acceptance(entry.path, acceptance)
     return acceptance
+
+
+def _extraction(parts: Parts, entry: LogEntry, acceptance: Acceptance) -> Question:
+    """Ask what a recording gives: what a person has called it does not change that."""
+    said = Acceptance(nominal_impact_s=acceptance.nominal_impact_s, from_s=acceptance.from_s, to_s=acceptance.to_s)
+    return parts.questions.ask("extraction", entry.path, said)
+
+
+def _answer(question: Question) -> dict[str, Any]:
+    try:
+        return question.answer()
+    except Refused as error:
+        raise HTTPException(409, str(error)) from None
+
+
+@router.get("/{log_id}/thumbnail", response_class=Response, responses=file_of("image/svg+xml"))
+def thumbnail(log_id: str, parts: NeedsParts) -> Response:
+    """Draw the force on both pads over a recording, small: left blue, right orange. 409 until it has been read."""
+    read = opened(parts.catalogue, parts.review_cache, recording_entry(parts, log_id).id)
+    if read is None or not read.index.done:
+        raise HTTPException(409, "this recording is being read: ask again")
+    return Response(forces_svg(read.folder, read.index), media_type="image/svg+xml")
 
 
 @router.post("/{log_id}/discard")

@@ -122,7 +122,8 @@ def _colour(signal: Signal, members: list[Signal]) -> str:
     base = COLOURS[SIDES.index(signal.whose) if signal.whose in SIDES else 2]
     family = [one.component for one in members if one.group == signal.group and one.field == signal.field]
     share = family.index(signal.component) * min(_LIGHTER, _PALEST / len(family))
-    return to_hex([channel + (1.0 - channel) * share for channel in to_rgb(base)])
+    red, green, blue = (channel + (1.0 - channel) * share for channel in to_rgb(base))
+    return to_hex((red, green, blue))
 
 
 @mpl.rc_context(STYLE)

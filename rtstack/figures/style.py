@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import IO, Any
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -46,7 +47,8 @@ def save(figure: Figure, target: Path | IO[bytes], form: str | None = None) -> N
     """Write a figure, without saying by what: the same figure is the same file. form: of FORMATS, else the suffix."""
     if form is None:
         form = target.suffix[1:] if isinstance(target, Path) else "png"
-    figure.savefig(target, format=form, metadata=_UNSAID[form])
+    with mpl.rc_context(STYLE):
+        figure.savefig(target, format=form, metadata=_UNSAID[form])
 
 
 def mode_bands(axis: Axes, t: NDArray[np.float64], mode: NDArray[np.int64], shown: tuple[Mode, ...]) -> None:

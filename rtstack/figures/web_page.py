@@ -8,13 +8,12 @@ from importlib.resources import files
 from io import BytesIO
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from jinja2 import Environment
 from matplotlib.figure import Figure
 
 from rtstack.figures.log_figure import FigureLog, Pane, panes_of
-from rtstack.figures.style import STYLE, save
+from rtstack.figures.style import save
 
 _POINTS = 3000  # of each curve, for the values at the pointer: the drawing has all of them
 _PAGE = files("rtstack.figures") / "page.html"
@@ -23,8 +22,7 @@ _PAGE = files("rtstack.figures") / "page.html"
 def web_page(figure: Figure, logs: Sequence[FigureLog], title: str, facts: Mapping[str, str]) -> str:
     """Return the page of a figure that `draw` has made of the same logs. facts: what its table says, by name."""
     drawing = BytesIO()
-    with mpl.rc_context(STYLE):
-        save(figure, drawing, "svg")
+    save(figure, drawing, "svg")
     svg = drawing.getvalue().decode()
     panes = [_values(figure, row, pane) for row, pane in enumerate(panes_of(logs))]
     data = json.dumps(panes).replace("<", "\\u003c")  # text of a log must not end the script

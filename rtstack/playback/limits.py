@@ -17,6 +17,7 @@ from rtstack.samples import SIDES
 from rtstack.trials.errors import TrialError
 
 Array = NDArray[np.float64]
+SPEED_STEP = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +56,21 @@ def check_playback(
             f"the {near.side} arm would touch the table" if near.side else "the arms would come too near to each other"
         )
         raise TrialError(f"{what}, {near.tick * STEP_S:.2f} s into the log: it cannot be played on this cell")
+
+
+def fastest(paths: tuple[ArmPath, ArmPath], limits: PairLimits, description: CellDescription) -> float:
+    """Return the largest speed that may be played, a multiple of SPEED_STEP. Raises TrialError where there is none."""
+    check_playback(paths, SLOWEST, limits, description)  # what cannot be played at all says why
+    low, high = round(SLOWEST / SPEED_STEP), round(FASTEST / SPEED_STEP)
+    while low < high:
+        middle = (low + high + 1) // 2
+        within = all(
+            load.share <= 1.0
+            for path, allowed in zip(paths, limits, strict=True)
+            for load in loads(path, middle * SPEED_STEP, allowed)
+        )
+        low, high = (middle, high) if within else (low, middle - 1)
+    return round(low * SPEED_STEP, 2)
 
 
 def places(path: ArmPath, limits: SafetyLimits) -> list[Load]:

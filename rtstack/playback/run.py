@@ -16,10 +16,10 @@ from rtstack.control.records import POINT
 from rtstack.loop.session import Plan
 from rtstack.model.cell_description import CellDescription
 from rtstack.playback.guide import PlaybackGuide, SoftStop
-from rtstack.playback.limits import check_playback, check_speed
-from rtstack.playback.motion import load_motion
+from rtstack.playback.limits import check_playback, check_speed, fastest
+from rtstack.playback.motion import LoggedMotion, load_motion
 from rtstack.playback.pace import pace
-from rtstack.playback.path import arm_path
+from rtstack.playback.path import ArmPath, arm_path
 from rtstack.safety.limits import PairLimits
 from rtstack.samples import SIDES
 from rtstack.trials.assembly import Parameters, arm_controllers, cell_parameters, following
@@ -66,11 +66,9 @@ def prepare_playback(specification: PlaybackSpecification, description: CellDesc
     """Read a log and look whether it may be played on this cell. Raises TrialError with one line."""
     check_speed(specification.speed)
     source = Path(specification.source)
-    motion = load_motion(source)
     parameters = cell_parameters(description)
     limits = limits_of_arms(description)
-    arms = arm_controllers(description, parameters)
-    paths = arm_path(motion, 0, arms[0]), arm_path(motion, 1, arms[1])
+    motion, paths = _paths(source, description, parameters)
     try:
         check_playback(paths, specification.speed, limits, description)
     except TrialError as error:
@@ -80,6 +78,20 @@ def prepare_playback(specification: PlaybackSpecification, description: CellDesc
         replace(specification, digest=digest), description, parameters, limits,
         (paths[0].stations, paths[1].stations), np.stack([path.q[0] for path in paths]), motion.duration_s,
     )  # fmt: skip
+
+
+def fastest_playback(source: Path, description: CellDescription) -> float:
+    """Return the largest speed at which a log may be played on this cell. Raises TrialError with one line."""
+    _, paths = _paths(source, description, cell_parameters(description))
+    return fastest(paths, limits_of_arms(description), description)
+
+
+def _paths(
+    source: Path, description: CellDescription, parameters: Parameters
+) -> tuple[LoggedMotion, tuple[ArmPath, ArmPath]]:
+    motion = load_motion(source)
+    arms = arm_controllers(description, parameters)
+    return motion, (arm_path(motion, 0, arms[0]), arm_path(motion, 1, arms[1]))
 
 
 def way_to_start(prepared: PreparedPlayback, cell: Cell) -> StartMotion | None:

@@ -19,6 +19,9 @@ from rtstack.messages import StrictFloat
 SUFFIX = ".accepted.json"
 
 
+Seconds = Annotated[StrictFloat, Field(ge=0.0, le=3600.0, allow_inf_nan=False)]
+
+
 class AcceptanceError(Exception):
     """The file beside a recording cannot be read or written. The message is one line."""
 
@@ -33,12 +36,16 @@ class AcceptanceState(StrEnum):
 
 @checked(frozen=True, slots=True, config=STRICT)
 class Acceptance:
-    """nominal_impact_s: since the recording's start, in the place of the detected one; None where that one is right."""
+    """Times are s since the recording's start, whatever is cut off. nominal_impact_s: in the place of the detected
+    impact; None where that one is right. from_s, to_s: what is used of the recording; None: from its start, to its end.
+    """
 
     name: Annotated[str, Field(max_length=80, pattern=r"^\P{C}*$")] = ""
     note: Annotated[str, Field(max_length=2000)] = ""
     verdict: AcceptanceState = AcceptanceState.OPEN
-    nominal_impact_s: Annotated[StrictFloat, Field(ge=0.0, le=3600.0, allow_inf_nan=False)] | None = None
+    nominal_impact_s: Seconds | None = None
+    from_s: Seconds | None = None
+    to_s: Seconds | None = None
 
 
 _ACCEPTANCE = TypeAdapter(Acceptance)

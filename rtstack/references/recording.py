@@ -1,5 +1,6 @@
 """A recording is the log of a teleoperated trial; from it come the signals that the references are made of."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +23,7 @@ Array = NDArray[np.floating]
 # a robot ends torque control after 20 lost packets: a longer gap is no recording of one motion
 LARGEST_GAP_NS = 21_000_000
 MOVING = 1e-3  # m/s and rad/s: less is no motion of a hand
+_TOLD_TICKS = 250  # between two words about the progress
 WAITING_NS = 300_000_000  # of rest that is kept before the first motion: a scripted demonstration has as much
 
 
@@ -42,7 +44,8 @@ class Recording:
     controller wanted; impact: index of the nominal impact T_r; release: index at which the operator let go. load (2, 6)
     N, Nm: by what each arm's feedforward steps at the nominal impact, where that is known (a plan). detected: index of
     the impact that was found, None without one; problem: why no reference can be made of it; measured (2, n) of
-    MEASURED, None where the joints are not known; of a plan, what was planned.
+    MEASURED, None where the joints are not known; of a plan, what was planned. begin_s: how much was cut off before the
+    first sample; whole (2, m) of POINT: what there is without cutting, where it was asked for.
     """
 
     points: NDArray
@@ -55,6 +58,8 @@ class Recording:
     detected: int | None = None
     problem: str | None = None
     measured: NDArray | None = None
+    begin_s: float = 0.0
+    whole: NDArray | None = None
 
     @property
     def impact_s(self) -> float:
@@ -93,11 +98,13 @@ def recording_of(
     period_s: float,
     acceptance: Acceptance | None = None,
     patient: bool = False,
+    progress: Callable[[float], None] | None = None,
 ) -> Recording:
     """Return the recording in an open log, as load_recording does.
 
     acceptance: what a person said about it, by default what is kept beside it. patient: what cannot be followed is
-    returned with its problem all the same, as long as there is something to show.
+    returned with its problem all the same, as long as there is something to show, and with the whole of it. progress:
+    is told the share that is done.
     """
     path = log.path
     try:
@@ -112,6 +119,10 @@ def recording_of(
     period_ns = round(period_s * 1e9)
     taught = taught[taught >= _begun_ns(log, controls, taught[0])]
     grid_ns = np.arange(taught[0], taught[-1] + 1, period_ns)
+    kept = _kept(path, accepted, len(grid_ns), period_s)
+    begin, taught = kept.start, taught[(taught >= grid_ns[kept.start]) & (taught <= grid_ns[kept.stop - 1])]
+    if not patient:
+        grid_ns, kept = grid_ns[kept], slice(0, kept.stop - kept.start)
     for topic in (*controls, *samples):
         within = topic["t_ns"][(topic["t_ns"] >= taught[0]) & (topic["t_ns"] <= taught[-1])]
         gap_ns = int(np.max(np.diff(within), initial=0)) if len(within) > 1 else taught[-1] - taught[0] + period_ns
@@ -121,7 +132,7 @@ def recording_of(
     points = np.zeros((2, n), POINT)
     measured = np.zeros((2, n), MEASURED)
     force = np.zeros((2, n))
-    hits = [n, n]
+    hits = [kept.stop, kept.stop]
     for arm, controller in enumerate(arms):
         finder = ImpactDetector(detector, period_s)
         q, dq, push = (_on_grid(samples[arm], name, grid_ns) for name in ("q", "dq", "O_F_ext_hat_K"))
@@ -137,21 +148,28 @@ def recording_of(
             point["twist"] = work["twist"]
             force[arm, k] = np.linalg.norm(work["force_world"])
             measured["force"][arm, k] = work["force_world"]
-            if finder.update(work["force_world"], work["twist"]) and hits[arm] == n:
-                hits[arm] = k
+            if kept.start <= k < kept.stop and finder.update(work["force_world"], work["twist"]):
+                hits[arm] = min(hits[arm], k)
+            if progress is not None and k % _TOLD_TICKS == 0:
+                progress((arm + k / n) / 2)
         measured["q"][arm], measured["dq"][arm] = q, dq
         joint = controller.parameters.posture_joint
         points[arm]["xi"] = q[:, joint]
         points[arm]["dxi"] = dq[:, joint]
         points[arm]["wrench_ff"] = _on_grid(controls[arm], "wrench_desired", grid_ns)
         points[arm]["beta"] = _on_grid(controls[arm], "beta", grid_ns)
-    detected = min(hits) if min(hits) < n else None
-    impact = _nominal(detected, accepted.nominal_impact_s, period_s)
+    whole, n = points if patient else None, kept.stop - kept.start
+    points, measured, force = points[:, kept], measured[:, kept], force[:, kept]
+    detected = min(hits) - kept.start if min(hits) < kept.stop else None
+    impact = _nominal(detected, accepted.nominal_impact_s, period_s, begin)
     problem = None
     if impact is None:
         problem = "no impact was found in the demonstration: record one that hits the object"
+    elif impact < 0:
+        problem = f"its impact was set to {accepted.nominal_impact_s:g} s, before {begin * period_s:g} s: cut less off"
     elif impact >= n:
-        problem = f"its impact was set to {impact * period_s:g} s by hand, past its end at {n * period_s:g} s"
+        end_s = (begin + n) * period_s
+        problem = f"its impact was set to {accepted.nominal_impact_s:g} s by hand, past its end at {end_s:g} s"
     elif accepted.verdict is AcceptanceState.REJECTED and not patient:
         problem = "this recording was rejected: follow another one"
     if problem is not None and not patient:
@@ -168,12 +186,26 @@ def recording_of(
         detected=detected,
         problem=problem,
         measured=measured,
+        begin_s=begin * period_s,
+        whole=whole,
     )
 
 
-def _nominal(detected: int | None, by_hand_s: float | None, period_s: float) -> int | None:
-    """Return the index of the nominal impact: the one that a person has set, else the one that was found."""
-    return detected if by_hand_s is None else round(by_hand_s / period_s)
+def _kept(path: Path, accepted: Acceptance, n: int, period_s: float) -> slice:
+    """Return which ticks of a recording are used. Raises ReferenceError where they are none."""
+    first = 0 if accepted.from_s is None else round(accepted.from_s / period_s)
+    last = n if accepted.to_s is None else min(n, round(accepted.to_s / period_s))
+    if last - first < 2:
+        raise ReferenceError(
+            f"{path}: it is cut to {first * period_s:g} to {last * period_s:g} s: nothing is left of its "
+            f"{n * period_s:g} s; cut less off"
+        )
+    return slice(first, last)
+
+
+def _nominal(detected: int | None, by_hand_s: float | None, period_s: float, begin: int) -> int | None:
+    """Return the index of the nominal impact after `begin`: what a person has set, else what was found."""
+    return detected if by_hand_s is None else round(by_hand_s / period_s) - begin
 
 
 def _begun_ns(log: Log, controls: list[NDArray], first_ns: int) -> int:

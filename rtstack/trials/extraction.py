@@ -1,5 +1,6 @@
 """What a recording gives: the impact that was found in it, and the references that are made of it, as in Figure 5."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -34,6 +35,7 @@ class Extraction:
     """t_s: times of the curves around the impact; velocity m/s and force N of (left, right); whole_*: of all of it.
 
     problem: why no reference can be made; the curves are empty then. detected_impact_s: None where none was found.
+    Times are s since the recording's start; begin_s, end_s: what is used of it, and duration_s: how long that is.
     """
 
     duration_s: float
@@ -46,13 +48,20 @@ class Extraction:
     t_s: list[float]
     velocity: dict[str, Curve]
     force: dict[str, Curve]
+    begin_s: float
+    end_s: float
     whole_t_s: list[float]
     whole_velocity: dict[str, list[float]]
     whole_force: dict[str, list[float]]
 
 
-def extract(path: Path, description: CellDescription, acceptance: Acceptance) -> Extraction:
-    """Make the references of a recording, with what was said about it. ReferenceError: it is none at all."""
+def extract(
+    path: Path, description: CellDescription, acceptance: Acceptance, progress: Callable[[float], None] | None = None
+) -> Extraction:
+    """Make the references of a recording, with what was said about it. ReferenceError: it is none at all.
+
+    progress: is told the share that is done.
+    """
     parameters = cell_parameters(description)
     control = parameters.control
     arms = arm_controllers(description, parameters)
@@ -61,7 +70,7 @@ def extract(path: Path, description: CellDescription, acceptance: Acceptance) ->
         log = read_log(path)
     except LogError as error:
         raise ReferenceError(str(error)) from None
-    recording = recording_of(log, arms, parameters.detector, control.period_s, acceptance, patient=True)
+    recording = recording_of(log, arms, parameters.detector, control.period_s, acceptance, True, progress)
     problem = recording.problem
     reference: ExtendedReference | None = None
     if problem is None:
@@ -70,8 +79,10 @@ def extract(path: Path, description: CellDescription, acceptance: Acceptance) ->
         except ReferenceError as error:
             problem = str(error)
     n, period_s = recording.points.shape[1], recording.period_s
-    t_s = np.arange(n) * period_s
-    step = max(1, n // _POINTS)
+    begin_s = recording.begin_s
+    t_s = begin_s + np.arange(n) * period_s
+    whole = recording.points if recording.whole is None else recording.whole
+    step = max(1, whole.shape[1] // _POINTS)
     near = slice(0, 0)
     if reference is not None:
         around = round(AROUND_S / period_s)
@@ -85,15 +96,17 @@ def extract(path: Path, description: CellDescription, acceptance: Acceptance) ->
     return Extraction(
         duration_s=n * period_s,
         object=recording.object,
-        detected_impact_s=None if recording.detected is None else recording.detected * period_s,
-        nominal_impact_s=recording.impact_s if recording.impact < n else None,
+        detected_impact_s=None if recording.detected is None else begin_s + recording.detected * period_s,
+        nominal_impact_s=begin_s + recording.impact_s if recording.impact < n else None,
         exclusion_s=control.exclusion_s,
-        release_s=recording.release * period_s if recording.impact < n else None,
+        release_s=begin_s + recording.release * period_s if recording.impact < n else None,
         problem=problem,
         t_s=t_s[near].tolist(),
         velocity=curves["twist"],
         force=curves["wrench_ff"],
-        whole_t_s=t_s[::step].tolist(),
-        whole_velocity={side: recording.points[arm]["twist"][::step, 1].tolist() for arm, side in enumerate(SIDES)},
-        whole_force={side: recording.points[arm]["wrench_ff"][::step, 1].tolist() for arm, side in enumerate(SIDES)},
+        begin_s=begin_s,
+        end_s=begin_s + n * period_s,
+        whole_t_s=(np.arange(whole.shape[1])[::step] * period_s).tolist(),
+        whole_velocity={side: whole[arm]["twist"][::step, 1].tolist() for arm, side in enumerate(SIDES)},
+        whole_force={side: whole[arm]["wrench_ff"][::step, 1].tolist() for arm, side in enumerate(SIDES)},
     )

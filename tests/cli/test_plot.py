@@ -100,8 +100,8 @@ def test_each_kind_of_figure_is_whole(trial, tmp_path, command_line):
     for kind in ("png", "pdf", "svg", "html"):
         done = command_line("plot", "t.mcap", "pad_force", "lag", f"--{kind}", "--impact", cwd=tmp_path)
         assert (done.returncode, done.stdout) == (0, f"wrote t.{kind}\n"), done.stderr
-    image = Image.open(tmp_path / "t.png")
-    assert image.width > 1000
+    with Image.open(tmp_path / "t.png") as image:
+        assert image.width > 1000
     pdf = (tmp_path / "t.pdf").read_bytes()
     streams = b"".join(
         zlib.decompress(part) for part in re.findall(rb"/FlateDecode[^>]*>>\s*stream\r?\n(.*?)endstream", pdf, re.S)

@@ -1,10 +1,14 @@
 """Recordings over HTTP: extracted, accepted, offered to trials, thrown away."""
 
+import re
 import shutil
+import time
 
 import pytest
 
 from tests.support.console.client import arm, wait_for
+from rtstack.trials.specification import TrialSpecification
+from rtstack.trials.trial import prepare_trial
 
 
 @pytest.fixture
@@ -19,15 +23,67 @@ def recorded(served, demonstration):
 def test_a_recording_is_extracted_again_with_another_time_and_keeps_what_is_said(recorded):
     _, client, headers, log_id = recorded
     first = client.get(f"/api/recordings/{log_id}").json()
-    assert first["acceptance"] == {"name": "", "note": "", "verdict": "open", "nominal_impact_s": None}
+    uncut = {"from_s": None, "to_s": None}
+    assert first["acceptance"] == {"name": "", "note": "", "verdict": "open", "nominal_impact_s": None, **uncut}
     detected_s = first["extraction"]["detected_impact_s"]
     later = client.get(f"/api/recordings/{log_id}", params={"nominal_impact_s": detected_s + 0.03}).json()
     assert later["extraction"]["nominal_impact_s"] == pytest.approx(detected_s + 0.03)
     assert later["extraction"]["velocity"] != first["extraction"]["velocity"]
-    said = {"name": "<b>grab</b>", "note": "n", "verdict": "accepted", "nominal_impact_s": detected_s + 0.03}
+    said = {"name": "<b>grab</b>", "note": "n", "verdict": "accepted", "nominal_impact_s": detected_s + 0.03, **uncut}
     assert client.post(f"/api/recordings/{log_id}", json=said, headers=headers).json() == said
     assert client.get(f"/api/recordings/{log_id}").json()["acceptance"] == said
     assert client.get("/api/logs").json()[0]["title"] == "<b>grab</b>"
+
+
+def test_a_part_of_a_recording_is_used_and_its_file_is_not_changed(recorded):
+    served, client, headers, log_id = recorded
+    before = (served.logs / "a.mcap").read_bytes()
+    whole = client.get(f"/api/recordings/{log_id}").json()["extraction"]
+    cut = {"from_s": 0.5, "to_s": 3.0}
+    shown = client.get(f"/api/recordings/{log_id}", params=cut).json()["extraction"]
+    assert (shown["begin_s"], shown["end_s"], shown["duration_s"]) == pytest.approx((0.5, 3.0, 2.5))
+    assert shown["detected_impact_s"] == pytest.approx(whole["detected_impact_s"])  # times stay those of the recording
+    assert shown["whole_t_s"] == whole["whole_t_s"]  # what is cut off is still drawn
+    near = [whole["t_s"].index(t) for t in shown["t_s"] if t in whole["t_s"]]
+    assert [whole["velocity"]["left"]["recorded"][k] for k in near] == shown["velocity"]["left"]["recorded"]
+    said = {"verdict": "accepted", **cut}
+    client.post(f"/api/recordings/{log_id}", json=said, headers=headers).raise_for_status()
+    kept = client.get(f"/api/recordings/{log_id}").json()
+    assert (kept["acceptance"]["from_s"], kept["extraction"]["end_s"]) == (0.5, pytest.approx(3.0))
+    reference = prepare_trial(TrialSpecification(str(served.logs / "a.mcap")), served.parts.cell).reference
+    assert reference.ticks == 2500
+    assert reference.nominal_impact_s == pytest.approx(whole["detected_impact_s"] - 0.5)
+    for wrong, word in (({"from_s": 2.0, "to_s": 2.0}, "nothing is left"), ({"from_s": 2.0}, "no impact was found")):
+        answer = client.post(f"/api/recordings/{log_id}", json={"verdict": "accepted", **wrong}, headers=headers)
+        assert (answer.status_code, word in answer.json()["error"]) == (409, True)
+    assert (served.logs / "a.mcap").read_bytes() == before
+
+
+def test_a_page_need_not_wait_and_is_told_how_far_the_extraction_is(recorded):
+    _, client, _, log_id = recorded
+    shares = []
+    while True:
+        view = client.get(f"/api/recordings/{log_id}", params={"wait": False}).json()
+        shares.append(view["share"])
+        if view["extraction"] is not None:
+            break
+        time.sleep(0.02)
+    assert shares == sorted(shares)
+    assert (view["acceptance"]["verdict"], shares[-1]) == ("open", 1.0)
+    assert any(0.0 < share < 1.0 for share in shares)
+
+
+def test_a_recording_has_a_picture_of_its_forces_once_it_is_read(recorded):
+    _, client, _, log_id = recorded
+    for _ in range(600):
+        answer = client.get(f"/api/recordings/{log_id}/thumbnail")
+        if answer.status_code != 409:
+            break
+        time.sleep(0.1)
+    assert (answer.status_code, answer.headers["content-type"]) == (200, "image/svg+xml")
+    assert answer.text.count("<polyline") == 2
+    highest = float(re.findall(r"<title>(\d+) N", answer.text)[0])
+    assert highest > 30.0
 
 
 def test_a_rejected_recording_is_not_offered_and_what_gives_no_reference_is_not_accepted(recorded):

@@ -141,7 +141,8 @@ def test_each_sample_is_in_the_log_once_as_it_was_measured(found: dict) -> None:
 
 
 def test_the_review_has_its_curves_and_its_table(found: dict) -> None:
-    wrench = [[f"left.wrench_measured.{axis}", "N, Nm"] for axis in ("fx", "fy", "fz", "mx", "my", "mz")]
+    units = {"fx": "N", "fy": "N", "fz": "N", "mx": "Nm", "my": "Nm", "mz": "Nm"}
+    wrench = [[f"left.wrench_measured.{axis}", unit] for axis, unit in units.items()]
     assert found["tree"] == [*wrench, ["left.temperature", "degC"]]
     assert found["csv"] == ",".join(["t_s", *(name for name, _ in found["tree"])])
     assert found["rows"] == len(found["t_ns"])

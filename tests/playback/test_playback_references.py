@@ -12,7 +12,7 @@ from scipy.interpolate import make_interp_spline
 from hal.robots import FR3
 from rtstack.control.records import POINT
 from rtstack.model.rotation import log_so3
-from rtstack.playback.limits import check_playback, loads
+from rtstack.playback.limits import SPEED_STEP, check_playback, fastest, loads
 from rtstack.playback.motion import LoggedMotion
 from rtstack.playback.pace import FASTEST, RAMP_S, SLOWEST, brake, end_s, follow, pace
 from rtstack.playback.path import arm_path, write_point
@@ -170,3 +170,15 @@ def test_a_speed_is_refused_for_the_reason_that_it_has(cell, arms, middle):
     for speed in (0.09, 4.1, float("nan")):
         with pytest.raises(TrialError, match=r"choose 0\.1 to 4 times"):
             check_playback((path, path), speed, (limits, limits), cell)
+
+
+@pytest.mark.parametrize(("seed", "size"), [(1, 0.02), (2, 0.1)])
+def test_the_fastest_speed_is_allowed_and_the_next_one_is_not(cell, arms, middle, seed, size):
+    motion = wandering(middle, seed, size)
+    paths = tuple(arm_path(motion, side, arms[side]) for side in (0, 1))
+    limits = safety_limits(cell)
+    speed = fastest(paths, (limits, limits), cell)
+    check_playback(paths, speed, (limits, limits), cell)
+    if speed < FASTEST:
+        with pytest.raises(TrialError, match="play it more slowly"):
+            check_playback(paths, speed + SPEED_STEP, (limits, limits), cell)

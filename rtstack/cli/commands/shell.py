@@ -4,7 +4,7 @@ from enum import StrEnum
 from typing import Annotated
 
 import typer
-from typer.completion import get_completion_script
+from typer.completion import completion_init, shell_complete
 
 commands = typer.Typer()
 VARIABLE = "_RTSTACK_COMPLETE"  # set by the script while it asks for completions
@@ -19,10 +19,11 @@ class Shell(StrEnum):
 
 
 @commands.command()
-def completion(shell: Annotated[Shell, typer.Argument(help="Which shell.")]) -> None:
+def completion(context: typer.Context, shell: Annotated[Shell, typer.Argument(help="Which shell.")]) -> None:
     """Print the script with which a shell completes commands, options and files.
 
     bash: put `eval "$(rtstack completion bash)"` into ~/.bashrc; zsh: the same with zsh into ~/.zshrc, after compinit;
     fish: rtstack completion fish > ~/.config/fish/completions/rtstack.fish
     """
-    typer.echo(get_completion_script(prog_name="rtstack", complete_var=VARIABLE, shell=shell))
+    completion_init()
+    shell_complete(context.find_root().command, {}, "rtstack", VARIABLE, f"source_{shell}")

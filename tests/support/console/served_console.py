@@ -19,6 +19,7 @@ from console.campaigns.campaigns import Campaigns
 from console.heartbeats import OperatorHeartbeats
 from console.parts import Parts
 from console.preview import Preview
+from console.questions import Questions
 from console.queue.file import FILE_NAME as QUEUE_FILE
 from console.queue.queue import Queue
 from console.queue.runner import QueueRunner
@@ -131,6 +132,8 @@ def serve_console(logs: Path) -> Iterator[ServedConsole]:
         stack.callback(preview.close)
         trainer = Trainer(watch)
         stack.callback(trainer.close)
+        questions = Questions(cell)
+        stack.callback(questions.close)
         listener = socket.create_server(("127.0.0.1", 0))
         stack.callback(listener.close)
         port = listener.getsockname()[1]
@@ -151,6 +154,7 @@ def serve_console(logs: Path) -> Iterator[ServedConsole]:
             campaigns,
             preview,
             trainer,
+            questions,
         )
         application = create_app(parts, port)
         server = uvicorn.Server(server_settings(application))

@@ -1,0 +1,60 @@
+"""A process of its own that answers one question about a log, which takes seconds, and says how far it is.
+
+    python -m console.answering
+
+It reads the question from its standard input, pickled, and writes lines of JSON: {"share": 0.4} now and then, and at
+the end {"answer": ...} or {"refused": "one line"}. console.questions asks it.
+"""
+
+import json
+import os
+import pickle
+import sys
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from rtstack.model.cell_description import CellDescription
+from rtstack.playback.run import fastest_playback
+from rtstack.references.acceptance import Acceptance
+from rtstack.references.recording import ReferenceError
+from rtstack.trials.errors import TrialError
+from rtstack.trials.extraction import extract
+
+_NICE = 5  # the robot's loop may run on this machine
+Progress = Callable[[float], None]
+
+
+def _extraction(path: Path, cell: CellDescription, acceptance: Acceptance, progress: Progress) -> dict[str, Any]:
+    return asdict(extract(path, cell, acceptance, progress))
+
+
+def _fastest(path: Path, cell: CellDescription, _: None, progress: Progress) -> float:
+    return fastest_playback(path, cell)
+
+
+QUESTIONS: dict[str, Callable[[Path, CellDescription, Any, Progress], Any]] = {
+    "extraction": _extraction,
+    "fastest": _fastest,
+}
+
+
+def main() -> None:
+    """Answer."""
+    os.nice(_NICE)
+    out = os.fdopen(os.dup(sys.stdout.fileno()), "w", buffering=1)
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what libraries print is no answer
+    kind, path, cell, more = pickle.load(sys.stdin.buffer)
+
+    def say(**words: Any) -> None:
+        print(json.dumps(words), file=out)
+
+    try:
+        say(answer=QUESTIONS[kind](path, cell, more, lambda share: say(share=round(share, 3))))
+    except (TrialError, ReferenceError) as error:
+        say(refused=str(error).replace(f"{path}: ", ""))
+
+
+if __name__ == "__main__":
+    main()
