@@ -30,6 +30,7 @@ from console.queue.file import QueueFileError
 from console.queue.queue import Queue
 from console.queue.runner import QueueRunner
 from console.review.cache import ReviewCache
+from console.review.layouts import Layouts
 from console.review.scene import ReviewScenes
 from console.scene_ghost import GhostPlayer
 from console.scenes import Scenes
@@ -139,6 +140,7 @@ def _parts(asked: argparse.Namespace, port: int, stack: ExitStack) -> Parts:
         preview=stack.enter_context(closing(Preview(asked.cell, ghost))),
         trainer=stack.enter_context(closing(Trainer(watch))),
         questions=stack.enter_context(closing(Questions(cell))),
+        layouts=Layouts(asked.logs),
     )
 
 

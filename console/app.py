@@ -30,6 +30,7 @@ from console.routes import (
     description,
     foxglove,
     jobs,
+    layouts,
     live,
     logs,
     pages,
@@ -56,6 +57,8 @@ from rtstack.references.acceptance import AcceptanceError
 _ROUTES = (
     pages, description, access, robot, control, jobs, queue, trials, campaigns, playback, logs, retention, live, review,
     scene, teleoperation, training, recordings, foxglove,
+    pages, description, access, robot, control, jobs, queue, trials, campaigns, playback, logs, layouts, retention,
+    live, review, scene, teleoperation, recordings, foxglove,
 )  # fmt: skip
 
 

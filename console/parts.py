@@ -12,6 +12,7 @@ from console.preview import Preview
 from console.questions import Questions
 from console.queue.queue import Queue
 from console.review.cache import ReviewCache
+from console.review.layouts import Layouts
 from console.review.scene import ReviewScenes
 from console.scenes import Scenes
 from console.sign_in import SignIn, UserSession
@@ -47,6 +48,7 @@ class Parts:
     preview: Preview
     trainer: Trainer
     questions: Questions
+    layouts: Layouts
     impacts: Impacts = field(default_factory=Impacts)
 
 

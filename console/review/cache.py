@@ -71,13 +71,14 @@ class ReviewCache:
         folder = self._directory / key
         with self._lock:
             self._finish()
+            begun = folder in self._readers or _being_read(folder)  # before the index: a reader may end meanwhile
             index = read_index(folder)
             if index is not None and index.done:
                 os.utime(folder)
                 self._done[entry.id] = entry, Opened(folder, index)
                 while len(self._done) > _REMEMBERED:
                     del self._done[next(iter(self._done))]
-            elif not _being_read(folder) and self._busy() < _AT_ONCE:
+            elif not begun and self._busy() < _AT_ONCE:
                 self._begin(entry.path, folder)
                 index = None
             return Opened(folder, index)

@@ -71,6 +71,47 @@ def _topic_curves(folder: Path, index: Index, topic: str, signals: list[Signal],
     return Curves(topic, names, bucket, t_s, low, high)
 
 
+def difference_curves(
+    own: tuple[Path, Index], other: tuple[Path, Index], signals: Sequence[Signal], window: Window, offset_s: float
+) -> list[Curves]:
+    """Return the other log's signals minus the own ones, at the own samples in a window; offset_s: added to its time.
+
+    Between two samples of the other log its signals are on a straight line; outside of it there is no difference.
+    """
+    found = []
+    for topic in dict.fromkeys(signal.topic for signal in signals):
+        wanted = [signal for signal in signals if signal.topic == topic]
+        found.append(_topic_difference(own, other, topic, wanted, window, offset_s))
+    return found
+
+
+def _topic_difference(
+    own: tuple[Path, Index], other: tuple[Path, Index], topic: str, signals: list[Signal], window: Window,
+    offset_s: float,
+) -> Curves:  # fmt: skip
+    names = tuple(signal.name for signal in signals)
+    (folder, index), (other_folder, other_index) = own, other
+    rows, other_rows = index.rows.get(topic, 0), other_index.rows.get(topic, 0)
+    if not (rows and other_rows):
+        nothing = np.zeros((len(names), 0), np.float32)
+        return Curves(topic, names, 1, np.zeros(0), nothing, nothing)
+    columns, others = Columns(folder, topic, rows), Columns(other_folder, topic, other_rows)
+    first, last = _rows(columns.t_ns, index.start_ns, window)
+    t_s = np.asarray((columns.t_ns[first:last] - index.start_ns) * _NS, np.float64)
+    other_s = (others.t_ns - other_index.start_ns) * _NS + offset_s
+    values = np.stack(
+        [
+            np.interp(t_s, other_s, others.value(signal.column), left=np.nan, right=np.nan)
+            - columns.value(signal.column)[first:last]
+            for signal in signals
+        ]
+    ).astype(np.float32)
+    bucket = max(1, -(-(last - first) // max(1, window.width)))
+    starts = np.arange(0, last - first, bucket)
+    low, high = np.fmin.reduceat(values, starts, axis=1), np.fmax.reduceat(values, starts, axis=1)
+    return Curves(topic, names, bucket, t_s[::bucket], low, high)
+
+
 def _rows(t_ns: NDArray[np.int64], start_ns: int, window: Window) -> tuple[int, int]:
     """First row and the row behind the last one of a window, one more on either side."""
     first, last = _places(t_ns, start_ns, window.start_s, window.end_s)

@@ -11,10 +11,12 @@ from console.log_rows import LogRow, log_path, log_row
 from console.parts import NeedsParts, Parts, written_now
 from console.review.columns import Mark
 from console.review.difference import differences
+from console.review.figure import MEDIA_TYPES, drawn_logs, figure_file, overlays_of
 from console.review.logs import NotReviewable, ReadLog, entry_of, opened, opened_entry, read_share, wanted_signals
 from console.review.search import Outcome, SortKey, ordered, search
-from console.review.series import Tabled, Window, csv_lines, curves, moment, packed
+from console.review.series import Tabled, Window, csv_lines, curves, difference_curves, moment, packed
 from console.routes.problems import file_of, problems
+from rtstack.figures.log_data import with_references
 from rtstack.log.catalogue import LogCondition
 from rtstack.log.reader import read_log
 from rtstack.log.signals import Signal, signals
@@ -26,6 +28,7 @@ _OF_A_LOG = problems(404, 409)
 
 Seconds = Annotated[float, Query(ge=-1e9, le=1e9, allow_inf_nan=False)]
 Names = Annotated[str, Query(max_length=8192)]
+Other = Annotated[str, Query(max_length=128)]
 LevelName = Literal["DEBUG", "INFO", "WARNING", "ERROR", "FATAL"]
 Width = Annotated[int, Query(ge=16, le=8192)]
 
@@ -134,9 +137,11 @@ def events(log_id: str, parts: NeedsParts, level: LevelName = "DEBUG") -> list[M
 
 @router.get("/{log_id}/series", response_class=Response, responses=_OF_A_LOG | file_of("application/octet-stream"))
 def series(
-    log_id: str, parts: NeedsParts, signals: Names, start: Seconds, end: Seconds, width: Width = 1000
-) -> Response:
-    """Return curves in binary form. Times s after the log's first sample.
+    log_id: str, parts: NeedsParts, signals: Names, start: Seconds, end: Seconds, width: Width = 1000,
+    other: Other = "", offset: Seconds = 0.0,
+) -> Response:  # fmt: skip
+    """Return curves in binary form. Times s after the log's first sample. other: a log of which the signals' difference
+    to this one is wanted, its time moved by offset.
 
     Little-endian: the length of a header (uint32), the header as JSON (topic, signals, bucket, points of each group),
     then for each group its times (float64) and for each of its signals the values (float32), twice, smallest and
@@ -146,7 +151,14 @@ def series(
     read = _log(parts, log_id)
     if not start < end:
         raise HTTPException(422, "start: has to be before `end`")
-    data = packed(curves(read.folder, read.index, wanted, Window(start, end, width)))
+    window = Window(start, end, width)
+    if other:
+        compared = _log(parts, other)
+        both = (read.folder, read.index), (compared.folder, compared.index)
+        found = difference_curves(*both, wanted, window, offset)
+    else:
+        found = curves(read.folder, read.index, wanted, window)
+    data = packed(found)
     return Response(data, media_type="application/octet-stream")
 
 
@@ -170,7 +182,7 @@ def csv(
     signals: Names,
     start: Seconds,
     end: Seconds,
-    other: Annotated[str, Query(max_length=128)] = "",
+    other: Other = "",
     offset: Seconds = 0.0,
 ) -> StreamingResponse:
     """Send every sample of the signals in a window as a table. other: a compared log, whose time is moved by offset."""
@@ -185,6 +197,39 @@ def csv(
         csv_lines(tabled, wanted, start, end),
         media_type="text/csv",
         headers={"content-disposition": f'attachment; filename="{name}"'},
+    )
+
+
+@router.get(
+    "/{log_id}/figure",
+    response_class=Response,
+    responses=_OF_A_LOG | file_of("application/pdf", "image/svg+xml", "image/png"),
+)
+def figure(
+    log_id: str, parts: NeedsParts, signals: Names, start: Seconds, end: Seconds,
+    form: Literal["pdf", "svg", "png"] = "pdf",
+    others: Annotated[str, Query(max_length=1024, description="ID:OFFSET of other logs, with commas between")] = "",
+    reference: bool = False, difference: bool = False,
+) -> Response:  # fmt: skip
+    """Draw signals in a window as a figure in the papers' style, up to four other logs over them, or their difference.
+
+    reference: with what the signals are to follow. offset: what is added to another log's time, s.
+    """
+    wanted = wanted_signals(signals)
+    if not wanted:
+        raise HTTPException(422, "signals: name one at least")
+    if not start < end:
+        raise HTTPException(422, "start: has to be before `end`")
+    overlays = [(_log(parts, other), offset_s) for other, offset_s in overlays_of(others)]
+    if difference and not overlays:
+        raise HTTPException(422, "others: a difference needs another log")
+    read = _log(parts, log_id)
+    drawn = drawn_logs(read, overlays, with_references(wanted) if reference else wanted, start, end, difference)
+    name = read.entry.path.stem.encode("ascii", "replace").decode().replace('"', "'")
+    return Response(
+        figure_file(drawn, start, end, drawn[0].name if difference else read.entry.path.name, form),
+        media_type=MEDIA_TYPES[form],
+        headers={"content-disposition": f'attachment; filename="{name}.{form}"'},
     )
 
 

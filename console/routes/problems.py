@@ -29,6 +29,6 @@ def problems(*statuses: int) -> dict[int | str, dict[str, Any]]:
     return {status: {"model": Problem, "description": _MEANINGS[status]} for status in statuses}
 
 
-def file_of(media_type: str) -> dict[int | str, dict[str, Any]]:
-    """Return the documentation of an answer that is a file."""
-    return {200: {"content": {media_type: {"schema": {"type": "string", "format": "binary"}}}}}
+def file_of(*media_types: str) -> dict[int | str, dict[str, Any]]:
+    """Return the documentation of an answer that is a file, of one of these types."""
+    return {200: {"content": {kind: {"schema": {"type": "string", "format": "binary"}} for kind in media_types}}}

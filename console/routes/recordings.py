@@ -91,12 +91,16 @@ def _answer(question: Question) -> dict[str, Any]:
         raise HTTPException(409, str(error)) from None
 
 
-@router.get("/{log_id}/thumbnail", response_class=Response, responses=file_of("image/svg+xml"))
+@router.get(
+    "/{log_id}/thumbnail",
+    response_class=Response,
+    responses=file_of("image/svg+xml") | {202: {"description": "it is being read: ask again"}},
+)
 def thumbnail(log_id: str, parts: NeedsParts) -> Response:
-    """Draw the force on both pads over a recording, small: left blue, right orange. 409 until it has been read."""
+    """Draw the force on both pads over a recording, small: left blue, right orange."""
     read = opened(parts.catalogue, parts.review_cache, recording_entry(parts, log_id).id)
     if read is None or not read.index.done:
-        raise HTTPException(409, "this recording is being read: ask again")
+        return Response(status_code=202)
     return Response(forces_svg(read.folder, read.index), media_type="image/svg+xml")
 
 

@@ -5,7 +5,7 @@ import sys
 from typing import Annotated
 
 import typer
-from typer.completion import completion_init
+from typer.completion import completion_init  # pyright: ignore[reportPrivateImportUsage]
 
 from rtstack.cli.commands import bench, host, log_folder, logs, plan, runs, shell, stack, studies, token
 

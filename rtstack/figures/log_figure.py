@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from rtstack.figures.style import COLOURS, STYLE, mode_band, new_figure
@@ -20,7 +21,7 @@ Array = NDArray[np.floating]
 # of the logs that lie over the first one: dark to light purple, Color Brewer's RdPu without its pale end
 OVERLAYS = ("#49006a", "#8f1289", "#c51b8a", "#f768a1")
 MOST_LOGS = 1 + len(OVERLAYS)
-_WIDTH_IN, _PANE_IN, _AROUND_IN = 7.5, 1.35, 0.9
+_WIDTH_IN, _PANE_IN, _AROUND_IN, _LEGEND_IN = 7.5, 1.35, 0.9, 0.4
 _LIGHTER, _PALEST = 0.18, 0.75  # of a colour: each further component of one arm, and the last one at most
 _WORD_SHARE = 0.1  # of the width: a narrower band has no word
 _LABEL_LETTERS = 22
@@ -58,9 +59,10 @@ class FigureLog:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A curve as it is drawn in a pane."""
+    """A curve as it is drawn in a pane. place: of its log among all."""
 
     label: str
+    place: int
     colour: str
     style: str
     t_s: Array
@@ -114,7 +116,7 @@ def _line(log: FigureLog, place: int, trace: Trace, members: list[Signal], own: 
         words.append(f"({log.name})")
     else:
         colour, style = _colour(signal, members), "--" if reference else "-"
-    return Line(" ".join(filter(None, words)), colour, style, trace.t_s + log.offset_s, trace.values)
+    return Line(" ".join(filter(None, words)), place, colour, style, trace.t_s + log.offset_s, trace.values)
 
 
 def _colour(signal: Signal, members: list[Signal]) -> str:
@@ -130,18 +132,23 @@ def _colour(signal: Signal, members: list[Signal]) -> str:
 def draw(logs: Sequence[FigureLog], start_s: float, end_s: float, title: str = "") -> Figure:
     """Draw logs between two times of the first one, s. There is one signal at least, and at most MOST_LOGS logs."""
     panes = panes_of(logs)
-    height = _AROUND_IN + _PANE_IN * len(panes)
+    height = _AROUND_IN + _PANE_IN * len(panes) + _LEGEND_IN * (len(logs) > 1)
     figure, axes = new_figure(_WIDTH_IN, height, nrows=len(panes), sharex=True)
     for axis, pane in zip(axes[:, 0], panes, strict=True):
         for line in pane.lines:
             near = _within(line.t_s, start_s, end_s)
-            axis.plot(line.t_s[near], line.values[near], color=line.colour, linestyle=line.style, label=line.label)
+            label = line.label if line.place == 0 else None
+            axis.plot(line.t_s[near], line.values[near], color=line.colour, linestyle=line.style, label=label)
         axis.set_ylabel(fill(pane.label, _LABEL_LETTERS))
         axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.03), fontsize=7, handlelength=1.6)
         axis.set_xlim(start_s, end_s)
         _mark(axis, logs[0], start_s, end_s)
     _say(axes[0, 0], logs[0], start_s, end_s)
     axes[-1, 0].set_xlabel("time, s")
+    if len(logs) > 1:
+        others = [Line2D([], [], color=OVERLAYS[place], label=log.name) for place, log in enumerate(logs[1:])]
+        figure.legend(handles=others, loc="outside lower left", ncols=len(others), fontsize=8,
+                      title="over it (right arm dashed, references dotted):", title_fontsize=8)  # fmt: skip
     if title:
         figure.suptitle(title, fontsize=9, x=0.01, ha="left")
     return figure

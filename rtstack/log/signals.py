@@ -1,8 +1,8 @@
 """Which curves a log has: every number of every record, with its name, unit and place in the tree.
 
 A name is `side.field.component`, as in an address of the review page: left.tau_J.4, right.force_norm,
-timing.period_us, object.position.z. Joints count from 1. After what is
-recorded comes what is derived from it.
+timing.period_us, object.position.z. Joints count from 1. What is derived
+comes first, then what is recorded.
 """
 
 import difflib
@@ -19,7 +19,7 @@ from rtstack.log.errors import LogError
 from rtstack.samples import SIDES
 from rtstack.topics import PLOTTED_TOPICS, TOPICS
 
-CURVES = {name: TOPICS[name] for name in PLOTTED_TOPICS} | DERIVED_TOPICS
+CURVES = DERIVED_TOPICS | {name: TOPICS[name] for name in PLOTTED_TOPICS}
 _SYMBOLS = {"us": "µs", "rad/s^2": "rad/s²"}  # units of the table, which is ASCII, as a page shows them
 _MIXED = {"force_norm": "N, Nm"}  # (33) adds both; its text in the log's schema does not say so
 _OF_BOTH = ("force_norm", "pair_verdict", "pair_reason", "pair_margin")  # recorded with each arm

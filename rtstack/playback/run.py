@@ -72,7 +72,7 @@ def prepare_playback(specification: PlaybackSpecification, description: CellDesc
     try:
         check_playback(paths, specification.speed, limits, description)
     except TrialError as error:
-        raise TrialError(f"{source}: {error}") from None
+        raise TrialError(f"{error} ({source})") from None  # the reason first: a page cuts what is long
     digest = hashlib.sha256(source.read_bytes()).hexdigest()
     return PreparedPlayback(
         replace(specification, digest=digest), description, parameters, limits,

@@ -44,8 +44,8 @@ def test_a_part_of_a_recording_is_used_and_its_file_is_not_changed(recorded):
     assert (shown["begin_s"], shown["end_s"], shown["duration_s"]) == pytest.approx((0.5, 3.0, 2.5))
     assert shown["detected_impact_s"] == pytest.approx(whole["detected_impact_s"])  # times stay those of the recording
     assert shown["whole_t_s"] == whole["whole_t_s"]  # what is cut off is still drawn
-    near = [whole["t_s"].index(t) for t in shown["t_s"] if t in whole["t_s"]]
-    assert [whole["velocity"]["left"]["recorded"][k] for k in near] == shown["velocity"]["left"]["recorded"]
+    assert shown["t_s"] == pytest.approx(whole["t_s"])
+    assert shown["velocity"]["left"]["recorded"] == whole["velocity"]["left"]["recorded"]
     said = {"verdict": "accepted", **cut}
     client.post(f"/api/recordings/{log_id}", json=said, headers=headers).raise_for_status()
     kept = client.get(f"/api/recordings/{log_id}").json()
@@ -77,7 +77,7 @@ def test_a_recording_has_a_picture_of_its_forces_once_it_is_read(recorded):
     _, client, _, log_id = recorded
     for _ in range(600):
         answer = client.get(f"/api/recordings/{log_id}/thumbnail")
-        if answer.status_code != 409:
+        if answer.status_code != 202:
             break
         time.sleep(0.1)
     assert (answer.status_code, answer.headers["content-type"]) == (200, "image/svg+xml")

@@ -1,7 +1,9 @@
-// A recording: what is extracted from it, the impact's time by hand, and what a person says about it.
+// A recording: what is extracted from it, the part that is used and the impact's time by hand, and what a person says
+// about it.
 
 import { get, post } from "./api.js";
 import { ask } from "./dialog.js";
+import { Episodes } from "./episodes.js";
 import { showError } from "./errors.js";
 import { startFrame } from "./frame.js";
 import { startPlayback } from "./playback.js";
@@ -14,62 +16,112 @@ const PLOTS = ["velocity", "force", "whole-velocity", "whole-force"];
 const ROOM = 0.25; // of what was recorded, above and below it: references that are extended far leave the picture
 const PARTS = [["recorded", "solid", 2], ["ante", "dash", 1.5], ["post", "dot", 1.5]]; // name, dash, width
 
+const POLL_MS = 400;
+const FIELDS = { nominal_impact_s: "impact", from_s: "from", to_s: "to" }; // of an acceptance, and where they are typed
+
 class Page {
-  constructor() {
-    this.tried = null; // an impact's time that is looked at and not kept
+  constructor(episodes) {
+    this.episodes = episodes;
+    this.tried = {}; // what is looked at and not kept, of FIELDS
     this.acceptance = null;
+    this.data = null;
+    this.asked = 0;
     this.plots = new Map(PLOTS.map((name) => [name, new RecordingPlot($(name))]));
-    $("impact").addEventListener("change", () => this.look($("impact").value === "" ? null : $("impact").valueAsNumber));
-    $("detected").addEventListener("click", () => {
-      $("impact").value = "";
-      this.look(null);
-    });
+    for (const [key, id] of Object.entries(FIELDS)) {
+      $(id).addEventListener("change", () => this.look({ [key]: $(id).value === "" ? null : $(id).valueAsNumber }));
+    }
+    $("detected").addEventListener("click", () => this.look({ nominal_impact_s: null }));
+    $("trim").addEventListener("click", () => this.trim());
+    $("untrim").addEventListener("click", () => this.look({ from_s: null, to_s: null }));
     $("accept").addEventListener("click", () => this.say("accepted"));
     $("reject").addEventListener("click", () => this.say("rejected"));
     $("keep").addEventListener("click", () => this.say(this.acceptance.verdict));
     $("discard").addEventListener("click", () => this.discard());
     $("theme").addEventListener("click", () => this.data && this.draw());
+    window.addEventListener("keydown", (event) => this.key(event));
+    this.decidable(false);
   }
 
-  async load() {
+  key(event) {
+    if (event.ctrlKey || event.altKey || event.metaKey || event.repeat) return;
+    if (event.target.closest?.("input, textarea, select") || document.querySelector("dialog[open]")) return;
+    const buttons = { a: "accept", x: "reject", r: "retake", d: "discard", t: "trim" };
+    if (event.key in buttons) $(buttons[event.key]).click();
+    if (event.key === "[") this.episodes.go(1);
+    if (event.key === "]") this.episodes.go(-1);
+  }
+
+  decidable(yes) {
+    for (const id of ["accept", "reject", "keep", "trim", "untrim", "detected"]) $(id).disabled = !yes;
+  }
+
+  // The extraction for what is tried, or for what is kept; how far it is meanwhile.
+  async load(first = true) {
+    const asked = (this.asked += 1);
+    const given = Object.entries(this.tried).filter(([, value]) => value !== null);
+    const query = new URLSearchParams([...given, ["tried", !first], ["wait", false]]);
+    for (;;) {
+      const data = await get(`/api/recordings/${id}?${query}`);
+      if (asked !== this.asked) return; // something else is looked at meanwhile
+      if (first && this.acceptance === null) this.fill(data.acceptance);
+      if (data.extraction !== null) return this.show(data);
+      $("extracted").hidden = false;
+      $("extracted").value = data.share;
+      this.tell(`The references are being extracted: ${Math.round(100 * data.share)} %.`, "");
+      await new Promise((resolve) => setTimeout(resolve, POLL_MS));
+    }
+  }
+
+  async start() {
     try {
-      this.show(await get(`/api/recordings/${id}`), true);
+      await this.load();
     } catch (error) {
-      $("verdict").textContent = error.message;
+      this.tell(error.message, "bad");
+      $("extracted").hidden = true;
       showError(`This recording cannot be shown: ${error.message}`);
     }
   }
 
-  async look(seconds) {
-    this.tried = seconds;
-    const query = seconds === null ? "" : `?nominal_impact_s=${seconds}`;
-    if (seconds === null && this.acceptance.nominal_impact_s !== null) {
-      await this.say(this.acceptance.verdict); // without one by hand
-      return this.load();
-    }
+  async look(changed) {
+    Object.assign(this.tried, changed);
+    for (const [key, id] of Object.entries(FIELDS)) $(id).value = this.tried[key] ?? "";
     try {
-      this.show(await get(`/api/recordings/${id}${query}`), false);
+      await this.load(false);
     } catch (error) {
+      $("extracted").hidden = true;
+      this.tell(error.message, "bad");
       showError(`Not extracted again: ${error.message}`);
     }
   }
 
-  show(data, first) {
-    this.data = data;
-    this.acceptance = data.acceptance;
-    const { extraction, acceptance } = data;
-    if (first) {
-      $("name").value = acceptance.name;
-      $("note").value = acceptance.note;
-      $("impact").value = acceptance.nominal_impact_s ?? "";
-      this.tried = acceptance.nominal_impact_s;
+  // Use the part that one of the plots of all of it shows.
+  trim() {
+    const zoomed = ["whole-velocity", "whole-force"].map((name) => this.plots.get(name)).find((plot) => plot.from > plot.begin || plot.to < plot.end);
+    if (!zoomed) return showError("Zoom in a plot of all of it first: by the wheel, or by a drag over the part to use.");
+    const seconds = (value) => Math.round(1000 * value) / 1000;
+    this.look({ from_s: zoomed.from > zoomed.begin ? seconds(zoomed.from) : null, to_s: zoomed.to < zoomed.end ? seconds(zoomed.to) : null });
+  }
+
+  fill(acceptance) {
+    this.acceptance = acceptance;
+    $("name").value = acceptance.name;
+    $("note").value = acceptance.note;
+    for (const [key, id] of Object.entries(FIELDS)) {
+      this.tried[key] = acceptance[key];
+      $(id).value = acceptance[key] ?? "";
     }
-    $("impact").max = extraction.duration_s;
+  }
+
+  show(data) {
+    this.data = data;
+    const { extraction } = data;
+    $("extracted").hidden = true;
+    this.decidable(true);
     $("impact").placeholder = extraction.detected_impact_s === null ? "none found" : extraction.detected_impact_s.toFixed(3);
     const seconds = (value) => (value === null ? "none" : `${value.toFixed(3)} s`);
     $("facts").replaceChildren(...[
       ["Object", extraction.object.replaceAll("_", " ")],
-      ["Length", seconds(extraction.duration_s)],
+      ["Used", `${seconds(extraction.begin_s)} to ${seconds(extraction.end_s)}`],
       ["Detected impact", seconds(extraction.detected_impact_s)],
       ["Nominal impact", seconds(extraction.nominal_impact_s)],
       ["Exclusion", `${(1000 * extraction.exclusion_s).toFixed(0)} ms to each side`],
@@ -84,22 +136,33 @@ class Page {
     this.draw();
   }
 
+  tell(text, tone) {
+    if ($("verdict").textContent !== text) $("verdict").textContent = text;
+    $("verdict").dataset.tone = tone;
+  }
+
   showVerdict() {
-    const { extraction, acceptance } = this.data;
+    const { extraction } = this.data;
     const words = { open: "Not decided yet.", accepted: "Accepted: trials may follow it.", rejected: "Rejected: no trial follows it." };
-    const problem = extraction.problem ? `No reference can be made: ${extraction.problem}.` : null;
-    $("verdict").textContent = problem ?? words[acceptance.verdict];
-    $("verdict").dataset.tone = problem || acceptance.verdict === "rejected" ? "bad" : acceptance.verdict === "accepted" ? "good" : "";
+    const tones = { open: "", accepted: "good", rejected: "bad" };
+    const { verdict } = this.acceptance;
+    const changed = Object.keys(FIELDS).some((key) => this.tried[key] !== this.acceptance[key]);
+    if (extraction.problem) this.tell(`No reference can be made: ${extraction.problem}.`, "bad");
+    else this.tell(words[verdict] + (changed ? " The impact or the part is changed, and not kept yet." : ""), tones[verdict]);
     $("accept").disabled = extraction.problem !== null;
-    $("accept").title = extraction.problem ?? "Offer it to trials";
+    $("accept").title = extraction.problem ?? "Offer it to trials (A)";
+    $("reject").title = "No trial follows it (X)";
+    $("discard").title = "Remove its file (D)";
   }
 
   draw() {
     const { extraction } = this.data;
     const [bands, rules] = [[], []];
+    bands.push({ from: -Infinity, to: extraction.begin_s, colour: "faint", alpha: 0.35 });
+    bands.push({ from: extraction.end_s, to: Infinity, colour: "faint", alpha: 0.35 });
     if (extraction.nominal_impact_s !== null) {
       const at = extraction.nominal_impact_s;
-      bands.push({ from: at - extraction.exclusion_s, to: at + extraction.exclusion_s, colour: "mode-interim" });
+      bands.push({ from: at - extraction.exclusion_s, to: at + extraction.exclusion_s, colour: "mode-interim", alpha: 0.28 });
       rules.push({ at, colour: "text", dash: [] });
     }
     if (extraction.detected_impact_s !== null) rules.push({ at: extraction.detected_impact_s, colour: "stopping", dash: [2, 3] });
@@ -118,13 +181,17 @@ class Page {
   }
 
   async say(verdict) {
-    const acceptance = { name: $("name").value.trim(), note: $("note").value, verdict, nominal_impact_s: this.tried };
+    const acceptance = { name: $("name").value.trim(), note: $("note").value, verdict, ...this.tried };
+    this.tell({ accepted: "Accepting it.", rejected: "Rejecting it." }[verdict] ?? "Saving it.", "");
+    this.decidable(false);
     try {
-      this.data.acceptance = this.acceptance = await post(`/api/recordings/${id}`, acceptance);
-      this.showVerdict();
+      this.acceptance = await post(`/api/recordings/${id}`, acceptance);
+      this.episodes.show();
     } catch (error) {
       showError(`Not ${verdict === "open" ? "kept" : verdict}: ${error.message}. The recording stays as it was.`);
     }
+    this.decidable(true);
+    this.showVerdict();
   }
 
   async discard() {
@@ -140,4 +207,6 @@ class Page {
 }
 
 startPlayback(id, startFrame());
-new Page().load();
+const episodes = new Episodes(id);
+new Page(episodes).start();
+episodes.show().catch((error) => showError(`The list of recordings is not there: ${error.message}`));

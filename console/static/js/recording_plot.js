@@ -21,7 +21,7 @@ export class RecordingPlot {
   }
 
   // t: s; curves: [{side, y, colour, dash, width}], y null where there is no value, colour a token; range: of y, or none
-  // for what the curves need; bands: [{from, to, colour}]; rules: [{at, colour, dash}]
+  // for what the curves need; bands: [{from, to, colour, alpha}]; rules: [{at, colour, dash}]
   show({ t, curves, range, bands, rules }) {
     const whole = this.t.length === 0 || (this.from === this.begin && this.to === this.end);
     Object.assign(this, { t, range, bands, rules, begin: t[0] ?? 0, end: t.at(-1) ?? 1 });
@@ -66,10 +66,12 @@ export class RecordingPlot {
     context.beginPath();
     context.rect(MARGIN.left, top, chart.plotWidth, bottom - top);
     context.clip();
-    context.globalAlpha = 0.18;
-    for (const { from, to, colour } of this.bands) {
+    for (const { from, to, colour, alpha } of this.bands) {
+      const [left, right] = [chart.x(Math.max(from, this.from)), chart.x(Math.min(to, this.to))];
+      if (right <= left) continue;
+      context.globalAlpha = alpha;
       context.fillStyle = token(colour);
-      context.fillRect(chart.x(from), top, chart.x(to) - chart.x(from), bottom - top);
+      context.fillRect(left, top, right - left, bottom - top);
     }
     context.globalAlpha = 1;
     context.lineWidth = 1.5;

@@ -21,5 +21,6 @@ export function startTabs(bar) {
     show(next);
     next.focus();
   });
-  show(tabs.find((tab) => tab.id === localStorage.getItem(KEY)) ?? tabs[0]);
+  const named = [location.hash.slice(1), localStorage.getItem(KEY)]; // a link may choose one
+  show(named.map((id) => tabs.find((tab) => tab.id === id)).find(Boolean) ?? tabs[0]);
 }

@@ -4,7 +4,7 @@ from enum import StrEnum
 from typing import Annotated
 
 import typer
-from typer.completion import completion_init, shell_complete
+from typer.completion import completion_init, shell_complete  # pyright: ignore[reportPrivateImportUsage]
 
 commands = typer.Typer()
 VARIABLE = "_RTSTACK_COMPLETE"  # set by the script while it asks for completions

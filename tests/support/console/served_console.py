@@ -24,6 +24,7 @@ from console.queue.file import FILE_NAME as QUEUE_FILE
 from console.queue.queue import Queue
 from console.queue.runner import QueueRunner
 from console.review.cache import ReviewCache
+from console.review.layouts import Layouts
 from console.review.scene import ReviewScenes
 from console.scene_ghost import GhostPlayer
 from console.scenes import Scenes
@@ -155,6 +156,7 @@ def serve_console(logs: Path) -> Iterator[ServedConsole]:
             preview,
             trainer,
             questions,
+            Layouts(logs),
         )
         application = create_app(parts, port)
         server = uvicorn.Server(server_settings(application))

@@ -17,8 +17,8 @@ export class Legends {
 
   // Write the legends of fields, [signals], for two logs where `compared`, and return how high each is in an area that is
   // `width` px wide. colour: of a signal. What has not changed is left alone: the page need not be laid out.
-  show(fields, colour, compared, width) {
-    const shown = JSON.stringify([fields.map((members) => members.map((signal) => [signal.name, colour(signal)])), compared, width]);
+  show(fields, colour, compared, width, differs = false) {
+    const shown = JSON.stringify([fields.map((members) => members.map((signal) => [signal.name, colour(signal)])), compared, width, differs]);
     if (shown === this.shown) return this.heights;
     this.shown = shown;
     this.tops = "";
@@ -28,8 +28,13 @@ export class Legends {
       const legend = document.createElement("div");
       legend.className = "legend";
       const title = document.createElement("b");
-      title.textContent = members[0].unit ? `${members[0].field}, ${members[0].unit}` : members[0].field;
-      legend.append(title, ...members.map((signal) => this.entry(signal, colour(signal), compared)));
+      const [{ plain, field }] = members;
+      const units = [...new Set(members.map(({ unit }) => unit).filter(Boolean))].join(", ");
+      title.textContent = `${differs ? "difference of " : ""}${plain}${units ? `, ${units}` : ""}`;
+      const name = document.createElement("span");
+      name.className = "faint";
+      name.textContent = field;
+      legend.append(title, name, ...members.map((signal) => this.entry(signal, colour(signal), compared, signal.field === field ? "" : " reference")));
       return legend;
     }));
     this.showValues(...this.values);
@@ -44,7 +49,7 @@ export class Legends {
     tops.forEach((top, row) => (this.place.children[row].style.top = `${top}px`));
   }
 
-  entry(signal, colour, compared) {
+  entry(signal, colour, compared, end) {
     const entry = document.createElement("span");
     entry.className = "entry";
     entry.innerHTML = '<svg viewBox="0 0 20 8" aria-hidden="true"><line x1="0" x2="20" y1="4" y2="4" stroke-width="2.5"/></svg>';
@@ -54,7 +59,7 @@ export class Legends {
     const value = document.createElement("span");
     value.className = "value";
     this.written.set(signal.name, value);
-    entry.append(signal.component ? `${signal.group} ${signal.component}` : signal.group, value);
+    entry.append((signal.component ? `${signal.whose} ${signal.component}` : signal.whose) + end, value);
     if (!compared) return entry;
     const other = document.createElement("span");
     other.className = "value faint";

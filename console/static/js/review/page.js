@@ -7,8 +7,8 @@ import { startPlayback } from "../playback.js";
 import { startScene } from "../scene.js";
 import { Compare } from "./compare.js";
 import { startKeys } from "./keys.js";
+import { Layouts } from "./layouts.js";
 import { Marks } from "./marks.js";
-import { savePicture } from "./picture.js";
 import { Plots } from "./plots.js";
 import { Scrub } from "./scrub.js";
 import { Log } from "./source.js";
@@ -53,6 +53,8 @@ async function start() {
   element("home").parentElement.append(ghostSwitch);
   let ghostShown = true;
   const ghost = () => (plots.other === null || !ghostShown ? null : { id: plots.other.log.id, offset: plots.other.offset });
+  const layouts = new Layouts(view, log);
+  const ghost = () => (plots.others.length ? { id: plots.others[0].log.id, offset: plots.others[0].offset } : null);
   const scrub = new Scrub(view, log, ghost, (answer) => plots.legends.showValues(answer.values, compare.showGhost(answer)));
   ghostSwitch.addEventListener("click", () => {
     ghostShown = !ghostShown;
@@ -63,25 +65,33 @@ async function start() {
     ghostSwitch.hidden = plots.other === null;
   });
   plots.shown.then(() => {
-    for (const id of ["full", "png"]) element(id).disabled = false; // before there are curves they would do nothing
+    element("full").disabled = false; // before there are curves it would do nothing
     compare.offer(); // curves first
+    layouts.offer();
     startScene((detail) => `/viser/review/${detail}/${scrub.key}/`);
   });
   startPlayback(log.id, live);
   startKeys(view, timeline, marks);
 
   const link = () => {
-    const other = plots.other === null ? "" : `&other=${plots.other.log.id}&offset=${plots.other.offset}`;
-    const none = !view.known || view.signals.length === 0;
-    element("csv").ariaDisabled = none;
-    if (none) element("csv").removeAttribute("href");
-    else element("csv").href = `/api/logs/${log.id}/csv?signals=${view.signals.join(",")}&start=${view.from}&end=${view.to}${other}`;
+    const none = !view.known || view.signals.length === 0 || plots.drawn === null;
+    const [first] = plots.others;
+    const shown = { signals: view.signals.join(","), start: view.from, end: view.to };
+    const others = plots.others.map((other) => `${other.log.id}:${other.offset}`).join(",");
+    const drawn = { ...shown, ...(others && { others }), reference: view.reference, difference: plots.differs };
+    const addresses = { csv: ["csv", { ...shown, ...(first && { other: first.log.id, offset: first.offset }) }] };
+    for (const form of ["pdf", "svg", "png"]) addresses[form] = ["figure", { ...drawn, form }];
+    for (const [id, [what, query]] of Object.entries(addresses)) {
+      element(id).ariaDisabled = none;
+      if (none) element(id).removeAttribute("href");
+      else element(id).href = `/api/logs/${log.id}/${what}?${new URLSearchParams(query)}`;
+    }
   };
   view.on("window", link);
   view.on("signals", link);
   view.on("other", link);
+  plots.shown.then(link);
   element("full").addEventListener("click", () => view.setWindow(0, view.end));
-  element("png").addEventListener("click", () => savePicture(plots, main.dataset.name, compare.said).catch((error) => showError(`No picture was made: ${error.message}`)));
 
   const sinceMs = performance.now();
   await log.read((document) => {

@@ -6,7 +6,7 @@ import { drawBands } from "./bands.js";
 import { Chart, MARGIN, points } from "./chart.js";
 import { Legends } from "./legends.js";
 import { Pointer } from "./pointer.js";
-import { colourOf, dashOf } from "./style.js";
+import { colourOf, dashOf, overlayColour } from "./style.js";
 
 const LANE_PX = 18; // above the panes: impacts and verdicts in words
 const GAP_PX = 6; // between a pane and what is above and below
@@ -17,7 +17,7 @@ export class Plots {
   constructor(view, signals, log) {
     this.view = view;
     this.log = log;
-    this.other = null; // {log, offset}: the compared log, and what has to be added to its time
+    this.others = []; // [{log, offset}]: the compared logs, and what has to be added to their times
     this.byName = new Map(signals.map((signal) => [signal.name, signal]));
     this.area = document.getElementById("figure-area");
     this.figure = document.getElementById("figure");
@@ -62,19 +62,26 @@ export class Plots {
   }
 
   async load() {
-    const { from, to, signals } = this.view;
-    const names = signals.filter((name) => this.byName.has(name));
+    const { from, to } = this.view;
+    const names = this.signals.map(({ name }) => name);
+    const { others } = this;
     const width = Math.min(Math.max(Math.round(this.width * BUCKETS_PER_PX), 16), 8192);
     const { done } = this.log.document;
     let complete = true; // there is nothing to wait for
     try {
-      const parts = [this.log.curves(names, from, to, width)];
-      if (this.other) parts.push(this.other.log.curves(names, from - this.other.offset, to - this.other.offset, width));
-      const [own, others = []] = await Promise.all(parts);
-      this.curves = [...own.map((curve) => ({ ...curve, offset: 0 })), ...others.map((curve) => ({ ...curve, offset: this.other?.offset ?? 0, other: true }))];
+      const [own, ...over] = await Promise.all([
+        this.differs ? [] : this.log.curves(names, from, to, width),
+        ...others.map((other) => this.differs ? this.log.curves(names, from, to, width, other)
+          : other.log.curves(names, from - other.offset, to - other.offset, width)),
+      ]);
+      const moved = (other) => (this.differs ? 0 : other.offset);
+      this.curves = [
+        ...own.map((curve) => ({ ...curve, offset: 0, place: null })),
+        ...over.flatMap((curves, place) => curves.map((curve) => ({ ...curve, offset: moved(others[place]), place }))),
+      ];
       this.drawn = { from, to };
       this.draw();
-      complete = done || names.length === 0 || own.some(({ t }) => t.length > 0);
+      complete = done || names.length === 0 || this.curves.some(({ t }) => t.length > 0);
       performance.measure("curves", { start: this.since, end: performance.now() });
       if (!this.pending) this.since = null;
     } catch (error) {
@@ -87,11 +94,12 @@ export class Plots {
 
   draw() {
     if (this.drawn === null) return;
-    const signals = this.view.signals.map((name) => this.byName.get(name)).filter(Boolean);
-    this.fields = [...Map.groupBy(signals, (signal) => signal.field).values()];
+    const { signals } = this;
+    const followed = new Map(signals.filter(({ reference }) => reference).map(({ reference, field }) => [reference, field]));
+    this.fields = [...Map.groupBy(signals, ({ name, field }) => (this.view.reference && followed.get(name)) || field).values()];
     document.getElementById("no-signal").hidden = signals.length > 0;
     this.area.hidden = signals.length === 0;
-    const legends = this.legends.show(this.fields, (signal) => this.colour(signal), this.other !== null, this.area.clientWidth);
+    const legends = this.legends.show(this.fields, (signal) => this.colour(signal), this.others.length > 0 && !this.differs, this.area.clientWidth, this.differs);
     const around = legends.reduce((sum, height) => sum + height + GAP_PX, MARGIN.bottom + LANE_PX); // what is no curve
     this.area.style.height = `${Math.max(this.area.parentElement.clientHeight, around + this.fields.length * SMALLEST_PANE_PX)}px`;
     const on = pen(this.figure);
@@ -117,13 +125,28 @@ export class Plots {
     const pane = this.panes.findIndex(({ members }) => members.some(({ name }) => name === curve.name));
     if (pane < 0) return [];
     const signal = this.byName.get(curve.name);
-    const look = curve.other ? { width: 1, dash: "longdashdot", opacity: 0.75 } : { width: 1.5, dash: dashOf(signal), opacity: 1 };
-    return [{ name: curve.name, pane, ...points(curve), colour: this.colour(signal), ...look }];
+    const own = curve.place === null;
+    const [dash, right] = [dashOf(signal), signal.whose === "right"];
+    const overDash = dash === "solid" ? (right ? "dash" : "solid") : "dot"; // of another log the colour says which one
+    const look = { dash: own ? dash : overDash, width: own ? 1.5 : 1.25, opacity: 1, colour: own ? this.colour(signal) : overlayColour(curve.place) };
+    return [{ name: curve.name, pane, ...points(curve), ...look }];
+  }
+
+  // The signals that are drawn: what is ticked, and with it what it is to follow.
+  get signals() {
+    const ticked = this.view.signals.map((name) => this.byName.get(name)).filter(Boolean);
+    if (!this.view.reference) return ticked;
+    return [...new Set([...ticked, ...ticked.map(({ reference }) => this.byName.get(reference)).filter(Boolean)])];
+  }
+
+  // Whether differences are drawn instead of the logs.
+  get differs() {
+    return this.view.difference && this.others.length > 0;
   }
 
   colour(signal) {
     const members = this.fields.find((field) => field.includes(signal)) ?? [signal];
-    const family = members.filter(({ group }) => group === signal.group);
+    const family = members.filter(({ group, field }) => group === signal.group && field === signal.field);
     return colourOf(signal, family.indexOf(signal));
   }
 

@@ -27,11 +27,13 @@ export class Log {
     return this.document?.events.find((event) => event.name === "impact")?.t_s ?? null;
   }
 
-  // Curves in a window: [{name, bucket, t, low, high}], s after the first sample.
-  async curves(signals, from, to, width, signal) {
+  // Curves in a window: [{name, bucket, t, low, high}], s after the first sample. less: {log, offset}, of which the
+  // difference to this log is wanted.
+  async curves(signals, from, to, width, less = null) {
     if (signals.length === 0) return [];
-    const query = new URLSearchParams({ signals: signals.join(","), start: from, end: to, width });
-    const answer = await fetch(`/api/logs/${this.id}/series?${query}`, { signal });
+    const other = less === null ? {} : { other: less.log.id, offset: less.offset };
+    const query = new URLSearchParams({ signals: signals.join(","), start: from, end: to, width, ...other });
+    const answer = await fetch(`/api/logs/${this.id}/series?${query}`);
     if (!answer.ok) throw new Refused((await answer.json().catch(() => ({}))).error ?? `the console answered ${answer.status}`);
     return unpacked(await answer.arrayBuffer());
   }

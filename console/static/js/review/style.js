@@ -17,10 +17,13 @@ export const theme = () => ({ text: token("text"), faint: token("faint"), line: 
 // `place`: which of its family in the pane it is. On a light ground the families are darker: a line has to be seen.
 export function colourOf(signal, place) {
   const light = document.documentElement.dataset.theme === "light";
-  const base = signal.group === "left" ? token("left") : signal.group === "right" ? token("right") : token("good");
+  const base = signal.whose === "left" ? token("left") : signal.whose === "right" ? token("right") : token("good");
   const strong = light ? mixed(base, "#101010", 0.15) : base;
   return mixed(strong, light ? "#9aa0a6" : "#f4f6f8", Math.min(place * 0.16, 0.7));
 }
+
+// Of the log that was put over the first one as the `place`-th: one scale, and none of the arms' colours.
+export const overlayColour = (place) => token(`overlay-${place + 1}`);
 
 export function dashOf(signal) {
   if (/_ref$|_ff$/.test(signal.field)) return "dash";

@@ -18,15 +18,17 @@ export class Tree {
       const details = this.branch("group", group, "");
       details.open = true;
       for (const [field, components] of Map.groupBy(members, (signal) => signal.field)) {
-        const unit = components[0].unit;
+        const unit = [...new Set(components.map((signal) => signal.unit).filter(Boolean))].join(", ");
+        const [{ plain }] = components;
         if (components.length === 1 && components[0].component === "") {
           const leaf = document.createElement("div");
           leaf.className = "field";
-          leaf.append(this.leaf(components[0], field));
+          leaf.append(this.leaf(components[0], plain));
           details.append(leaf);
           continue;
         }
-        const inner = this.branch("field", field, unit);
+        const inner = this.branch("field", plain, unit);
+        inner.title = field;
         const row = document.createElement("div");
         row.className = "components";
         row.append(...components.map((signal) => this.leaf(signal, signal.component)));
@@ -55,7 +57,7 @@ export class Tree {
     box.addEventListener("change", () => this.view.toggle(signal.name, box.checked));
     label.append(box, text);
     label.title = signal.unit ? `${signal.name}, ${signal.unit}` : signal.name;
-    this.boxes.set(signal.name, { box, label });
+    this.boxes.set(signal.name, { box, label, words: `${signal.name} ${signal.plain}`.toLowerCase() });
     return label;
   }
 
@@ -69,7 +71,7 @@ export class Tree {
 
   filter() {
     const words = this.search.value.toLowerCase().split(/\s+/).filter(Boolean);
-    for (const [name, { label }] of this.boxes) label.hidden = !words.every((word) => name.toLowerCase().includes(word));
+    for (const { label, words: known } of this.boxes.values()) label.hidden = !words.every((word) => known.includes(word));
     for (const element of this.place.querySelectorAll(".field, .group")) {
       element.hidden = element.querySelector("label:not([hidden])") === null;
       if (words.length && element.matches("details.field")) element.open = !element.hidden;

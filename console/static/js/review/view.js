@@ -1,9 +1,10 @@
 // What the page shows: signals, window, cursor. Kept in the address, so that a link opens exactly this view.
 
 const DEFAULT = [
-  "left.force_norm", "left.O_F_ext_hat_K.fy", "right.O_F_ext_hat_K.fy", "left.O_T_EE.y", "right.O_T_EE.y",
+  "left.pad_force", "right.pad_force", "left.force_norm", "left.pad_velocity.vy", "right.pad_velocity.vy",
   "object.position.z",
 ];
+export const MOST_OTHERS = 4;
 const ADDRESS_MS = 300; // browsers refuse more than some hundred changes of the address in ten seconds
 const SHORTEST_S = 0.005;
 
@@ -15,7 +16,10 @@ export class View {
     this.t = number("t") ?? 0;
     this.from = number("from");
     this.to = number("to");
-    this.other = asked.get("other") ?? "";
+    this.others = (asked.get("other") ?? "").split(",").filter(Boolean).slice(0, MOST_OTHERS);
+    this.reference = asked.get("reference") === "1";
+    this.difference = asked.get("difference") === "1";
+    this.layout = asked.get("layout"); // to be applied once
     this.align = asked.get("align") === "start" ? "start" : "impact";
     this.end = 1;
     this.known = false;
@@ -67,11 +71,18 @@ export class View {
     this.tell("signals");
   }
 
+  // what: reference or difference.
+  show(what, on) {
+    this[what] = on;
+    this.tell("signals");
+  }
+
   writeAddress() {
     this.timer = null;
     const parts = [`t=${this.t.toFixed(3)}`, `signals=${this.signals.join(",")}`];
     if (this.from > 0 || this.to < this.end) parts.push(`from=${this.from.toFixed(3)}`, `to=${this.to.toFixed(3)}`);
-    if (this.other) parts.push(`other=${this.other}`, `align=${this.align}`);
+    if (this.others.length) parts.push(`other=${this.others.join(",")}`, `align=${this.align}`);
+    for (const what of ["reference", "difference"]) if (this[what]) parts.push(`${what}=1`);
     history.replaceState(null, "", `?${parts.join("&")}`);
   }
 }
