@@ -9,8 +9,8 @@ from typing import Annotated
 from pydantic import Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
 
+from hal.configuration import STRICT
 from hal.files import write_whole
-from rtstack.configuration import STRICT
 from rtstack.messages import StrictBool, StrictFloat
 
 FILE_NAME = "layouts.json"  # in the folder of logs

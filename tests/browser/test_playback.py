@@ -101,7 +101,7 @@ def test_a_log_goes_to_the_arms_and_ends_softly_and_is_compared_with_what_was_pl
     assert box is not None
     page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     assert paused_s < both_at(page) < page.locator("#slider").evaluate("slider => Number(slider.max)")
-    page.select_option("#other", "")
+    page.click("#overlays button")
     expect(ghost).to_be_hidden(timeout=PATIENCE_MS)
     assert console.errors == []
 

@@ -42,3 +42,50 @@ def test_the_curves_have_values_at_the_pointer_and_zoom(console):
     assert [time_at(area, EDGE_PX), time_at(area, right)] == pytest.approx(middle, abs=0.01)
     area.dblclick(position={"x": 200, "y": 40})
     assert (time_at(area, EDGE_PX), time_at(area, right)) == whole
+
+
+def pixels(page, colour: str) -> int:
+    """How many pixels of the first plot have the hue of a token, in the middle of its height."""
+    return page.evaluate(
+        """async (token) => {
+            const wanted = getComputedStyle(document.documentElement).getPropertyValue(`--${token}`).trim();
+            const canvas = document.querySelector('#velocity canvas');
+            const parse = (text) => [1, 3, 5].map((place) => parseInt(text.slice(place, place + 2), 16));
+            const [r, g, b] = parse(wanted);
+            const { data } = canvas.getContext('2d').getImageData(0, Math.round(canvas.height / 4), canvas.width, 1);
+            let found = 0;
+            for (let at = 0; at < data.length; at += 4)
+                if (Math.abs(data[at] - r) + Math.abs(data[at + 1] - g) + Math.abs(data[at + 2] - b) < 40 && data[at + 3] > 30) found += 1;
+            return found;
+        }""",  # noqa: E501
+        colour,
+    )
+
+
+def test_a_part_is_used_and_accepted_by_one_key_and_the_page_says_so_at_once(console):
+    page = console.page
+    assert pixels(page, "mode-interim") > 20  # the exclusion interval
+    expect(page.locator("#episodes li")).to_have_count(1)
+    expect(page.locator("#episodes img")).to_have_attribute("src", re.compile("^blob:"), timeout=PATIENCE_MS)
+    page.fill("#from", "0.4")
+    page.keyboard.press("Tab")
+    expect(page.locator("#verdict")).to_contain_text("not kept yet", timeout=PATIENCE_MS)
+    expect(page.locator("#facts")).to_contain_text("0.400 s to")
+    page.locator("h2").first.click()
+    page.keyboard.press("a")
+    expect(page.locator("#verdict")).to_have_text("Accepted: trials may follow it.")
+    expect(page.locator("#episodes small")).to_contain_text("accepted")
+    page.reload()
+    expect(page.locator("#from")).to_have_value("0.4")
+    expect(page.locator("#verdict")).to_have_text("Accepted: trials may follow it.", timeout=PATIENCE_MS)
+
+
+def test_the_largest_speed_is_offered_before_it_is_played(console):
+    page = console.page
+    page.locator(".arms").hover()
+    line = page.locator("#arms-line")
+    expect(line).to_have_text(re.compile(r"^At most \d(\.\d+)?x"), timeout=PATIENCE_MS)
+    fastest = float(re.findall(r"most ([\d.]+)x", line.inner_text())[0])
+    speeds = [float(text[:-1]) for text in page.locator("#arms-speed option").all_inner_texts()]
+    assert max(speeds) == fastest
+    assert len(speeds) == len(set(speeds)) > 2

@@ -279,8 +279,66 @@ def test_a_second_log_is_aligned_at_the_impact_and_the_differences_are_listed(pa
     impacts = [first_impact_s(read_log(logs / name)) for name in ("first.mcap", "second.mcap")]
     assert found[1] - found[0] == pytest.approx(impacts[0] - impacts[1], abs=0.02)
     expect(page).to_have_url(re.compile("other="))
-    page.select_option("#other", "")
+    table, plots = page.locator("#difference table"), page.locator("#plots")
+    rows = table.locator("tbody tr")
+    expect(rows.first).to_contain_text("trial.specification.")
+    for row in rows.all()[:3]:  # a line each, above the curves
+        assert row.evaluate("row => row.cells[0].clientHeight") < 40
+        assert row.evaluate("row => row.cells[0].scrollWidth <= row.cells[0].clientWidth")
+    assert box_of(table)["y"] < box_of(plots)["y"]
+    page.click("#overlays button")
     expect(page.locator("#difference")).to_be_hidden()
+
+
+def box_of(locator):
+    box = locator.bounding_box()
+    assert box is not None
+    return box
+
+
+def test_logs_over_a_log_differences_references_and_layouts(page, logs):
+    """Four logs over one, the same one a second time is none; what is drawn is what the logs have."""
+    for name in ("third", "fourth", "fifth"):
+        (logs / f"{name}.mcap").write_bytes((logs / "second.mcap").read_bytes())
+    open_log(page, "first.mcap", "?signals=left.pad_velocity.vy,left.tau_J.4&from=0.5&to=2.5")
+    for name in ("second", "third", "fourth", "fifth"):
+        page.locator("#other").select_option(label=page.locator("#other option", has_text=name).inner_text())
+    expect(page.locator("#overlays button")).to_have_count(4)
+    page.check("#reference")
+    for _ in range(200):
+        curves = drawn(page, "left.pad_velocity.vy") + drawn(page, "left.twist_ref.vy")
+        if len(curves) == 10:
+            break
+        page.wait_for_timeout(200)
+    assert len({curve["colour"] for curve in drawn(page, "left.pad_velocity.vy")}) == 5
+    assert {curve["pane"] for curve in curves} == {0}  # over what is to follow it
+    expect(page.locator(".legend").first).to_contain_text("left vy reference")
+    expect(page).to_have_url(re.compile("reference=1"))
+
+    page.check("#minus")
+    expect(page.locator(".legend b").first).to_have_text("difference of pad velocity, m/s")
+    for _ in range(200):
+        found = drawn(page, "left.tau_J.4")
+        if len(found) == 4:
+            break
+        page.wait_for_timeout(200)
+    spike = min(found[0]["y"])
+    assert -SPIKE_NM - 60.0 < spike < -SPIKE_NM + 120.0  # the other log less this one, at the spike
+    page.fill("#layout-name", "around the impact")
+    page.click("#layout-form button[type=submit]")
+    expect(page.locator("#layout")).to_have_value("around the impact")
+
+    open_log(page, "second.mcap", "?layout=around the impact")
+    first, second = (first_impact_s(read_log(logs / name)) for name in ("first.mcap", "second.mcap"))
+    expect(page.locator("#tree input:checked")).to_have_count(2)
+    shown = f"{0.5 - first + second:.3f}"
+    expect(page).to_have_url(re.compile(f"from={re.escape(shown[:-1])}"))
+    expect(page.locator("#reference")).to_be_checked()
+    page.click("#layout-remove")
+    expect(page.locator("#layout option")).to_have_count(1)
+    for name in ("third", "fourth", "fifth"):
+        (logs / f"{name}.mcap").unlink()
+    open_log(page, "first.mcap", "?signals=left.force_norm,left.tau_J.4")
 
 
 def test_a_compared_log_that_ends_earlier_says_so_and_long_legends_hide_no_curve(page, logs):
@@ -309,14 +367,16 @@ def first_impact_s(log):
 
 
 def test_what_is_on_the_screen_comes_down(page, logs, tmp_path):
-    for button, suffix in (("#png", "png"), ("#csv", "csv"), ("#mcap", "mcap")):
+    for suffix in ("pdf", "svg", "png", "csv", "mcap"):
         with page.expect_download() as download:
-            page.click(button)
+            page.click(f"#{suffix}")
         download.value.save_as(tmp_path / f"got.{suffix}")
         assert download.value.suggested_filename == f"first.{suffix}"
     image = Image.open(tmp_path / "got.png").convert("RGB")
     assert image.width > 1000
     assert len(np.unique(np.asarray(image).reshape(-1, 3), axis=0)) > 20
+    assert (tmp_path / "got.pdf").read_bytes().startswith(b"%PDF")
+    assert "joint torque" in (tmp_path / "got.svg").read_text()  # Matplotlib says a drawn text in a comment
     rows = list(csv.DictReader((tmp_path / "got.csv").read_text().splitlines()))
     assert max(float(row["left.tau_J.4"]) for row in rows) == SPIKE_NM
     assert (tmp_path / "got.mcap").read_bytes() == (logs / "first.mcap").read_bytes()

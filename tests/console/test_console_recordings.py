@@ -6,9 +6,9 @@ import time
 
 import pytest
 
-from tests.support.console.client import arm, wait_for
 from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.trial import prepare_trial
+from tests.support.console.client import arm, wait_for
 
 
 @pytest.fixture
