@@ -271,13 +271,14 @@ def test_a_second_log_is_aligned_at_the_impact_and_the_differences_are_listed(pa
     page.locator("#other").select_option(label=page.locator("#other option", has_text="second.mcap").inner_text())
     expect(page.locator("#difference")).to_contain_text("trial.specification.controller")
     expect(page.locator("#difference")).to_contain_text("no_interim")
-    for _ in range(100):
+    impacts = [first_impact_s(read_log(logs / name)) for name in ("first.mcap", "second.mcap")]
+    moved = pytest.approx(impacts[0] - impacts[1], abs=0.02)
+    for _ in range(100):  # until the other log's impact has been read
         found = [curve["x"][0] for curve in drawn(page, "left.force_norm")]
-        if len(found) == 2:
+        if len(found) == 2 and found[1] - found[0] == moved:
             break
         page.wait_for_timeout(200)
-    impacts = [first_impact_s(read_log(logs / name)) for name in ("first.mcap", "second.mcap")]
-    assert found[1] - found[0] == pytest.approx(impacts[0] - impacts[1], abs=0.02)
+    assert found[1] - found[0] == moved
     expect(page).to_have_url(re.compile("other="))
     table, plots = page.locator("#difference table"), page.locator("#plots")
     rows = table.locator("tbody tr")
