@@ -12,7 +12,7 @@ import typer
 
 from console.log_rows import LogRow, log_row
 from console.review.difference import differences, settings
-from console.review.search import Outcome, SortKey, found, ordered
+from console.review.search import FilterRefused, Outcome, SortKey, ordered, search
 from rtstack.cli.tables import print_table
 from rtstack.log.catalogue import Catalogue
 from rtstack.log.errors import LogError
@@ -27,7 +27,10 @@ def list_logs(folder: Path, query: str, kind: str, outcome: str, sort: str, desc
     """Print a row for each log that is looked for. Raises LogError."""
     wanted, key = _one_of(Outcome, outcome, "--outcome"), _one_of(SortKey, sort, "--sort")
     pairs = [(entry, log_row(entry, None)) for entry in Catalogue(folder).entries()]
-    rows = [row for entry, row in pairs if kind in ("", row.kind) and found(entry, row, query, wanted)]
+    try:
+        rows = search([pair for pair in pairs if kind in ("", pair[1].kind)], query, wanted)
+    except FilterRefused as error:
+        raise LogError(str(error)) from None
     rows = ordered(rows, key, descending)
     if json:
         typer.echo(json_module.dumps({"logs": [asdict(row) for row in rows]}))
