@@ -55,10 +55,8 @@ from rtstack.log.errors import LogError
 from rtstack.references.acceptance import AcceptanceError
 
 _ROUTES = (
-    pages, description, access, robot, control, jobs, queue, trials, campaigns, playback, logs, retention, live, review,
-    scene, teleoperation, training, recordings, foxglove,
     pages, description, access, robot, control, jobs, queue, trials, campaigns, playback, logs, layouts, retention,
-    live, review, scene, teleoperation, recordings, foxglove,
+    live, review, scene, teleoperation, training, recordings, foxglove,
 )  # fmt: skip
 
 

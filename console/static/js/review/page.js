@@ -52,9 +52,8 @@ async function start() {
   Object.assign(ghostSwitch, { type: "button", className: "quiet", id: "ghost-switch", textContent: "ghost: on", title: "The compared log in the scene", hidden: true });
   element("home").parentElement.append(ghostSwitch);
   let ghostShown = true;
-  const ghost = () => (plots.other === null || !ghostShown ? null : { id: plots.other.log.id, offset: plots.other.offset });
+  const ghost = () => (plots.others.length && ghostShown ? { id: plots.others[0].log.id, offset: plots.others[0].offset } : null);
   const layouts = new Layouts(view, log);
-  const ghost = () => (plots.others.length ? { id: plots.others[0].log.id, offset: plots.others[0].offset } : null);
   const scrub = new Scrub(view, log, ghost, (answer) => plots.legends.showValues(answer.values, compare.showGhost(answer)));
   ghostSwitch.addEventListener("click", () => {
     ghostShown = !ghostShown;
@@ -62,7 +61,7 @@ async function start() {
     scrub.ask();
   });
   view.on("other", () => {
-    ghostSwitch.hidden = plots.other === null;
+    ghostSwitch.hidden = plots.others.length === 0;
   });
   plots.shown.then(() => {
     element("full").disabled = false; // before there are curves it would do nothing
