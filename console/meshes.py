@@ -40,6 +40,7 @@ def full_parts(model: RobotModel, link: str) -> list[Part]:
     return light_parts(model, link) if path is None else read_collada(path)
 
 
+@cache
 def light_parts(model: RobotModel, link: str) -> list[Part]:
     """Return the visual mesh of a link, coarse, for software rendering; capsules where it is not installed."""
     path = _installed(model, f"visual/{link}.dae")

@@ -41,8 +41,9 @@ class _LiveScene:
         self._scene = CellFigures(self.server.viser.scene, cell, full=detail is Detail.FULL)
         self._gizmos = Gizmos(self.server.viser, cell, teleop)
         self._experiment = ExperimentFigures(self.server.viser.scene, cell)
-        self._watch, self._plans, self._player, self._cell = watch, plans, ghost, cell
-        self._ghost: CellFigures | None = None  # drawn when it is first shown
+        self._watch, self._plans, self._player = watch, plans, ghost
+        self._ghost = CellFigures(self.server.viser.scene, cell, full=False, ghost=_GHOST)  # before it is needed
+        self._ghost.hide()
         self._frame_s = detail.frame_s
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._follow, daemon=True, name=f"scene {detail}")
@@ -73,11 +74,8 @@ class _LiveScene:
     def _show_ghost(self) -> None:
         pose = self._player.pose()
         if pose is None:
-            if self._ghost is not None:
-                self._ghost.hide()
+            self._ghost.hide()
             return
-        if self._ghost is None:
-            self._ghost = CellFigures(self.server.viser.scene, self._cell, full=False, ghost=_GHOST)
         q, name, placed = pose
         self._ghost.show_arms(q)
         self._ghost.show_object(name, placed)
