@@ -4,6 +4,7 @@ A viewer may only watch: pausing decides about an experiment, so it needs the sc
 STOP works, and pauses the queue too: it stops the trial, and disarms the arms.
 """
 
+import time
 from typing import Annotated
 
 from fastapi import APIRouter, BackgroundTasks, Path
@@ -89,7 +90,8 @@ def _check_objects(parts: Parts, field: str, *names: str) -> None:
 
 def _name_of(parts: Parts, reference: str) -> str:
     row = log_row(followed_by(parts, reference), None)
-    return row.title or row.name
+    made = time.strftime("%m-%d %H:%M:%S", time.localtime(row.when))
+    return row.title or f"{row.kind} {(row.object or '').replace('_', ' ')}, {made}"
 
 
 @router.post("/start")

@@ -48,7 +48,7 @@ def printed_address(logs_of_stack: Path, temporary: Path) -> Iterator[str]:
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        env={**os.environ, "TMPDIR": str(temporary)},
+        env={**os.environ, "TMPDIR": str(temporary), "XDG_CONFIG_HOME": str(temporary / "config")},
     )
     assert process.stdout is not None
     yield process.stdout.readline().removeprefix("rtstack is up: ").strip()

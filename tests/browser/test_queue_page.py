@@ -125,3 +125,62 @@ def test_the_form_proposes_the_object_of_its_reference(console, logs_of_stack):
     expect(thing).to_have_value("parcel")
     reference.select_option(value=reference.locator("option", has_text="rice box").first.get_attribute("value"))
     expect(thing).to_have_value("rice_box")
+
+
+def test_logs_are_starred_tagged_deleted_and_brought_back_on_their_page(console):
+    page = console.page
+    page.goto(console.address.split("?")[0] + "logs")
+    rows = page.locator("#logs tbody tr")
+    expect(rows).not_to_have_count(0, timeout=PATIENCE_MS)
+    before, first = rows.count(), rows.first
+    first.locator("button.star").click()
+    expect(first.locator("button.star")).to_have_attribute("aria-pressed", "true", timeout=PATIENCE_MS)
+    first.locator("input[type=checkbox]").check()
+    page.click("#describe")
+    page.fill("#tags", "figure-5 slow")
+    page.fill("#note", "it leaned to the left")
+    page.click("#remarks button[type=submit]")
+    expect(first.locator("td.marks")).to_have_text(
+        re.compile("figure-5 slow it leaned to the left"), timeout=PATIENCE_MS
+    )
+    expect(first.locator("td.number").last).to_have_text(re.compile(r"^[\d.]+ MB$"))
+    page.fill("#query", "figure-5")
+    expect(rows).to_have_count(1, timeout=PATIENCE_MS)
+    page.click("#delete")
+    expect(rows).to_have_count(0, timeout=PATIENCE_MS)
+    expect(page.locator("#trash-line")).to_contain_text("1 log, ")
+    page.click("#undo")
+    expect(rows).to_have_count(1, timeout=PATIENCE_MS)
+    expect(page.locator("#trash")).to_be_hidden()
+    console.errors.clear()
+    page.fill("#query", "force>much")
+    expect(page.locator("#filter-why")).to_contain_text("a range is a name, a sign and a number", timeout=PATIENCE_MS)
+    console.errors.clear()  # what is refused is no failure of the page's scripts
+    page.fill("#query", "size>0.1")
+    expect(rows).to_have_count(before, timeout=PATIENCE_MS)
+    expect(page.locator("#filter-why")).to_be_empty()
+    page.fill("#query", "")
+
+
+def test_a_plan_of_ones_own_is_made_on_the_page_and_the_campaign_that_is_started_is_the_one_that_is_shown(console):
+    page = console.page
+    page.goto(console.address.split("?")[0] + "campaigns")
+    page.click("#own summary")
+    form, state = page.locator("#plan-form"), page.locator("#state")
+    form.locator("[name=name]").fill("small")
+    form.locator("[name=displacements_mm]").fill("-10:ten")
+    form.locator("button").click()
+    expect(form.locator(".wrong")).to_contain_text("'-10:ten' is none", timeout=PATIENCE_MS)
+    console.errors.clear()  # what is refused is no failure of the page's scripts
+    form.locator("[name=displacements_mm]").fill("-10:20:10")
+    form.locator("button").click()
+    expect(page.locator("#plan")).to_have_text("small: 6 trials", timeout=PATIENCE_MS)
+    page.locator("#start [name=nice]").check()
+    for number in (1, 2):
+        expect(page.locator("#start button[type=submit]")).to_be_enabled(timeout=PATIENCE_MS)
+        page.click("#start button[type=submit]")
+        expect(page.locator(".card")).to_have_count(number, timeout=PATIENCE_MS)
+        expect(state).to_have_text("running", timeout=PATIENCE_MS)  # of the new one: the one before was cancelled
+        page.click("#cancel-campaign")
+        expect(state).to_have_text(re.compile("interrupted|failed"), timeout=PATIENCE_MS)
+    assert console.errors == []

@@ -45,6 +45,7 @@ export function startJobLine(live, onFinished) {
     document.getElementById("progress").value = job.progress;
     write(document.getElementById("progress-text"), `${Math.round(job.progress * 100)} %`);
     if (job.kind === "trial" && !active && job.log !== null) card.show(job.log);
+    else if (job.kind === "trial" && active) card.wait();
     else card.hide();
     const state = `${job.number} ${job.state}`;
     if (last !== null && last !== state && !active) {

@@ -138,7 +138,8 @@ export class Queue {
     state.title = state.textContent;
     const { trial } = entry;
     const many = entry.repetitions > 1 ? `, ${entry.repetition} of ${entry.repetitions}` : "";
-    cell(row, `${entry.followed}${many}`);
+    const followed = cell(row, `${entry.followed}${many}`);
+    followed.title = followed.textContent;
     cell(row, trial.reaction === "continue" ? plain(trial.controller) : `${plain(trial.controller)}, ${trial.reaction}`);
     cell(row, plain(trial.object));
     cell(row, shift(trial), "number");

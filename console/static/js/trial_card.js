@@ -85,6 +85,7 @@ export class TrialCard {
     this.view = null;
     $("card-again").addEventListener("click", () => this.again(0));
     $("card-again-shifted").addEventListener("click", () => this.again(STEP_MM));
+    $("card-away").addEventListener("click", () => this.place(false));
     new ResizeObserver(() => this.draw()).observe($("card-plot"));
     live.onView((view) => {
       this.view = view;
@@ -93,12 +94,21 @@ export class TrialCard {
   }
 
   hide() {
-    if (this.log === null) return;
+    if (this.log === null && this.card === null) return;
     this.log = this.card = null;
     this.place(false);
   }
 
+  // Another trial runs: its line stands in the card's place, where there is a card.
+  wait() {
+    if (this.card === null || $("trial-card").hidden) return this.hide();
+    this.log = null;
+    $("job").classList.add("waiting");
+    $("job-line").hidden = false;
+  }
+
   place(shown) {
+    $("job").classList.remove("waiting");
     $("trial-card").hidden = !shown;
     $("job-line").hidden = $("job-title").hidden = shown;
   }
