@@ -191,7 +191,6 @@ def test_a_trial_ends_in_a_card_from_which_its_log_opens_and_it_is_run_again(rec
     """The card after a trial that failed and one that did not; rows, the form and the events beside it."""
     page = recorded.page
     card, form = page.locator("#trial-card"), page.locator("#trial")
-    expect(card).to_be_visible()  # of the trial before
     page.click("#tab-trial")
     recorded.arm()
     page.fill("#trial input[name=displacement_mm]", "900")
