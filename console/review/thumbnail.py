@@ -31,6 +31,7 @@ def _peaks(folder: Path, index: Index, side: str) -> np.ndarray:
     rows = index.rows.get(signal.topic, 0)
     if rows:
         high = np.nan_to_num(Columns(folder, signal.topic, rows).high(signal.column))
+        high = np.repeat(high, -(-WIDTH // len(high)))  # a short log has fewer buckets than there are pixels
         np.maximum.at(found, (np.arange(len(high)) * WIDTH / len(high)).astype(int), high)
     return found
 

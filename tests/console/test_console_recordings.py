@@ -4,6 +4,7 @@ import re
 import shutil
 import time
 
+import numpy as np
 import pytest
 
 from rtstack.trials.specification import TrialSpecification
@@ -82,6 +83,8 @@ def test_a_recording_has_a_picture_of_its_forces_once_it_is_read(recorded):
         time.sleep(0.1)
     assert (answer.status_code, answer.headers["content-type"]) == (200, "image/svg+xml")
     assert answer.text.count("<polyline") == 2
+    heights = [float(point.split(",")[1]) for point in re.findall(r'points="([^"]+)"', answer.text)[0].split()]
+    assert max(np.abs(np.diff(heights[80:110]))) < 5.0  # the box is held: no gap between two buckets
     highest = float(re.findall(r"<title>(\d+) N", answer.text)[0])
     assert highest > 30.0
 
