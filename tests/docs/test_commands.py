@@ -77,7 +77,7 @@ def test_what_is_not_run_is_counted():
     ],
 )
 def test_a_command_that_does_not_exist_is_found(tmp_path, monkeypatch, text, word):
-    monkeypatch.setattr("doc_blocks.ROOT", tmp_path)
+    monkeypatch.setattr("tests.support.docs.blocks.ROOT", tmp_path)
     page = tmp_path / "page.md"
     page.write_text(text)
     (block,) = blocks_of(page)
@@ -87,7 +87,7 @@ def test_a_command_that_does_not_exist_is_found(tmp_path, monkeypatch, text, wor
 
 @pytest.mark.parametrize("text", ["```\nrtstack up\n```", "    rtstack up\n", '```bash title="some day"\nls\n```'])
 def test_no_block_escapes_the_tests(tmp_path, monkeypatch, text):
-    monkeypatch.setattr("doc_blocks.ROOT", tmp_path)
+    monkeypatch.setattr("tests.support.docs.blocks.ROOT", tmp_path)
     page = tmp_path / "page.md"
     page.write_text(text)
     with pytest.raises(ValueError, match=r"page\.md:1"):

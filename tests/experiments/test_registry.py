@@ -6,7 +6,7 @@ import pytest
 
 from hal import extensions
 from rtstack.experiments.experiment import Experiment
-from rtstack.experiments.registry import KINDS, kind_named, kind_of, plan_file, plan_paths
+from rtstack.experiments.registry import KINDS, installed_plans, kind_named, kind_of, plan_file, plan_paths
 from rtstack.trials.errors import TrialError
 from tests.support.counting import PLAN
 
@@ -30,7 +30,7 @@ def plugin(tmp_path, monkeypatch):
     )
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "counting.toml").write_text(PLAN)
-    caches = (plan_paths, extensions._offered)
+    caches = (installed_plans, extensions._offered)
     for cached in caches:
         cached.cache_clear()
     yield tmp_path
