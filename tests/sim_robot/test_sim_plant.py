@@ -5,6 +5,7 @@ import sys
 from dataclasses import replace
 from hashlib import sha256
 from math import exp
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -167,12 +168,11 @@ def test_a_seed_names_a_run_bit_for_bit_in_another_process_too() -> None:
     assert run_digest(7) == digest
     assert run_digest(8) != digest
     script = (
-        "from test_sim_plant import run_digest; from sim_robot.substeps import advance_millisecond as f;"
+        "from tests.sim_robot.test_sim_plant import run_digest; from sim_robot.substeps import advance_millisecond as f;"
         "print(run_digest(7), sum(f.stats.cache_hits.values()))"
     )
-    run = subprocess.run(
-        [sys.executable, "-c", script], cwd=__file__.rpartition("/")[0], capture_output=True, text=True
-    )
+    root = Path(__file__).parents[2]
+    run = subprocess.run([sys.executable, "-c", script], cwd=root, capture_output=True, text=True)
     assert run.stdout.split() == [digest, "1"], run.stderr  # the compiled code came from the cache
 
 
