@@ -168,7 +168,8 @@ def test_a_seed_names_a_run_bit_for_bit_in_another_process_too() -> None:
     assert run_digest(7) == digest
     assert run_digest(8) != digest
     script = (
-        "from tests.sim_robot.test_sim_plant import run_digest; from sim_robot.substeps import advance_millisecond as f;"
+        "from tests.sim_robot.test_sim_plant import run_digest;"
+        "from sim_robot.substeps import advance_millisecond as f;"
         "print(run_digest(7), sum(f.stats.cache_hits.values()))"
     )
     root = Path(__file__).parents[2]
