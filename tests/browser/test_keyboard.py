@@ -136,8 +136,9 @@ def test_a_queue_is_filled_and_ordered_with_the_keyboard_alone(console):
     expect(page.locator("#trial select[name=reference] option")).not_to_have_text(
         "no recording yet", timeout=PATIENCE_MS
     )
-    tab_to(page, "#trial input[name=repetitions]")
-    page.keyboard.press("ArrowUp")
+    tab_to(page, "#trial input[name=seeds]")
+    page.keyboard.press("Control+A")
+    page.keyboard.type("0:1")
     rows = page.locator("#queue tbody tr")
     while rows.count() < 2:
         take(page)

@@ -55,7 +55,7 @@ WAYS = [
         ("/", "body", "help", 1280, "moving", "button"),
         ("/", "body", "help", 390, "moving", "button"),
         ("/", "body", "", 390, "fault", "button"),
-        ("/trials", "#trial input[name=repetitions]", "", 1280, "moving", "Space"),
+        ("/trials", "#trial input[name=seeds]", "", 1280, "moving", "Space"),
         ("/trials", "#past-failures", "", 820, "moving", "Space"),
         ("/trials", "#theme", "", 1280, "preparing", "Space"),
         ("/campaigns", "#start input[name=workers]", "", 1920, "moving", "Space"),
