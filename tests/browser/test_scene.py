@@ -78,6 +78,7 @@ def test_what_was_chosen_stays_chosen(console):
     page.click("#tab-hand")
     page.get_by_text("stops", exact=True).click()
     page.get_by_text("separate", exact=True).click()
+    page.click("#tab-trial")
     page.select_option("#trial select[name=object]", index=0)
 
 
