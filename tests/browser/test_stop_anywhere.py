@@ -106,7 +106,9 @@ def test_stop_arrives(stage, way):
         expect(band).to_have_attribute("data-state", word, timeout=PATIENCE_MS)
         assert not mailbox.stop_requested
         if way.focus in ("#scene", "#report-frame"):
-            page.frame_locator(way.focus).locator("#drawn").click()
+            page.frame_locator(way.focus).locator("#drawn").evaluate(
+                "drawn => { drawn.tabIndex = 0; drawn.ownerDocument.defaultView.focus(); drawn.focus(); }"
+            )
         elif way.focus in (".swagger-ui a", ".rail a", "#theme", "#event"):
             page.locator(way.focus).first.focus()
         elif way.focus != "body":
@@ -194,9 +196,10 @@ def test_who_is_signed_out_can_still_stop_and_nothing_else(stage, browser):
         page.set_viewport_size({"width": width, "height": 720})
         page.goto("/trials")
         expect(page.locator("h1")).to_have_text("Not signed in")
-        for press in (lambda: page.click("#stop"), lambda: page.keyboard.press("Space")):
+        for press in (lambda: page.keyboard.press("Space"), lambda: page.click("#stop")):
             assert not served.mailbox.stop_requested
-            press()
+            with page.expect_response("**/api/stop"):
+                press()
             wait_until(lambda: served.mailbox.stop_requested, page)
             served.mailbox.clear_stop()
     assert page.request.get("/api/status").status == 401
