@@ -2,10 +2,8 @@
 
 import datetime
 import os
-import pty
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,6 +14,7 @@ from hal.errors import HardwareError
 from rtstack.cells import default_cell_file, load_description, open_cell
 from rtstack.cells.simulator import Simulator
 from rtstack.trials.errors import TrialError
+from tests.support.terminal import Terminal
 
 LEFT, RIGHT = "192.0.2.2", "192.0.2.3"  # of a network that is nobody's (RFC 5737)
 TODAY = datetime.date.today()
@@ -111,31 +110,11 @@ def real(tmp_path: Path) -> Iterator[tuple[Path, str]]:
 
 def at_a_terminal(command: list[str], until: Callable[[str], bool], name: str = "grab") -> tuple[int, str]:
     """Run a command at a terminal of its own: confirm by name, hold the space bar until then; status and output."""
-    ours, theirs = pty.openpty()
-    process = subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs)
-    os.close(theirs)
-    said: list[str] = []
-
-    def listen() -> None:
-        while True:
-            try:
-                data = os.read(ours, 4096)
-            except OSError:  # the other end is closed
-                return
-            said.append(data.decode())
-
-    listener = threading.Thread(target=listen)
-    listener.start()
-    while "and Enter" not in "".join(said) and process.poll() is None:
-        time.sleep(0.01)
-    os.write(ours, f"{name}\n".encode())
-    while process.poll() is None and not until("".join(said)):
-        os.write(ours, b" ")
-        time.sleep(0.02)
-    status = process.wait()
-    listener.join()
-    os.close(ours)
-    return status, "".join(said)
+    terminal = Terminal()
+    ends = terminal.theirs
+    process = subprocess.Popen(command, stdin=ends, stdout=ends, stderr=ends)
+    terminal.hold(name, until)
+    return process.wait(), terminal.said
 
 
 @pytest.mark.alone

@@ -14,13 +14,16 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 from dataclasses import asdict, dataclass, field
+from datetime import date
 from importlib.resources import files
 from pathlib import Path
 
 from tests.support.network import relay
 from tests.support.network.namespaces import Namespace, NotPermitted, permitted
 from tests.support.network.relay import Cable
+from tests.support.terminal import Terminal
 
 BIN = Path(sys.executable).parent
 NOT_PERMITTED = 3  # exit status
@@ -145,13 +148,18 @@ def run_row(row: Row, reference: Path, cell_file: Path, out: Path, seed: int) ->
         log = out / f"{ROWS.index(row) if row in ROWS else 0:02d}.mcap"
         log.unlink(missing_ok=True)
         outcome = Outcome(row)
+        terminal = Terminal()
         trial = lab.control.start(
             BIN / "rtstack", "trial", "--reference", reference, "--cell", f"fci:{LEFT},{RIGHT}",
             "--cell-file", cell_file, "--displacement-mm=-30", "--seed", "1", "--log", log, "--json",
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+            stdin=terminal.theirs, stdout=subprocess.PIPE, stderr=terminal.theirs, text=True,
         )  # fmt: skip
+        person = threading.Thread(target=terminal.hold, daemon=True)
+        person.start()
         try:
-            answer, complaint = trial.communicate(timeout=TRIAL_S)
+            answer, _ = trial.communicate(timeout=TRIAL_S)
+            person.join(PATIENCE_S)
+            complaint = terminal.said
         except subprocess.TimeoutExpired:
             trial.kill()
             trial.communicate()
@@ -264,7 +272,15 @@ def main() -> int:
             subprocess.run([BIN / "rtstack", "teach", reference], check=True, stdout=subprocess.DEVNULL)
         cell_file = Path(scratch) / "cell.toml"
         text = (files("deploy.cells") / "grab.toml").read_text()
-        cell_file.write_text(text.replace('"127.0.0.1:1341"', f'"{TRACKER}"'))
+        changes = {
+            "127.0.0.1:1341": TRACKER,
+            "127.0.0.11": LEFT,
+            "127.0.0.12": RIGHT,
+            "simulated = true": "simulated = false",
+        }
+        for old, new in changes.items():
+            text = text.replace(old, new)
+        cell_file.write_text(f"{text}\n[calibration]\ndate = {date.today()}\n")
         outcomes: list[Outcome] = []
         for number in arguments.rows:
             outcomes.append(run_row(ROWS[number], reference, cell_file, out, arguments.seed + number))

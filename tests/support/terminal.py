@@ -1,0 +1,56 @@
+"""A terminal at which a person confirms that the arms may move, and holds the space bar."""
+
+import os
+import pty
+import threading
+import time
+from collections.abc import Callable
+
+_REPEATED_S = 0.02  # as a held key
+
+
+def _for_ever(_said: str) -> bool:
+    return False
+
+
+class Terminal:
+    """A pair of descriptors: `theirs` is the program's, which begins there; then `hold` until it has ended."""
+
+    def __init__(self) -> None:
+        self._ours, self.theirs = pty.openpty()
+        self._said: list[str] = []
+        self._ended = threading.Event()
+
+    @property
+    def said(self) -> str:
+        """What the program has said there."""
+        return "".join(self._said)
+
+    def hold(self, name: str = "grab", until: Callable[[str], bool] = _for_ever) -> None:
+        """Confirm with the cell's name and hold the space bar, until `until` (what was said), or the program's end."""
+        os.close(self.theirs)
+        listener = threading.Thread(target=self._listen, daemon=True)
+        listener.start()
+        while "and Enter" not in self.said and not self._ended.is_set():
+            time.sleep(_REPEATED_S)
+        self._write(f"{name}\n")
+        while not self._ended.is_set() and not until(self.said):
+            self._write(" ")
+            time.sleep(_REPEATED_S)
+        listener.join()
+        os.close(self._ours)
+
+    def _write(self, text: str) -> None:
+        try:
+            os.write(self._ours, text.encode())
+        except OSError:  # the program has ended
+            self._ended.set()
+
+    def _listen(self) -> None:
+        while True:
+            try:
+                data = os.read(self._ours, 4096)
+            except OSError:  # the other end is closed
+                break
+            self._said.append(data.decode(errors="replace"))
+        self._ended.set()
