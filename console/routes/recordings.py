@@ -54,8 +54,7 @@ def recording(
     ] = False,
     wait: Annotated[bool, Query(description="for the extraction, which takes as long as the recording")] = True,
 ) -> RecordingView:
-    """Return what was said about a recording and what is extracted from it; nominal_impact_s, from_s, to_s: as if they
-    were there."""
+    """Return what is decided about a recording and extracted from it, as if the impact and the window were as asked."""
     entry = recording_entry(parts, log_id)
     acceptance = load_acceptance(entry.path)
     asked = {"nominal_impact_s": nominal_impact_s, "from_s": from_s, "to_s": to_s}
