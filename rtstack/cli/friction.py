@@ -41,7 +41,7 @@ def identify_friction(output: Path, cell_kind: str, seed: int, cell_file: Path |
         run for run in runs_of(lowest_object(description), runs, seed)
         if not identification.take_log(run, logs / run.file)
     ]  # fmt: skip
-    hold = HoldToRun(cell_kind, description)
+    hold = HoldToRun(cell_kind, description, source)
     logs.mkdir(exist_ok=True)
     with (
         interruptible() as stop,

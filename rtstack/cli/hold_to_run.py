@@ -14,7 +14,9 @@ import time
 import tty
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
+from hal.realtime import beside_realtime
 from rtstack.cells import kind_of
 from rtstack.cli.interrupt import Interrupt
 from rtstack.loop.end import End
@@ -28,9 +30,12 @@ _LOOK_S = 0.05
 class HoldToRun:
     """What stands between a command and the arms of a cell: nothing where they are simulated."""
 
-    def __init__(self, cell_kind: str, description: CellDescription) -> None:
-        """Raises TrialError where the arms may be real and no person can be at the terminal."""
+    def __init__(self, cell_kind: str, description: CellDescription, cell_file: Path) -> None:
+        """Raises TrialError for what the kind of cell refuses, and where the arms may be real and no person can be at
+        the terminal.
+        """
         kind, argument = kind_of(cell_kind)
+        kind.check(argument, description, cell_file)
         self._needed = not kind.simulated(argument, description)
         self._cell = f"{description.name} ({cell_kind})"
         self._name = description.name
@@ -86,6 +91,7 @@ class HoldToRun:
                 before_ns = now_ns
 
     def _watch(self, descriptor: int, stop: Interrupt, done: threading.Event) -> None:
+        beside_realtime()
         while not done.is_set():
             if _space(descriptor):
                 self._held_ns = time.monotonic_ns()

@@ -39,7 +39,7 @@ def play(
     if log_path is not None:
         check_log_path(log_path)
     prepared = prepare_playback(PlaybackSpecification(str(source), speed, seed), description)
-    hold = HoldToRun(cell_kind, description)
+    hold = HoldToRun(cell_kind, description, description_file)
     cell = open_cell(cell_kind, NO_OBJECT, 0.0, seed, description, cell_file=description_file)
     try:
         way = way_to_start(prepared, cell)

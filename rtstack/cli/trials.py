@@ -39,7 +39,7 @@ def teach(
     specification = DemonstrationSpecification(object_name, variation, seed, speed_m_s)
     check_object(object_name, description)
     check_log_path(output)
-    hold = HoldToRun(cell_kind, description)
+    hold = HoldToRun(cell_kind, description, source)
     cell = open_cell(cell_kind, object_name, 0.0, seed, description, cell_file=source)
     _warn(cell)
     try:
@@ -86,7 +86,7 @@ def trial(
     if prepared.unwatched is not None:
         print(f"rtstack: not watched: {prepared.unwatched}", file=sys.stderr)
     displacement = specification.displacement
-    hold = HoldToRun(cell_kind, description)
+    hold = HoldToRun(cell_kind, description, source)
     cell = open_cell(cell_kind, object_name, displacement, seed, description, faults, cell_file=source)
     _warn(cell)
     try:

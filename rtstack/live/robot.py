@@ -15,7 +15,7 @@ import tempfile
 import threading
 import time
 import traceback
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from concurrent.futures import Future
 from pathlib import Path
 from queue import SimpleQueue
@@ -53,6 +53,7 @@ from rtstack.loop.mailbox import Mailbox, MailboxError
 from rtstack.loop.watchdogs import CONSOLE_S, OPERATOR_S, Heartbeat
 from rtstack.playback.finish import Finish
 from rtstack.playback.run import NO_OBJECT, prepare_playback, run_playback, way_to_start
+from rtstack.references.spreading import ExtendedReference
 from rtstack.safety.judge import Reason
 from rtstack.samples import ARM_SAMPLE, SIDES, Level
 from rtstack.trials.assembly import safety_judges
@@ -60,11 +61,11 @@ from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.errors import TrialError
 from rtstack.trials.followed import Followed
 from rtstack.trials.move import prepare_move, run_move
-from rtstack.trials.record import TrialLog, open_log
+from rtstack.trials.record import open_log
 from rtstack.trials.result import MoveResult, PlaybackResult, Result
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.run_observer import RunEvent
-from rtstack.trials.specification import DemonstrationSpecification, TeleoperationSpecification
+from rtstack.trials.specification import DemonstrationSpecification, Specification, TeleoperationSpecification
 from rtstack.trials.start_motion import start_motion
 from rtstack.trials.teleoperation import run_teleoperation
 from rtstack.trials.trial import prepare_trial, run_trial
@@ -232,13 +233,7 @@ class Robot:
         reference = prepared.reference if prepared is not None else None
         by_hand = isinstance(order, TeleoperationRequest)
         specification = order.specification(self._job_manager.job_number) if by_hand else order.specification()
-        opened = open_log(
-            log, specification, description, cell.name, self._source.file, reference=reference, followed=followed,
-            cell=cell,
-        )  # fmt: skip
-        self._job_manager.started(log.name)
-        self._idle.tell(Level.INFO, f"{order.verb} started: {log.name}")
-        context = self._context(opened)
+        context = self._begin(order, log, specification, cell, reference=reference, followed=followed)
         if prepared is not None:
             return run_trial(prepared, cell, context, way=way)
         if isinstance(specification, TeleoperationSpecification):
@@ -255,11 +250,9 @@ class Robot:
         way = way_to_start(prepared, cell)
         if self._mailbox.stop_requested:
             raise TrialError("stopped by the operator before it began")
-        opened = open_log(log, prepared.specification, description, cell.name, self._source.file, cell=cell)
-        self._job_manager.started(log.name)
-        self._idle.tell(Level.INFO, f"{order.verb} started: {log.name}")
+        context = self._begin(order, log, prepared.specification, cell)
         finish = Finish(self._mailbox, self._job_manager.job_number)
-        return run_playback(prepared, cell, self._context(opened), soft_stop=finish, way=way)
+        return run_playback(prepared, cell, context, soft_stop=finish, way=way)
 
     def _move(self, order: MoveRequest, log: Path) -> MoveResult:
         """Move the arms of the cell that is open, with what they hold."""
@@ -269,14 +262,21 @@ class Robot:
         prepared = prepare_move(specification, description, cell)
         if self._mailbox.stop_requested:
             raise TrialError("stopped by the operator before it began")
-        opened = open_log(log, specification, description, cell.name, self._source.file, cell=cell)
+        return run_move(prepared, cell, self._begin(order, log, specification, cell))
+
+    def _begin(
+        self, order: JobRequest, log: Path, specification: Specification, cell: Cell,
+        reference: ExtendedReference | None = None, followed: Followed | None = None,
+    ) -> RunContext:  # fmt: skip
+        """Begin the log of a job, say so, and return what accompanies its run."""
+        opened = open_log(
+            log, specification, self._source.description, cell.name, self._source.file, reference=reference,
+            followed=followed, cell=cell,
+        )  # fmt: skip
         self._job_manager.started(log.name)
         self._idle.tell(Level.INFO, f"{order.verb} started: {log.name}")
-        return run_move(prepared, cell, self._context(opened))
-
-    def _context(self, log: TrialLog) -> RunContext:
         return RunContext(
-            log, self._rings, self._mailbox, self._job_manager.progress, self._watchdogs, run_observer=self
+            opened, self._rings, self._mailbox, self._job_manager.progress, self._watchdogs, run_observer=self
         )
 
     def _open(self, object_name: str, displacement: Displacement, seed: int) -> None:
@@ -287,10 +287,7 @@ class Robot:
 
     def _open_or_raise(self, object_name: str, displacement: Displacement, seed: int, faults: str = "") -> Cell:
         """faults: the text of a faults file."""
-        with tempfile.NamedTemporaryFile("w", suffix=".toml") as script:  # read while the cell is opened
-            script.write(faults)
-            script.flush()
-            path = Path(script.name) if faults else None
+        with _script(faults) if faults else contextlib.nullcontext() as path:
             self._cell = self._source.open_cell(object_name, displacement, seed, path)
         self._job_manager.opened(object_name)
         return self._cell
@@ -301,6 +298,15 @@ class Robot:
             self._cell = None
             # what cell after cell leaves behind in pieces is locked memory: let go of it, while nothing moves
             _libc.malloc_trim(0)
+
+
+@contextlib.contextmanager
+def _script(faults: str) -> Iterator[Path]:
+    """Give a faults file with this text, for the time in which a cell is opened."""
+    with tempfile.NamedTemporaryFile("w", suffix=".toml") as script:
+        script.write(faults)
+        script.flush()
+        yield Path(script.name)
 
 
 def _recover_both(cell: Cell) -> None:

@@ -16,13 +16,12 @@ import sys
 import tempfile
 import threading
 from dataclasses import asdict, dataclass, field
-from datetime import date
-from importlib.resources import files
 from pathlib import Path
 
 from tests.support.network import relay
 from tests.support.network.namespaces import Namespace, NotPermitted, permitted
 from tests.support.network.relay import Cable
+from tests.support.real_cell import write_cell_file
 from tests.support.terminal import Terminal
 
 BIN = Path(sys.executable).parent
@@ -271,16 +270,7 @@ def main() -> int:
         if arguments.reference is None:
             subprocess.run([BIN / "rtstack", "teach", reference], check=True, stdout=subprocess.DEVNULL)
         cell_file = Path(scratch) / "cell.toml"
-        text = (files("deploy.cells") / "grab.toml").read_text()
-        changes = {
-            "127.0.0.1:1341": TRACKER,
-            "127.0.0.11": LEFT,
-            "127.0.0.12": RIGHT,
-            "simulated = true": "simulated = false",
-        }
-        for old, new in changes.items():
-            text = text.replace(old, new)
-        cell_file.write_text(f"{text}\n[calibration]\ndate = {date.today()}\n")
+        write_cell_file(cell_file, LEFT, RIGHT, TRACKER)
         outcomes: list[Outcome] = []
         for number in arguments.rows:
             outcomes.append(run_row(ROWS[number], reference, cell_file, out, arguments.seed + number))

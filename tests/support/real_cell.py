@@ -1,0 +1,19 @@
+"""The file of a cell whose arms are not simulated: measured today, at addresses of its own."""
+
+from datetime import date
+from pathlib import Path
+
+from rtstack.cells import default_cell_file
+
+CALIBRATED = f"[calibration]\ndate = {date.today()}\n"
+
+
+def write_cell_file(path: Path, left: str, right: str, tracker: str = "127.0.0.1:1341") -> str:
+    """Write it, and return its text."""
+    text = default_cell_file().read_text(encoding="utf-8").replace("simulated = true", "simulated = false")
+    for old, new in (("127.0.0.11", left), ("127.0.0.12", right), ("127.0.0.1:1341", tracker)):
+        assert old in text
+        text = text.replace(f'"{old}"', f'"{new}"')
+    text = f"{text}\n{CALIBRATED}"
+    path.write_text(text, encoding="utf-8")
+    return text
