@@ -110,14 +110,10 @@ class Campaigns:
     def start(self, name: str, quick: bool, workers: int | None, niceness: int) -> CampaignView:
         """Begin a campaign in a folder of its own. Raises CampaignRefused while another one runs."""
         with self._lock:
-            stamp = time.strftime("%Y%m%d-%H%M%S")
-            path = self._directory / f"{stamp}-{Path(name).stem}{'-quick' * quick}"
-            if path.exists() or path.with_name(f"{path.name}.json").exists():
-                raise CampaignRefused("the same campaign was begun in this very second; ask again")
             self._free()
+            folder = self._new_folder(f"{time.strftime('%Y%m%d-%H%M%S')}-{Path(name).stem}{'-quick' * quick}")
             try:
                 self._directory.mkdir(exist_ok=True)
-                folder = CampaignFolder(path)
                 folder.keep(Asked(name, quick, time.time()))
                 self._begin(folder, Asked(name, quick, 0.0), workers, niceness, resume=False)
             except OSError as error:
@@ -157,6 +153,12 @@ class Campaigns:
     def folder(self, campaign_id: str) -> CampaignFolder:
         """Return a campaign's folder: looked up by its id, never joined to a path. Raises CampaignRefused."""
         return self._folder(campaign_id)[0]
+
+    def _new_folder(self, stem: str) -> CampaignFolder:
+        """Return a folder that nothing has: a campaign that was cancelled at once has its name from the same second."""
+        taken = {note.stem for note in self._directory.glob("*.json")}
+        names = (stem, *(f"{stem}-{number}" for number in range(2, len(taken) + 3)))
+        return CampaignFolder(self._directory / next(name for name in names if name not in taken))
 
     def _folders(self) -> list[CampaignFolder]:
         return [CampaignFolder(note.with_suffix("")) for note in self._directory.glob("*.json")]

@@ -12,7 +12,7 @@ import httpx
 import psutil
 import pytest
 
-from console.campaigns import folder
+from console.campaigns import campaigns, folder
 from console.campaigns.campaigns import NICENESS
 from console.routes.campaigns import REPORT_POLICY
 from rtstack.experiments import page, progress, report, store
@@ -90,6 +90,22 @@ def test_a_campaign_is_cancelled_resumed_and_shown_with_its_figures_report_resul
             log = client.post(f"{address}/logs/{results['logs'][0]}", headers=headers).json()["log"]
         assert client.get(f"/api/logs/{log}").json()["row"]["controller"] == rows[0]["controller"]
         assert len(client.get("/api/logs").json()) == before + 1
+
+
+def test_one_that_was_cancelled_at_once_is_begun_again_in_the_same_second(plan, tmp_path, monkeypatch):
+    monkeypatch.setattr(campaigns.time, "strftime", lambda layout: "20261123-050000")
+    kept = campaigns.Campaigns(tmp_path)
+    try:
+        for began in range(1, 4):
+            campaign = kept.start(str(plan), True, 1, NICENESS)
+            assert len({view.id for view in kept.views()}) == began
+            kept.cancel(campaign.id)
+            deadline = time.monotonic() + PATIENCE_S
+            while kept.view(campaign.id).state in ("running", "ending"):
+                assert time.monotonic() < deadline
+                time.sleep(0.01)
+    finally:
+        kept.close()
 
 
 def test_a_campaign_ends_with_the_console_however_that_ends(plan, tmp_path):
