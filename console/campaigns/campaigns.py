@@ -156,7 +156,7 @@ class Campaigns:
 
     def _new_folder(self, stem: str) -> CampaignFolder:
         """Return a folder that nothing has: a campaign that was cancelled at once has its name from the same second."""
-        taken = {note.stem for note in self._directory.glob("*.json")}
+        taken = {entry.stem for entry in self._directory.glob("*")}
         names = (stem, *(f"{stem}-{number}" for number in range(2, len(taken) + 3)))
         return CampaignFolder(self._directory / next(name for name in names if name not in taken))
 
