@@ -7,7 +7,7 @@ STAMP := $(VENV)/.installed
 SAFETY_TESTS := $(filter-out %_plant.py,$(wildcard tests/safety/test_*.py))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test realtime check bench coverage mutate explore faults screenshots fuzz-api soak dead-man good-trials impact-oracles random-plans unseen-grabs recompute kill-campaign hil link-table cluster docs docs-commands clean
+.PHONY: help setup run test long realtime check bench coverage mutate explore faults screenshots fuzz-api soak dead-man good-trials impact-oracles random-plans unseen-grabs recompute kill-campaign hil link-table cluster docs docs-commands clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -25,8 +25,11 @@ run: setup  ## install, then start the whole stack with the simulated cell
 
 # those against the clock after the others, whatever came of these
 test: setup  ## all tests, in a real Chromium too (Debian: apt-get install chromium)
-	@status=0; $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --durations 8 -m 'not realtime and not alone' || status=$$?; \
-	    $(BIN)/python -m pytest --durations 8 -m 'alone and not realtime' || status=$$?; exit $$status
+	@status=0; $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --durations 8 -m 'not realtime and not long and not alone' || status=$$?; \
+	    $(BIN)/python -m pytest --durations 8 -m 'alone and not realtime and not long' || status=$$?; exit $$status
+
+long: setup  ## the tests that take minutes: campaigns killed and cut off, a sample of the fault matrix, more widths of the pages
+	$(BIN)/python -m pytest --durations 8 -m 'long and not realtime'
 
 realtime: setup  ## the tests whose outcome depends on this machine keeping time
 	$(BIN)/python -m pytest -m realtime

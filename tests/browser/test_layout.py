@@ -5,7 +5,7 @@ from playwright.sync_api import expect
 
 from tests.support.console.stage import on_stage
 
-pytestmark = [pytest.mark.browser, pytest.mark.alone]
+pytestmark = pytest.mark.browser
 
 # every shift that Chromium reports (https://wicg.github.io/layout-instability/), also those soon after an input
 WATCH = """() => {
@@ -47,13 +47,13 @@ def stage(browser, demonstration, tmp_path_factory):
     ("address", "tab", "width", "height"),
     [
         ("/", "#tab-hand", 1280, 720),
-        ("/", "#tab-demonstration", 1280, 720),
+        pytest.param("/", "#tab-demonstration", 1280, 720, marks=pytest.mark.long),
         ("/", "#tab-trial", 1280, 720),
-        ("/", "#tab-trial", 1920, 1080),
+        pytest.param("/", "#tab-trial", 1920, 1080, marks=pytest.mark.long),
         ("/", "#tab-trial", 390, 844),
         ("/trials", "", 1280, 720),
-        ("/trials", "", 820, 1180),
-        ("/logs", "", 1280, 720),
+        pytest.param("/trials", "", 820, 1180, marks=pytest.mark.long),
+        pytest.param("/logs", "", 1280, 720, marks=pytest.mark.long),
     ],
 )
 def test_nothing_jumps_on_take_arm_start_stop_and_fault(stage, address, tab, width, height):

@@ -11,7 +11,7 @@ from playwright.sync_api import expect
 from rtstack.live.protocol import JobState
 from tests.support.console.stage import PATIENCE_MS, on_stage
 
-pytestmark = [pytest.mark.browser, pytest.mark.alone]
+pytestmark = pytest.mark.browser
 
 
 @pytest.fixture(scope="module")

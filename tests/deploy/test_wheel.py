@@ -173,6 +173,7 @@ def test_the_page_offers_it_and_an_input_device_leads_the_arms(extended: dict[st
     assert (np.ptp(position, axis=1) > 0.01).all()
 
 
+@pytest.mark.long
 def test_a_packages_experiment_has_its_own_table_and_figure(extended: dict[str, str], tmp_path: Path) -> None:
     plan = ROOT / "examples" / "plugin" / "tracking.toml"
     done = rtstack(extended, tmp_path, "campaign", plan, "--out", "tracking", "--quick", "--workers", "1")

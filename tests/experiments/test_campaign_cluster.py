@@ -21,6 +21,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.mark.timeout(600)
+@pytest.mark.long
 def test_one_worker_killed_one_cut_off_and_one_of_another_version(command, finished, tmp_path):
     """In four network namespaces, with logs in an S3-compatible store: the table of the undisturbed campaign."""
     arguments = [tmp_path / "work", "--plan", command.plan, "--undisturbed", finished.out]

@@ -85,6 +85,7 @@ def kill_a_worker(process):
 
 
 @pytest.mark.timeout(4 * PATIENCE_S)
+@pytest.mark.long
 def test_killed_interrupted_and_resumed_elsewhere_it_gives_the_same_results(
     command, finished, results, scheduler, start, tmp_path
 ):

@@ -31,6 +31,7 @@ def run(program: str, out: Path, *arguments: str) -> tuple[int, dict[str, dict[s
         return done.returncode, {f"{row['fault']}, {row['moment']}": row for row in csv.DictReader(file)}
 
 
+@pytest.mark.long
 def test_a_sample_of_the_matrix(out: Path) -> None:
     status, rows = run("matrix", out, *(word for case in SAMPLE for word in ("--case", case)))
     assert len(rows) == len(SAMPLE)
@@ -40,6 +41,7 @@ def test_a_sample_of_the_matrix(out: Path) -> None:
     assert rows["log process killed, ante"]["log"].startswith("recovered")
 
 
+@pytest.mark.long
 def test_what_is_not_as_it_has_to_be_is_missed(out: Path) -> None:
     status, rows = run("sabotage", out)
     assert status == 1

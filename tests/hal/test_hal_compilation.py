@@ -59,9 +59,9 @@ def outside(tmp_path: Path) -> Outside:
     ("name", "before", "after", "result"),
     [
         ("numbers_", "2.0", "3.0", "33.5"),
-        ("numbers_", "10.0", "20.0", "42.5"),
+        pytest.param("numbers_", "10.0", "20.0", "42.5", marks=pytest.mark.long),
         ("below", "x +", "x -", "-17.5"),
-        ("inner", "FACTOR *", "FACTOR +", "13.5"),
+        pytest.param("inner", "FACTOR *", "FACTOR +", "13.5", marks=pytest.mark.long),
         ("outer", "made(0.5)", "made(1.5)", "23.5"),
     ],
 )

@@ -18,6 +18,7 @@ LOST, CUT = "answers are lost from the middle on", "both ways are cut"
 
 
 @pytest.mark.alone
+@pytest.mark.long
 @pytest.mark.timeout(900)
 def test_past_what_the_link_stands_it_ends_with_the_vendors_name_and_arms_at_rest(demonstration) -> None:
     numbers = [str(k) for k, row in enumerate(ROWS) if row.name in (LOST, CUT)]

@@ -171,6 +171,7 @@ def test_a_study_that_cannot_be_run_is_one_line(tmp_path, old, new, said):
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.long
 def test_the_sample_is_run_and_reported_beside_the_papers_numbers(tmp_path, run):
     out = tmp_path / "out"
     command = [sys.executable, "-m", "rtstack", "campaign", "aim-aware-arm", "--quick", "--workers", "1"]

@@ -52,6 +52,7 @@ def ended():
         process.communicate()
 
 
+@pytest.mark.long
 def test_interrupted_resumed_and_robbed_of_a_worker_it_gives_what_one_process_gives(
     tmp_path, study_run, ended, command_line
 ):

@@ -48,6 +48,7 @@ def page_of(validation, store):
     return write_report(validation.report(Results(rows, store.out)), validation, store, rows).read_text()
 
 
+@pytest.mark.long
 def test_a_slice_ends_in_an_estimate_near_the_prediction(cell, tmp_path):
     """One object, one case, two references, one trial each; friction as published, so that no sweeps are needed."""
     file = plan_file("impact-map-validation")

@@ -31,6 +31,7 @@ def files(command, tmp_path):
     return plan, cell
 
 
+@pytest.mark.long
 def test_it_runs_and_says_where_the_plant_differs(command, files, tmp_path):
     plan, cell = files
     done = type(command)(plan).run(tmp_path / "out", "--workers", "1", "--cell-file", str(cell))
