@@ -3,6 +3,7 @@
 import csv
 import io
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -118,7 +119,22 @@ def test_the_list_is_searched_and_sorted(page):
     expect(page.locator("#empty")).to_contain_text("No log matches")
     page.fill("#query", "")
     expect(page.locator("#compare")).to_be_disabled()
-    expect(page.locator("#compare")).to_have_attribute("title", re.compile("Tick two"))
+    expect(page.locator("#compare")).to_have_attribute("title", re.compile("Tick two to 5 logs"))
+
+
+def test_as_many_logs_as_one_view_has_are_compared_from_the_list(page, logs):
+    third = logs / "third.mcap"
+    shutil.copy(logs / "second.mcap", third)
+    try:
+        page.goto("/logs")
+        expect(page.locator("#logs tbody tr")).to_have_count(3)
+        page.check("#tick-all")
+        page.click("#compare")
+        expect(page).to_have_url(re.compile(r"/logs/\w{16}\?.*other=\w{16},\w{16}"))
+        expect(page.locator("#figure-area")).to_have_attribute("data-points", re.compile("[1-9]"))
+        expect(page.locator("#overlays button")).to_have_count(2)
+    finally:
+        third.unlink()
 
 
 def test_a_spike_of_one_sample_is_seen_from_the_whole_log_down_to_samples(page):

@@ -6,6 +6,7 @@ import { startFrame } from "../frame.js";
 import { LogTable } from "../log_table.js";
 import { Remarks, star } from "../remarks.js";
 import { Trash } from "../trash.js";
+import { MOST_OTHERS } from "./view.js";
 
 const field = (id) => document.getElementById(id);
 const chosen = new Set();
@@ -34,8 +35,8 @@ function allow(id, why, what) {
 function showChosen() {
   const logs = ticked();
   const none = logs.length ? null : "Tick logs first";
-  const two = logs.length === 2 && logs.every((log) => log.kind !== "not ours");
-  allow("compare", two ? null : "Tick two logs to compare them", "Both logs in one view, aligned at the impact");
+  const some = logs.length >= 2 && logs.length <= MOST_OTHERS + 1 && logs.every((log) => log.kind !== "not ours");
+  allow("compare", some ? null : `Tick two to ${MOST_OTHERS + 1} logs to compare them`, "These logs in one view, aligned at the impact");
   allow("describe", none, "What you say about them stands beside them, in files of its own");
   allow("delete", none, "Into the trash, from where they can be brought back");
   field("tick-all").checked = logs.length > 0 && logs.length === table.rows.length;
@@ -84,7 +85,7 @@ field("delete").addEventListener("click", async () => {
   await changed();
 });
 field("compare").addEventListener("click", () => {
-  const [first, second] = ticked().map((log) => log.id).reverse();
-  location.assign(`/logs/${first}?other=${second}`);
+  const [first, ...others] = ticked().map((log) => log.id).reverse();
+  location.assign(`/logs/${first}?other=${others.join(",")}`);
 });
 showChosen();
