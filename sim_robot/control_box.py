@@ -94,6 +94,10 @@ class ControlBox:
         if self.mode != RobotMode.REFLEX:
             self._to(RobotMode.IDLE)
 
+    def lock(self) -> None:
+        """Stand on the brakes, after a stop: no control until `stop` leads out of it."""
+        self._to(RobotMode.OTHER)
+
     def recover(self) -> None:
         """Clear the latched errors. Whether their cause persists is for the caller to judge."""
         self.errors = 0

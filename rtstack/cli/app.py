@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 from typer.completion import completion_init  # pyright: ignore[reportPrivateImportUsage]
 
-from rtstack.cli.commands import bench, host, log_folder, logs, plan, runs, shell, stack, studies, token
+from rtstack.cli.commands import bench, desk, host, log_folder, logs, plan, runs, shell, stack, studies, token
 
 BAD_INPUT = 2
 FAILED = 1
@@ -20,6 +20,7 @@ app = typer.Typer(
 for part in (runs, logs, stack, host, studies, plan, shell):
     app.add_typer(part.commands)
 app.add_typer(bench.commands, name="bench")
+app.add_typer(desk.commands, name="desk")
 app.add_typer(token.commands, name="token")
 app.add_typer(log_folder.commands, name="logs")
 

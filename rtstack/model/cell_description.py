@@ -31,6 +31,7 @@ class ArmMounting:
     """Where an arm stands and where it starts. Base position m, orientation as quaternion wxyz, home in rad.
 
     model: of the robot, a registered name or the path of its TOML (hal.robots), in a cell's file from its folder.
+    desk: HOST or HOST:PORT of its Desk, "" where it is not looked at.
     """
 
     address: Annotated[str, Field(pattern=r"^[^\s,:/]+$")]
@@ -38,6 +39,7 @@ class ArmMounting:
     base_orientation_wxyz: tuple[float, float, float, float]
     home: tuple[float, float, float, float, float, float, float]
     model: str = DEFAULT
+    desk: Annotated[str, Field(pattern=r"^([A-Za-z0-9.-]+(:\d{1,5})?)?$")] = ""
 
     @property
     def robot(self) -> RobotModel:

@@ -1,11 +1,12 @@
 """`python -m sim_robot.fci`: serve the simulated cell."""
 
 import argparse
+import contextlib
 import errno
 import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib.resources import as_file, files
 from pathlib import Path
 from types import FrameType
@@ -16,6 +17,9 @@ from hal.displacement import Displacement
 from hal.errors import HardwareError
 from hal.realtime import ANY_CPU, Obtained, realtime_thread
 from sim_robot.cell import simulated_cell
+from sim_robot.desk.box import SELF_TEST_EVERY_S
+from sim_robot.desk.process import PORT, DeskProcess
+from sim_robot.desk.server import PASSWORD, USER
 from sim_robot.faults.file import load_faults
 from sim_robot.fci.drive import DrivenBox
 from sim_robot.fci.lockstep import Lockstep
@@ -98,6 +102,8 @@ def _options(arguments: list[str] | None, prog: str) -> tuple[argparse.Namespace
     )
     parser.add_argument("--cpu", type=_whole(ANY_CPU), default=ANY_CPU, help="CPU to stay on, -1 for any")
     parser.add_argument("--tracker", type=_listener, help="HOST:PORT that listens for the object's poses (UDP)")
+    parser.add_argument("--desk", action="store_true", help="serve Desk too; the boxes begin locked, with FCI off")
+    parser.add_argument("--self-test-due-s", type=float, default=SELF_TEST_EVERY_S, help="with --desk: in how long")
     parser.add_argument("--faults", type=Path, help="TOML script of what goes wrong (sim_robot/faults/kinds.py)")
     options = parser.parse_args(arguments)
     try:
@@ -154,13 +160,29 @@ def main(arguments: list[str] | None = None, prog: str = "sim_robot.fci", next_s
         print(f"cannot serve: {' '.join(reason.split())}", file=sys.stderr)
         return 2
     try:
-        _serve(server, options, right_clock, next_step)
+        with _desk(options, server) as said:
+            _serve(server, options, right_clock, said + next_step)
     except HardwareError as error:
         print(f"cannot go on: {error}", file=sys.stderr)
         return 1
     finally:
         server.close()
     return 0
+
+
+@contextlib.contextmanager
+def _desk(options: argparse.Namespace, server: Server) -> Iterator[str]:
+    """Serve Desk beside the arms, where it is asked for; give the line that says where. Raises HardwareError."""
+    if not options.desk:
+        yield ""
+        return
+    process = DeskProcess((options.left, options.right), options.self_test_due_s)
+    try:
+        server.follow_desk(process.flags)
+        where = f"https://{options.left}:{PORT} and https://{options.right}:{PORT}"
+        yield f"Desk: {where}, user {USER}, password {PASSWORD}\n"
+    finally:
+        process.close()
 
 
 def _serve(server: Server, options: argparse.Namespace, right_clock: RightClock, next_step: str) -> None:

@@ -179,6 +179,22 @@ class ArmServer:
             motion["q_d"] = state["q"]
         motion["dq_d"], motion["ddq_d"] = 0.0, 0.0
 
+    # what Desk is told by a person
+
+    def preempt(self) -> None:
+        """End a motion, if there is one, as Desk does."""
+        if self.moving:
+            self._finish(MoveStatus.PREEMPTED_SAFETY)
+
+    def lock_brakes(self) -> None:
+        """Stand on the brakes: no motion is possible."""
+        self.box.lock()
+        self._rest()
+
+    def unlock_brakes(self) -> None:
+        """Stand under control again."""
+        self.box.stop()
+
     # after each ms of the plant
 
     def judge(self, collisions: int, proximity: int) -> None:
@@ -299,6 +315,8 @@ class ArmServer:
         self._reply_later(Command.AUTOMATIC_ERROR_RECOVERY, command_id, self._recover())
 
     def _recover(self) -> RecoveryStatus:
+        if self.box.mode == RobotMode.OTHER:
+            return RecoveryStatus.NOT_POSSIBLE
         if self.proximity.too_near(self._side) or self._pushed():
             return RecoveryStatus.MANUAL_REQUIRED
         try:

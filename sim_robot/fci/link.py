@@ -66,13 +66,26 @@ class Link:
         self._overlong = bytearray(ROBOT_COMMAND.itemsize + 1)  # one more byte shows a datagram that is too long
         self._buffers = (self._overlong,)
         self.arrived_ns = 0  # when the command that `on_command` gets came in, by the kernel's word, ns of time.time_ns
-        self._listener = socket.create_server((address, PORT), backlog=BACKLOG)
-        self._listener.setblocking(False)
-        poller.watch(self._listener, self._accept)
+        self._listener: socket.socket | None = None
+        self.listen(True)
 
     # connections
 
+    def listen(self, wanted: bool) -> None:
+        """Take connections, or refuse each one, and hang up on all that there are. Raises OSError."""
+        if wanted and self._listener is None:
+            self._listener = socket.create_server((self.address, PORT), backlog=BACKLOG)
+            self._listener.setblocking(False)
+            self._poller.watch(self._listener, self._accept)
+        elif not wanted and self._listener is not None:
+            for session in tuple(self._sessions):
+                self._close(session)
+            self._poller.forget(self._listener)
+            self._listener.close()
+            self._listener = None
+
     def _accept(self) -> None:
+        assert self._listener is not None
         self._poller.rest(self._listener, ACCEPT_PERIOD_S)
         try:
             tcp, (address, _) = self._listener.accept()
@@ -223,7 +236,4 @@ class Link:
 
     def close(self) -> None:
         """Close every socket."""
-        for session in tuple(self._sessions):
-            self._close(session)
-        self._poller.forget(self._listener)
-        self._listener.close()
+        self.listen(False)

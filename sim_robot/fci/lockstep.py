@@ -56,6 +56,7 @@ class Lockstep:
         """Serve both arms."""
         server = self._server
         while not stopped():
+            server.look_at_desk()
             self._note_changes()
             if self._resting:
                 server.poller.serve(0.0)

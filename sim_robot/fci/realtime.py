@@ -87,6 +87,7 @@ class Realtime:
             due.begin(clock())
             if due is plant_clock:
                 self.ticks += 1
+                server.look_at_desk()
                 if not self._ahead:
                     server.advance()
                 self._ahead = False

@@ -7,6 +7,7 @@ import numpy as np
 from sim_robot.cell import SimulatedCell
 from sim_robot.fci import link_faults
 from sim_robot.fci.arm_server import ArmServer
+from sim_robot.fci.desk_gate import DeskGate
 from sim_robot.fci.gripper import GripperPort, vacuum_port
 from sim_robot.fci.poller import Poller
 from sim_robot.fci.protocol import ROBOT_STATE, Command
@@ -65,8 +66,19 @@ class Server:
         self.arm_servers: tuple[ArmServer, ArmServer] = (arm_servers[0], arm_servers[1])
         hands = tuple(GripperPort(self.poller, *one) for one in zip(addresses, cell.hands, strict=True))
         self.grippers = (*hands, *(vacuum_port(self.poller, address) for address in addresses))
+        self._gates: tuple[DeskGate, ...] = ()
         self._proximity.update()
         self._fill()
+
+    def follow_desk(self, flags: np.ndarray) -> None:
+        """Do what Desk is told by a person, from now on. flags: sim_robot.desk.flags.FLAGS of both boxes (2,)."""
+        self._gates = tuple(DeskGate(*one) for one in zip(flags, self.arm_servers, strict=True))
+        self.look_at_desk()
+
+    def look_at_desk(self) -> None:
+        """Follow what Desk was told meanwhile. Called each millisecond, also where the plant stands still."""
+        for gate in self._gates:
+            gate.look()
 
     def _request(self, side: int, command: Command, command_id: int, values: tuple) -> None:
         if self.deferring and command in (Command.MOVE, Command.AUTOMATIC_ERROR_RECOVERY):

@@ -131,6 +131,7 @@ def sim(
     ] = "127.0.0.1:1341",
     phase_us: Annotated[float, typer.Option(help="How much later the right arm's clock ticks.")] = 0.0,
     drift_ppm: Annotated[float, typer.Option(help="How much faster the right arm's clock runs.")] = 0.0,
+    desk: Annotated[bool, typer.Option("--desk", help="Serve Desk too; the arms begin locked, with FCI off.")] = False,
     priority: Annotated[int, typer.Option(help="SCHED_FIFO priority, 0 for none.", min=0, max=99)] = 80,
     cpu: Annotated[
         int | None,
@@ -147,6 +148,6 @@ def sim(
         f"--priority={priority}",
         f"--cpu={chosen_cpu(cpu)}",
     ]
-    arguments += ["--lockstep"] * lockstep + ([f"--faults={faults}"] if faults is not None else [])
+    arguments += ["--lockstep"] * lockstep + ["--desk"] * desk + ([f"--faults={faults}"] if faults is not None else [])
     shifts = {"displacement-mm": displacement_mm, "displacement-x-mm": displacement_x_mm, "yaw-deg": yaw_deg}
     run(arguments, left, right, object_name, shifts, cell_file)

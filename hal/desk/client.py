@@ -1,0 +1,190 @@
+"""A client of one box's Desk: reading needs nobody's leave, changing needs user, password and control.
+
+Paths, headers and codes are those of published clients (see the package). A request that changes something is never
+repeated by itself.
+"""
+
+import ssl
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import httpx
+
+from hal.desk.state import DeskState, owner_of, state_of
+from hal.desk.trust import HTTPS, Trust, host_and_port
+from hal.errors import HardwareError
+
+_ANSWER_S = 5.0
+_SLOW_S = 600.0  # brakes take seconds, the self-test minutes
+_CONTROL = "/api/system/control-token"
+_ADVICE = {
+    "BrakesClosed": "unlock the joints first",
+    "EmergencyStopPressed": "its stop is pressed: release it first",
+    "SelfTestsElapsed": "its self-test is overdue: rtstack desk start --self-test",
+    "FciActive": "FCI is active: rtstack desk stop first",
+}
+
+
+class DeskError(HardwareError):
+    """Desk does not answer, or refuses. The message names the box and says what to do. code: the interface's."""
+
+    def __init__(self, message: str, status: int = 0, code: str = "") -> None:
+        super().__init__(message)
+        self.status, self.code = status, code
+
+
+@dataclass(frozen=True, slots=True)
+class SignIn:
+    """User and password of Desk."""
+
+    user: str
+    password: str = field(repr=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Control:
+    """Control on a Desk: the secret that goes with each change, and its number, which the box shows."""
+
+    token: str = field(repr=False)
+    number: int | None
+
+
+class Desk:
+    """Desk of the box at HOST[:PORT]; close it. control: what `take_control` gave, or what was kept from before."""
+
+    def __init__(self, address: str, trust: Trust, sign_in: SignIn | None = None, name: str = "box") -> None:
+        """Connects with the first request. name: in messages, as "left box". Raises NotTrusted, DeskError."""
+        self.called = f"Desk of the {name} at {address}"
+        self.control: Control | None = None
+        self._address, self._trust, self._owner = address, trust, "rtstack"
+        try:
+            host, port = host_and_port(address)
+        except ValueError as error:
+            raise DeskError(f"{self.called}: {error}") from None
+        self._client = httpx.Client(
+            base_url=f"https://{host}" + (f":{port}" if port != HTTPS else ""),
+            verify=trust.context(address),
+            auth=(sign_in.user, sign_in.password) if sign_in else None,
+            timeout=_ANSWER_S,
+            trust_env=False,  # no proxy, no other certificates
+        )
+        self._version: Any = None
+
+    def close(self) -> None:
+        """Disconnect. Never raises."""
+        self._client.close()
+
+    def state(self) -> DeskState:
+        """Return what the box says of itself. Changes nothing, and needs no control. Raises DeskError, NotTrusted."""
+        system = self._read("/api/system")
+        if self._version is None:
+            self._version = self._read("/admin/api/system-version", optional=True)
+        joints, fci, control = (self._read(path) for path in ("/api/arm/joints", "/api/fci", _CONTROL))
+        tests, recovery = (self._read(f"/api/safety/{name}", optional=True) for name in ("self-tests", "recovery"))
+        return state_of(system, joints, fci, control, tests, recovery, self._version)
+
+    def take_control(self, wait_s: float = 1.0) -> Control:
+        """Take control, where nobody has it, or as soon as its owner gives it back. Raises DeskError."""
+        try:
+            answer = self._tell("/api/system/control-token:take", {"owner": self._owner, "timeout": wait_s}, wait_s)
+        except DeskError as error:
+            if error.code != "Timeout":
+                raise
+            owner = owner_of(self._read(_CONTROL))
+            raise DeskError(
+                f"{self.called}: control is with {owner or 'another program'}: give it back there, or take it over on "
+                "the Desk page, which asks for a button at the arm",
+                error.status, error.code,
+            ) from None  # fmt: skip
+        token, number = (answer.get("token"), answer.get("tokenId")) if isinstance(answer, dict) else (None, None)
+        if not isinstance(token, str):
+            raise DeskError(f"{self.called}: it gave no control token; is its system older than 5.9?")
+        self.control = Control(token, number if isinstance(number, int) else None)
+        return self.control
+
+    def has_control(self) -> bool:
+        """Return whether `control` still counts. Raises DeskError, NotTrusted."""
+        answer = self._read(_CONTROL)
+        number = answer.get("tokenId") if isinstance(answer, dict) else None
+        return self.control is not None and number is not None and number == self.control.number
+
+    def release_control(self) -> None:
+        """Give control back."""
+        self._tell("/api/system/control-token:release")
+        self.control = None
+
+    def unlock(self) -> None:
+        """Open the brakes: the arm stands under its own control from then on."""
+        self._tell("/api/arm/joints:unlock", slow_s=_SLOW_S)
+
+    def lock(self) -> None:
+        """Close the brakes."""
+        self._tell("/api/arm/joints:lock", slow_s=_SLOW_S)
+
+    def execution(self) -> None:
+        """Change to Execution, the mode in which FCI may move the arm."""
+        self._tell("/api/system/operating-mode:change", {"desiredOperatingMode": "Execution"})
+
+    def activate_fci(self) -> None:
+        """Let FCI in."""
+        self._tell("/api/fci:activate", slow_s=_SLOW_S)
+
+    def deactivate_fci(self) -> None:
+        """Let FCI in no more: a motion ends."""
+        self._tell("/api/fci:deactivate", slow_s=_SLOW_S)
+
+    def self_test(self) -> None:
+        """Run the safety self-test: it takes minutes, and brakes and power of the arm go off and on."""
+        self._tell("/api/safety/self-tests:execute", slow_s=_SLOW_S)
+
+    def shut_down(self) -> None:
+        """Shut the box down."""
+        self._tell("/api/system:shutdown")
+
+    def _read(self, path: str, optional: bool = False) -> Any:
+        answer = self._request(lambda: self._client.get(path))
+        if optional and answer.status_code in (401, 403, 404):
+            return None
+        return self._content(answer)
+
+    def _tell(self, path: str, body: dict[str, Any] | None = None, slow_s: float = 0.0) -> Any:
+        headers = {"X-Control-Token": self.control.token} if self.control else {}
+        timeout = httpx.Timeout(_ANSWER_S, read=_ANSWER_S + slow_s)
+        return self._content(
+            self._request(lambda: self._client.post(path, json=body or {}, headers=headers, timeout=timeout))
+        )
+
+    def _request(self, ask: Callable[[], httpx.Response]) -> httpx.Response:
+        try:
+            return ask()
+        except httpx.HTTPError as error:
+            cause: BaseException | None = error
+            while cause is not None:
+                if isinstance(cause, ssl.SSLCertVerificationError):
+                    raise self._trust.changed(self._address) from None
+                cause = cause.__cause__ or cause.__context__
+            reason = " ".join(str(error).split()) or type(error).__name__
+            raise DeskError(f"{self.called} does not answer: {reason}; is the box on, and the address right?") from None
+
+    def _content(self, answer: httpx.Response) -> Any:
+        if answer.is_success:
+            try:
+                return answer.json() if answer.content else None
+            except ValueError:
+                return answer.text
+        if answer.status_code == 401:
+            raise DeskError(f"{self.called}: user or password is wrong, or missing", 401)
+        try:
+            words = answer.json()
+        except ValueError:
+            words = None
+        words = words if isinstance(words, dict) else {}
+        details = [str(one) for one in words["details"]] if isinstance(words.get("details"), list) else []
+        code, message = str(words.get("code") or ""), str(words.get("message") or answer.reason_phrase)
+        advice = [_ADVICE[one] for one in details if one in _ADVICE]
+        what = f"{', '.join(details) or code or answer.status_code}: {message}"
+        if answer.status_code == 423:
+            advice.append("control has gone to another program, or the box was restarted: try again")
+        text = " ".join(f"{self.called} refuses ({what})".split())
+        raise DeskError(text[:400] + "".join(f"; {one}" for one in advice), answer.status_code, code)

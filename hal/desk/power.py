@@ -1,0 +1,71 @@
+"""The way of one box from switched on to FCI let in, and back: the steps that a person clicks on the Desk page."""
+
+from collections.abc import Iterator
+
+from hal.desk.client import Desk, DeskError
+from hal.desk.keep import adopt, give_back, keep
+from hal.desk.trust import Trust
+
+_OVERDUE = "SelfTestsElapsed"
+
+
+def start(desk: Desk, trust: Trust, address: str, self_test: bool = False) -> Iterator[str]:
+    """Take control, unlock the brakes, change to Execution, activate FCI; give a line for each step that was needed.
+
+    Control is kept for `stop`. self_test: run it before, also where it is overdue. Raises DeskError with what a person
+    has to do first, NotTrusted.
+    """
+    state = desk.state()
+    if state.recovery == _OVERDUE and self_test:
+        pass
+    elif state.obstacles:
+        raise DeskError(f"{desk.called}: {'; '.join(state.obstacles)}")
+    if state.ready and not self_test:
+        yield "FCI is active already"
+        return
+    yield from _control(desk, trust, address)
+    if self_test:
+        if state.fci == "Active":
+            desk.deactivate_fci()
+        desk.lock()
+        yield "the safety self-test runs: it takes minutes"
+        desk.self_test()
+        state = desk.state()
+        yield "the self-test is over"
+    if state.brakes != "unlocked":
+        desk.unlock()
+        yield "brakes unlocked"
+    if state.operating_mode != "Execution":
+        desk.execution()
+        yield "Execution"
+    desk.activate_fci()
+    yield "FCI active"
+    if not (after := desk.state()).ready:
+        raise DeskError(f"{desk.called}: brakes {after.brakes}, FCI {after.fci}: look at its Desk page")
+    if after.warning:
+        yield f"warning: {after.warning}"
+
+
+def stop(desk: Desk, trust: Trust, address: str, shut_down: bool = False) -> Iterator[str]:
+    """End FCI, lock the brakes, give control back; shut the box down where that is asked for. Raises as `start`."""
+    yield from _control(desk, trust, address)
+    state = desk.state()
+    if state.fci != "Inactive":
+        desk.deactivate_fci()
+        yield "FCI ended"
+    if state.brakes != "locked":
+        desk.lock()
+        yield "brakes locked"
+    if shut_down:
+        desk.shut_down()
+        yield "it shuts down: wait until the lights at its base are off, then switch the box off"
+    else:
+        give_back(desk, trust, address)
+        yield "control given back"
+
+
+def _control(desk: Desk, trust: Trust, address: str) -> Iterator[str]:
+    if not (desk.has_control() or adopt(desk, trust, address)):
+        desk.take_control()
+        keep(desk, trust, address)
+        yield "control taken"

@@ -1,0 +1,163 @@
+"""HTTPS in front of a DeskBox: paths, sign-in and codes. One thread a connection; nothing here is in real time."""
+
+import base64
+import binascii
+import json
+import secrets
+import ssl
+from collections.abc import Callable
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from socket import socket
+from typing import Any
+
+from sim_robot.desk.box import DeskBox, Refused
+from sim_robot.desk.certificate import server_context
+
+USER, PASSWORD = "franka", "simulated"
+VERSION = "5.9.2"  # the first line of three; the others are digests
+_LARGEST_BODY = 65_536
+_SILENT_S = 30.0
+# what anybody may read: franka-deskapi asks for these without a sign-in
+_READ: dict[str, Callable[[DeskBox], Any]] = {
+    "/api/system": DeskBox.system,
+    "/api/system/operating-mode": DeskBox.operating_mode,
+    "/api/system/control-token": DeskBox.control_token,
+    "/api/arm/joints": DeskBox.joints,
+    "/api/fci": DeskBox.fci,
+    "/api/safety/self-tests": DeskBox.self_tests,
+    "/api/safety/recovery": DeskBox.recovery,
+    "/admin/api/system-version": lambda box: f"{VERSION}\n{'0' * 40}\n{'0' * 40}",
+}
+
+
+def _seconds(value: Any) -> float | None:
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0.0:
+        raise Refused(400, "InvalidArgument", "timeout is a number above 0, s")
+    return float(value)
+
+
+# (box, control token, body)
+_TOLD: dict[str, Callable[[DeskBox, str | None, dict[str, Any]], Any]] = {
+    "/api/system/control-token:take": lambda box, token, body: box.take_control(
+        str(body.get("owner") or USER), _seconds(body.get("timeout"))
+    ),
+    "/api/system/control-token:release": lambda box, token, body: box.release_control(token),
+    "/api/system/operating-mode:change": lambda box, token, body: box.change_mode(
+        token, str(body.get("desiredOperatingMode"))
+    ),
+    "/api/arm/joints:unlock": lambda box, token, body: box.unlock(token),
+    "/api/arm/joints:lock": lambda box, token, body: box.lock(),
+    "/api/fci:activate": lambda box, token, body: box.activate_fci(token),
+    "/api/fci:deactivate": lambda box, token, body: box.deactivate_fci(token),
+    "/api/safety/self-tests:execute": lambda box, token, body: box.execute_self_tests(token),
+    "/api/safety/recovery:confirm": lambda box, token, body: box.confirm_recovery(token, str(body.get("type"))),
+    "/api/system:shutdown": lambda box, token, body: box.shut_down(),
+}
+
+
+class _Handler(BaseHTTPRequestHandler):
+    protocol_version = "HTTP/1.1"
+    server_version, sys_version = "Desk", "(simulated)"
+    timeout = _SILENT_S
+    server: "DeskServer"
+
+    def do_GET(self) -> None:
+        self._serve(self._read)
+
+    def do_POST(self) -> None:
+        self._serve(self._tell)
+
+    def _serve(self, answer: Callable[[], Any]) -> None:
+        try:
+            content = answer()
+        except Refused as refusal:
+            words = {"code": refusal.code, "message": str(refusal), "details": list(refusal.details)}
+            self._send(refusal.status, words)
+        else:
+            self._send(204 if content is None else 200, content)
+
+    def _read(self) -> Any:
+        self._sign_in(needed=False)
+        return self._found(_READ)(self.server.box)
+
+    def _tell(self) -> Any:
+        length = self.headers.get("Content-Length", "0")
+        if not length.isdecimal() or int(length) > _LARGEST_BODY:
+            self.close_connection = True
+            raise Refused(413, "TooLarge", "the request is too large")
+        text = self.rfile.read(int(length))
+        self._sign_in(needed=True)
+        told = self._found(_TOLD)
+        try:
+            body = json.loads(text or b"{}")
+        except (ValueError, RecursionError):
+            body = None
+        if not isinstance(body, dict):
+            raise Refused(400, "InvalidArgument", "the body is no JSON object")
+        return told(self.server.box, self.headers.get("X-Control-Token"), body)
+
+    def _found(self, routes: dict[str, Any]) -> Any:
+        if self.server.box.off:
+            self.close_connection = True
+            raise Refused(503, "ShuttingDown", "the box was shut down")
+        route = routes.get(self.path.partition("?")[0])
+        if route is None:
+            raise Refused(404, "NotFound", "there is no such path")
+        return route
+
+    def _sign_in(self, needed: bool) -> None:
+        given = self.headers.get("Authorization")
+        if given is None and not needed:
+            return
+        scheme, _, text = (given or "").partition(" ")
+        try:
+            words = base64.b64decode(text, validate=True)
+        except binascii.Error:
+            words = b""
+        if scheme.lower() != "basic" or not secrets.compare_digest(words, f"{USER}:{PASSWORD}".encode()):
+            raise Refused(401, "Unauthorized", "user or password is wrong")
+
+    def _send(self, status: int, content: Any) -> None:
+        body = b"" if content is None else json.dumps(content).encode()
+        self.send_response(status)
+        if body:
+            self.send_header("Content-Type", "application/json;charset=utf-8")
+        if status != 204:
+            self.send_header("Content-Length", str(len(body)))
+        if self.close_connection:
+            self.send_header("Connection", "close")
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Say nothing."""
+
+
+class DeskServer(ThreadingHTTPServer):
+    """Desk of one box, at an IP address of this machine and a port."""
+
+    daemon_threads = True
+
+    def __init__(self, address: str, port: int, box: DeskBox) -> None:
+        """Listen. Raises OSError."""
+        self.box = box
+        self._context = server_context(address)
+        super().__init__((address, port), _Handler)
+
+    def get_request(self) -> tuple[socket, Any]:
+        """Return a connection whose handshake its own thread makes: one that is silent holds no other one up."""
+        connection, peer = super().get_request()
+        connection.settimeout(_SILENT_S)
+        wrapped = self._context.wrap_socket(connection, server_side=True, do_handshake_on_connect=False)
+        return wrapped, peer
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Say nothing of a client that hung up, or did not want this certificate."""
+
+    def finish_request(self, request: Any, client_address: Any) -> None:
+        """Make the handshake, and serve."""
+        if isinstance(request, ssl.SSLSocket):
+            request.do_handshake()
+        super().finish_request(request, client_address)
