@@ -1,4 +1,4 @@
-"""A client of one box's Desk: reading needs nobody's leave, changing needs user, password and control.
+"""A client of one box's Desk: reading needs no sign-in, changing needs user, password and control.
 
 Paths, headers and codes are those of published clients (see the package). A request that changes something is never
 repeated by itself.
@@ -85,7 +85,7 @@ class Desk:
         return state_of(system, joints, fci, control, tests, recovery, self._version)
 
     def take_control(self, wait_s: float = 1.0) -> Control:
-        """Take control, where nobody has it, or as soon as its owner gives it back. Raises DeskError."""
+        """Take control, where it is free, or as soon as its owner gives it back. Raises DeskError."""
         try:
             answer = self._tell("/api/system/control-token:take", {"owner": self._owner, "timeout": wait_s}, wait_s)
         except DeskError as error:

@@ -8,7 +8,7 @@ SELF_TEST_SOON_S = 600.0
 UNKNOWN = "unknown"
 # the types that another client (franky) names, and what leads out of them; the others need the page
 _RECOVERIES = {
-    "SelfTestsElapsed": "its self-test is overdue: run it (rtstack desk start --self-test), nobody within reach",
+    "SelfTestsElapsed": "its self-test is overdue: run it (rtstack desk start --self-test), no person within reach",
     "JointPositionError": "a joint's position is not sure: confirm its reference position on its Desk page",
     "JointLimitViolation": "a joint is beyond its limit: move it back on its Desk page, with the enabling device",
     "SafetyRuleViolation": "a safety rule (Watchman) was violated: confirm it on its Desk page",
@@ -20,7 +20,7 @@ _RECOVERIES = {
 @dataclass(frozen=True, slots=True)
 class DeskState:
     """status: Started when it has booted. brakes: locked, unlocked or mixed. control: who has control on Desk, "" for
-    nobody. self_test: OK, Warning, Elapsed or Running; self_test_s: seconds to it, None where unknown. recovery: the
+    none. self_test: OK, Warning, Elapsed or Running; self_test_s: seconds to it, None where unknown. recovery: the
     type of a safety error that has to be confirmed, "" for none. What an answer does not have is "unknown".
     """
 
@@ -86,7 +86,7 @@ def state_of(
 
 
 def owner_of(control: Any) -> str:
-    """Return who has control, by the answer about the control token, "" for nobody."""
+    """Return who has control, by the answer about the control token, "" for none."""
     return _word(control, "owner", "")
 
 

@@ -1,4 +1,4 @@
-"""Which certificate a box has: it is self-signed, so nobody vouches for it; it is remembered at first use.
+"""Which certificate a box has: it is self-signed, so no authority vouches for it; it is remembered at first use.
 
 Where a person uses a box for the first time, its certificate is written to a file of the user's, and its fingerprint
 is said. From then on a connection to another certificate is refused, before user and password are sent.

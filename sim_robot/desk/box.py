@@ -137,7 +137,7 @@ class DeskBox:
         self._flags["locked"] = 0
 
     def lock(self) -> None:
-        """POST /api/arm/joints:lock. Needs no control: whoever is signed in may lock."""
+        """POST /api/arm/joints:lock. Needs no control: a user who is signed in may lock."""
         self._flags["locked"] = 1
         time.sleep(_BRAKES_S)
 

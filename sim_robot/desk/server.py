@@ -17,7 +17,7 @@ USER, PASSWORD = "franka", "simulated"
 VERSION = "5.9.2"  # the first line of three; the others are digests
 _LARGEST_BODY = 65_536
 _SILENT_S = 30.0
-# what anybody may read: franka-deskapi asks for these without a sign-in
+# what needs no sign-in: franka-deskapi asks for these without a sign-in
 _READ: dict[str, Callable[[DeskBox], Any]] = {
     "/api/system": DeskBox.system,
     "/api/system/operating-mode": DeskBox.operating_mode,

@@ -25,7 +25,7 @@ def desk_start(
     right: RightDesk = None,
     cell_file: CellFile = None,
     self_test: Annotated[
-        bool, typer.Option("--self-test", help="Run the daily safety self-test before; nobody within reach.")
+        bool, typer.Option("--self-test", help="Run the daily safety self-test before; no person within reach.")
     ] = False,
 ) -> None:
     """Take control on Desk, unlock the brakes, activate FCI.
