@@ -129,3 +129,15 @@ class MoveResult(Result):
     missed_deadlines: int
     safety_interventions: int
     log: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class GuideResult(Result):
+    """What came out of moving the arms by hand. beyond_before, beyond_after: a line for each limit that they stood
+    beyond."""
+
+    cell: str
+    beyond_before: tuple[str, ...]
+    beyond_after: tuple[str, ...]
+    safety_interventions: int
+    log: str | None

@@ -1,4 +1,4 @@
-"""Commands that move arms: a demonstration, a trial, a playback, the runs that show friction."""
+"""Commands that move arms: a demonstration, a trial, a playback, the runs that show friction; and by a hand on them."""
 
 from pathlib import Path
 from typing import Annotated
@@ -113,3 +113,16 @@ def identify_friction(
     from rtstack.cli.friction import identify_friction as run
 
     run(output, cell, seed, cell_file, runs)
+
+
+@commands.command()
+def guide(
+    cell: CellKind = "direct",
+    seconds: Annotated[float | None, typer.Option(help="End after so many seconds.", min=0.1)] = None,
+    cell_file: CellFile = None,
+    json: Json = False,
+) -> None:
+    """Let a person move both arms by hand, also back from beyond a limit, until Ctrl-C or the key that is let go."""
+    from rtstack.cli.guide import guide as run
+
+    run(cell, seconds, cell_file, json)

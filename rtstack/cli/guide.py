@@ -1,0 +1,42 @@
+"""`rtstack guide`: both arms by hand, for as long as the key is held."""
+
+from pathlib import Path
+
+import typer
+
+from rtstack.cells import load_description, open_cell
+from rtstack.cli.hold_to_run import HoldToRun
+from rtstack.cli.interrupt import interruptible
+from rtstack.loop.watchdogs import Parent
+from rtstack.playback.run import NO_OBJECT
+from rtstack.trials.guide import run_guide
+from rtstack.trials.result import GuideResult
+from rtstack.trials.run_context import RunContext
+
+FAILED = 1
+
+
+def guide(cell_kind: str, seconds: float | None, cell_file: Path | None, json: bool) -> None:
+    """Recover both arms and let them be moved; exit status 1 where the judge stopped them. Writes nothing."""
+    description, source = load_description(cell_file)
+    hold = HoldToRun(cell_kind, description, source)
+    cell = open_cell(cell_kind, NO_OBJECT, 0.0, 0, description, cell_file=source)
+    try:
+        with interruptible() as stop, hold.held("moving by hand", stop) as held:
+            result = run_guide(description, cell, RunContext(stop=stop, watchdogs=(Parent(), *held)), seconds)
+    finally:
+        cell.close()
+    if json:
+        typer.echo(result.as_json())
+    else:
+        for line in _lines(result):
+            typer.echo(line)
+    if not result.success:
+        raise typer.Exit(FAILED)
+
+
+def _lines(result: GuideResult) -> list[str]:
+    ended = "let go" if result.success else f"stopped: {result.failure_reason}"
+    if not result.beyond_after:
+        return [f"{ended} | both arms are inside the cell's limits"]
+    return [f"{ended} | still beyond a limit: the same command again leads on", *result.beyond_after]
