@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from console.arm_watch import NEVER_S, ArmView, ArmWatch
 from console.cell_state import MOVED_S, UNKNOWN, CellState, Squeeze, cell_state
+from console.desk_watch import DeskView, DeskWatch
 from console.heartbeats import OperatorHeartbeats
 from console.loop_watch import LoopView, LoopWatch
 from rtstack.live.client import RobotClient, RobotRefused, RobotUnreachable
@@ -54,6 +55,7 @@ class LiveView:
     status_age_s: float
     unreachable: str | None
     event: EventView | None
+    desk: tuple[DeskView, ...] = ()
 
 
 class Watch:
@@ -71,6 +73,7 @@ class Watch:
         mountings = {"left": cell.left, "right": cell.right}
         self._arms = {side: ArmWatch(rings, side, mountings[side]) for side in SIDES}
         self._loop = LoopWatch(rings.reader("/timing"))
+        self._desk = DeskWatch((cell.left.desk, cell.right.desk))
         self._squeeze = Squeeze()
         self._runs_since: tuple[int, float] | None = None  # the job that runs, and since when, monotonic s
         self._object = rings.reader("/object/pose")
@@ -92,11 +95,13 @@ class Watch:
 
     def start(self) -> None:
         """Begin to watch."""
+        self._desk.start()
         for thread in self._threads:
             thread.start()
 
     def close(self) -> None:
         """End both threads."""
+        self._desk.close()
         self._ending.set()
         for thread in self._threads:
             if thread.is_alive():
@@ -165,6 +170,7 @@ class Watch:
                 status_age_s=NEVER_S if asked_s is None else now_s - asked_s,
                 unreachable=unreachable,
                 event=self._events[-1] if self._events else None,
+                desk=self._desk.views,
             )
             self.document = msgspec.json.encode(self.view)
 

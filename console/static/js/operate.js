@@ -1,6 +1,7 @@
 // The page Operate: puts its parts together.
 
 import { Control } from "./control.js";
+import { startDesk } from "./desk.js";
 import { startFrame } from "./frame.js";
 import { startGhost } from "./ghost.js";
 import { startJobLine } from "./job_line.js";
@@ -32,6 +33,7 @@ startJobLine(live, () => {
   logs.refresh();
   references.refresh();
 });
+startDesk(live);
 startStrips(live);
 startGhost(document.getElementById("trial"), live);
 startMoves(document.getElementById("moves"), live);
