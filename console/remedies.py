@@ -41,7 +41,8 @@ def chapters() -> tuple[Chapter, ...]:
         for match in filter(None, map(_ROW.match, text.splitlines())):
             *cause, todo = (_plain(cell) for cell in match["cells"].split(" | "))
             rows.append(_row(match["name"], "".join(cause), todo, rows, found))
-        found.append(Chapter(title, tuple(rows)))
+        if rows:
+            found.append(Chapter(title, tuple(rows)))
     return tuple(found)
 
 

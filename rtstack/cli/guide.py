@@ -9,6 +9,7 @@ from rtstack.cli.hold_to_run import HoldToRun
 from rtstack.cli.interrupt import interruptible
 from rtstack.loop.watchdogs import Parent
 from rtstack.playback.run import NO_OBJECT
+from rtstack.samples import SIDES
 from rtstack.trials.guide import run_guide
 from rtstack.trials.result import GuideResult
 from rtstack.trials.run_context import RunContext
@@ -37,6 +38,10 @@ def guide(cell_kind: str, seconds: float | None, cell_file: Path | None, json: b
 
 def _lines(result: GuideResult) -> list[str]:
     ended = "let go" if result.success else f"stopped: {result.failure_reason}"
-    if not result.beyond_after:
-        return [f"{ended} | both arms are inside the cell's limits"]
-    return [f"{ended} | still beyond a limit: the same command again leads on", *result.beyond_after]
+    inside = "both arms are inside the cell's limits"
+    if result.beyond_after:
+        inside = "still beyond a limit: the same command again leads on"
+    pads = [
+        f"{side} pad at x {x:.4f}, y {y:.4f}, z {z:.4f} m" for side, (x, y, z) in zip(SIDES, result.pads, strict=True)
+    ]
+    return [f"{ended} | {inside}", *result.beyond_after, *pads]

@@ -1,9 +1,12 @@
 """The law of an arm that a person moves by hand: no torque but damping, springs at its limits, and the way back.
 
-Inside its limits an arm is free: tau = -d dq. Beyond a line (a joint's, or the box's of the pad) it hangs on a spring
-whose rest follows the hand to the inside, at INSIDE_RAD_S or INSIDE_M_S at most, and never goes back out: a hand that
-pushes outwards meets the spring, a hand that lets go leaves the arm where it is. The lines are a little inside the
-judge's, so that a hand meets a spring before the judge stops it.
+Inside its limits an arm is free but for damping, and for a friction that holds it against a payload that is a little
+wrong (elastic, then sliding, as Dahl's): an arm that no hand touches stays where it is.
+
+Beyond a line (a joint's, or the box's of the pad) it hangs on a spring whose rest follows the hand to the inside, at
+INSIDE_RAD_S or INSIDE_M_S at most, and never goes back out: a hand that pushes outwards meets the spring, a hand that
+lets go leaves the arm where it is. The lines are a little inside the judge's, so that a hand meets a spring before the
+judge stops it.
 """
 
 import numpy as np
@@ -23,6 +26,9 @@ LINE_RAD, LINE_M = 0.01, 0.005
 # and where a joint so fast, rad/s, is slow enough for the robot, which allows less near its own limit (hal.limits)
 _SPEED_AT_LINE = 0.3
 _FREE = (3.0, 3.0, 2.5, 2.5, 1.0, 1.0, 1.0)  # ours, Nms/rad: a push dies out within half a second
+# ours, Nm: what it takes to move a joint. A pad that is 0.3 kg heavier than was said turns the shoulder with 2 Nm
+_BREAKAWAY = (3.0, 3.0, 2.0, 2.0, 0.6, 0.6, 0.4)
+_GRIP_RAD = 0.01  # how far a joint gives before it slides
 # where the arm stands beyond a limit: times that (the wrist's is then still below the judge's), and of the pad
 _SLOW, _SLOW_NS_M = 3.0, 100.0
 _SPRING_N_M, _DAMPER_NS_M = 1000.0, 80.0  # ours: critical for the 1.6 kg that a pad weighs at least
@@ -41,6 +47,9 @@ LINES = np.dtype(
         # damping where it is free: of the joints, and of the pad
         ("free", "f8", 7),
         ("pad", "f8"),
+        # the friction: where each joint's spring is at rest
+        ("rest", "f8", 7),
+        ("breakaway", "f8", 7),
         ("begun", "i8"),
     ]
 )
@@ -80,8 +89,10 @@ def guide(samples, workspaces, limits, all_lines):
         q, dq = sample["q"][i], sample["dq"][i]
         if first:
             _begin(q, i, lines)
+            lines["rest"][i] = q
         _lead(q, i, lines)
-        out[i] = -lines["free"][i] * dq
+        lines["rest"][i] = min(max(lines["rest"][i], q - _GRIP_RAD), q + _GRIP_RAD)
+        out[i] = lines["breakaway"][i] / _GRIP_RAD * (lines["rest"][i] - q) - lines["free"][i] * dq
         away = q - min(max(q, lines["low"][i]), lines["high"][i])
         if away != 0.0:
             out[i] -= lines["stiffness"][i] * away + lines["damping"][i] * dq
@@ -117,6 +128,7 @@ class GuidingLaw:
         lines["step"] = *[INSIDE_RAD_S * CONTROL_PERIOD_S] * 7, *[INSIDE_M_S * CONTROL_PERIOD_S] * 3
         lines["stiffness"] = *profile.stiffness, *[_SPRING_N_M] * 3
         lines["damping"] = *profile.damping, *[_DAMPER_NS_M] * 3
+        lines["breakaway"] = _BREAKAWAY
         lines["free"], lines["pad"] = np.multiply(_FREE, _SLOW if outside else 1.0), _SLOW_NS_M if outside else 0.0
         self._arm = arm
         self._guide = bound(guide, arm.sample, arm.workspace, arm.limits, self.lines)

@@ -88,9 +88,11 @@ def run_guide(
         outcome = run.follow(cell, controller, 0.0)
         ended = outcome.end in _RELEASED
         reason = None if ended else failure_reason(outcome.end, outcome.detail, outcome.safety_interventions)
-        after = beyond(limits, where_arms_stand(description, cell)) if outcome.end is not End.HARDWARE else before
+        there = where if outcome.end is End.HARDWARE else where_arms_stand(description, cell)
         result = GuideResult(
-            success=reason is None, failure_reason=reason, cell=cell.name, beyond_before=before, beyond_after=after,
+            success=reason is None, failure_reason=reason, cell=cell.name,
+            pads=tuple(tuple(face) for face in there.face.round(4).tolist()),
+            beyond_before=before, beyond_after=beyond(limits, there),
             safety_interventions=outcome.safety_interventions, log=run.log_name,
         )  # fmt: skip
         return run.finished(result)

@@ -134,9 +134,10 @@ class MoveResult(Result):
 @dataclass(frozen=True, slots=True)
 class GuideResult(Result):
     """What came out of moving the arms by hand. beyond_before, beyond_after: a line for each limit that they stood
-    beyond."""
+    beyond. pads: where the middle of each pad's face is at the end, (2, 3) m in the world, left before right."""
 
     cell: str
+    pads: tuple[tuple[float, ...], ...]
     beyond_before: tuple[str, ...]
     beyond_after: tuple[str, ...]
     safety_interventions: int

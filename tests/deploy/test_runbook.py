@@ -4,6 +4,7 @@ import re
 import sys
 from pathlib import Path
 
+import pylibfranka
 import pytest
 from typer.testing import CliRunner
 
@@ -25,13 +26,29 @@ PAGES = sorted(RUNBOOK.glob("*.md"))
 SAID = {name for entry in WATCHDOGS for name in re.split(r", (?=the |joint|cartesian)", str(entry.reason))}
 
 
+# what libfranka says where it does not get as far as a motion, and types of a recovery on Desk
+REFUSALS = (
+    "Connection to FCI refused",
+    "Connection timeout",
+    "Incompatible library version",
+    "UDP receive",
+    "TCP connection got interrupted",
+    "command not possible in the current mode",
+    "command rejected due to activated safety function",
+    "manual error recovery required",
+)
+DESK = ("SelfTestsElapsed", "SafetyError")
+
+
 def rows(page: str) -> dict[str, list[str]]:
     """Return the table rows of a page by their first cell."""
     found = {}
     for line in (RUNBOOK / page).read_text().splitlines():
         if line.startswith("| ") and not line.startswith("|---"):
             first, *rest = (cell.strip() for cell in line.strip("|").split(" | "))
-            assert first not in found or page != "recovery.md" or first in ("reason", "name"), f"{first} is there twice"
+            assert first not in found or page != "recovery.md" or first in ("reason", "name", "message"), (
+                f"{first} is there twice"
+            )
             found[first.strip(" `")] = rest
     return found
 
@@ -48,7 +65,18 @@ def test_every_error_has_a_cause_and_an_answer(names):
 
 def test_no_error_is_told_that_nobody_can_raise():
     known = set(rows("recovery.md")) - {"name", "reason", "end", "message"}
-    assert known - {*ROBOT_ERRORS, *(reason.text for reason in Reason), *End, *SAID} == set()
+    assert known - {*ROBOT_ERRORS, *(reason.text for reason in Reason), *End, *SAID, *REFUSALS, *DESK} == set()
+
+
+def test_what_connecting_is_refused_with_are_the_words_of_the_vendor_s_library():
+    assert pylibfranka.__file__ is not None
+    package = Path(pylibfranka.__file__).parent
+    folders = (package, package.with_name("pylibfranka.libs"))
+    library = b"".join(file.read_bytes() for folder in folders for file in folder.glob("*.so*"))
+    # two of them have a word in between: "command rejected: command not possible ..."
+    assert [words for words in REFUSALS if words.removeprefix("TCP ").encode() not in library] == []
+    known = rows("recovery.md")
+    assert [words for words in (*REFUSALS, *DESK) if not all(known.get(words, [""]))] == []
 
 
 def test_every_light_has_its_meaning():
@@ -74,7 +102,7 @@ def test_every_command_and_option_that_is_named_is_there():
         text = page.read_text()
         code = [*re.findall(r"`([^`]+)`", text), *re.findall(r"^(?:    )+(.*)$", text, re.MULTILINE)]
         for line in (re.sub(r"\s+", " ", part) for part in code):
-            commands |= set(re.findall(r"(?:^|/|sudo |then )rtstack ((?:logs )?[a-z][a-z-]+)(.*)", line))
+            commands |= set(re.findall(r"(?:^|/|sudo |then )rtstack ((?:logs |desk )?[a-z][a-z-]+)(.*)", line))
     assert len(commands) > 12
     help_of: dict[str, str] = {}
     for name, rest in sorted(commands):

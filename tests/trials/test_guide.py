@@ -24,9 +24,20 @@ PUSH_NM = (12.0, 12.0, 12.0, 12.0, 2.0, 2.0, 1.0)
 INSIDE = 0.03  # rad or m: a hand that has the arm so far inside lets go
 
 
+RAISED = 0.25  # rad, of joint 2: at home the pads are 10 mm above the table
+
+
 @pytest.fixture
 def cell() -> SimulatedCell:
-    return simulated_cell("none", 0.0, 3)
+    """Arms that hold their pads high enough for a hand to move them every way."""
+    made = simulated_cell("none", 0.0, 3)
+    homes = [made.states[side]["q"].copy() for side in (0, 1)]
+    for k in range(700):
+        for side, home in enumerate(homes):
+            q = home - RAISED * min(1.0, k / 600) * np.eye(7)[1]
+            made.plant.track(side, q, np.zeros(7))
+        made.next_state()
+    return made
 
 
 @pytest.fixture
@@ -96,7 +107,7 @@ def test_a_hand_leads_a_joint_back_from_beyond_its_limit_slowly(cell, descriptio
     assert [line.split(":")[0] for line in of_left(result.beyond_before)] == [f"left arm, joint {joint + 1}"]
     assert of_left(result.beyond_after) == []
     outside = sum(sign * (q[joint] - edge) > 0.0 for q in hand.q)
-    assert hand.fastest(joint, outside) == pytest.approx(INSIDE_RAD_S, rel=0.05)
+    assert 0.8 * INSIDE_RAD_S < hand.fastest(joint, outside) < 1.05 * INSIDE_RAD_S
 
 
 @pytest.mark.parametrize("sign", [-1, 1], ids=["lower", "upper"])
@@ -146,7 +157,7 @@ def test_a_hand_leads_a_pad_back_into_its_box(cell, description, axis, sign):
 
 
 def test_an_arm_inside_its_limits_is_free_and_comes_to_rest_by_itself(cell, description):
-    hand = Hand(cell, torque=np.array([3.0, 0, 0, 0, 0, 0, 0]))
+    hand = Hand(cell, torque=np.array([10.0, 0, 0, 0, 0, 0, 0]))
     hand.done = lambda: hand.ticks > 400
     hand.lets_go = False
     began = cell.states[0]["q"][0]
@@ -183,11 +194,10 @@ def test_a_joint_at_the_robot_s_own_limit_is_left_to_desk(description, cell):
     assert outside_robot(limits, where).startswith("left arm, joint 4: -3.0481 rad, the robot's own limits")
 
 
-def test_arms_that_are_too_close_are_led_apart(description):
+def test_arms_that_are_too_close_are_led_apart(description, cell):
     near = replace(description, safety={**description.safety, "arm_distance_min": 0.9})
-    cell = simulated_cell("none", 0.0, 3)
     hand = Hand(cell, force=np.array([0.0, 10.0, 0.0]))
-    hand.done = lambda: cell.sensors.kinematics[0]["T"][1, 3] - hand.face[0][1] > 0.05
+    hand.done = lambda: cell.sensors.kinematics[0]["T"][1, 3] - hand.face[0][1] > 0.03
     before = where_arms_stand(near, cell.as_cell("direct")).distance
     result = run_guide(near, cell.as_cell("direct"), RunContext(watchdogs=(hand,)), seconds=6.0)
     assert result.success

@@ -1,9 +1,12 @@
 """`rtstack guide` over the wire: a scripted hand pushes a simulated arm back from beyond a limit of the cell's file."""
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
+
+import numpy as np
 
 from rtstack.cells import default_cell_file
 from tests.support.fci.server import serve
@@ -16,10 +19,10 @@ HAND = "".join(
 kind = "joint_push"
 arm = "left"
 at_s = {0.5 + 0.1 * k}
-duration_s = {2.5 - 0.1 * k}
+duration_s = {1.6 - 0.1 * k}
 torque_Nm = [2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
 """
-    for k in range(5)
+    for k in range(4)
 )
 
 
@@ -45,7 +48,11 @@ def test_a_hand_leads_an_arm_back_over_the_wire(tmp_path):
 
 def test_without_a_hand_nothing_moves():
     done = run("--seconds=1")
-    assert (done.returncode, done.stdout) == (0, "let go | both arms are inside the cell's limits\n")
+    said = done.stdout.splitlines()
+    assert (done.returncode, said[0]) == (0, "let go | both arms are inside the cell's limits")
+    # home: the middle of the pads' faces at y = 0.35 m and -0.35 m
+    places = [re.findall(r"-?\d\.\d{4}", line) for line in said[1:]]
+    assert np.allclose(np.array(places, dtype=float), [[0.0, 0.35, 0.26], [0.0, -0.35, 0.26]], atol=1e-3)
 
 
 def test_a_cell_that_is_not_there_is_one_line():
