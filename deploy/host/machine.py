@@ -82,5 +82,11 @@ def cpu_list(text: str) -> list[int]:
 
 
 def cpu_text(cpus: list[int]) -> str:
-    """Return CPUs in a row as the kernel writes them."""
-    return str(cpus[0]) if len(cpus) == 1 else f"{cpus[0]}-{cpus[-1]}"
+    """Return CPUs, in ascending order, as the kernel writes them: 0-2,5."""
+    rows: list[list[int]] = []
+    for cpu in cpus:
+        if rows and rows[-1][-1] == cpu - 1:
+            rows[-1].append(cpu)
+        else:
+            rows.append([cpu])
+    return ",".join(str(row[0]) if len(row) == 1 else f"{row[0]}-{row[-1]}" for row in rows)

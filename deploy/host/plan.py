@@ -5,9 +5,12 @@ import re
 from dataclasses import dataclass, field
 
 from deploy.host.changes import Change, Command, File, Knob
-from deploy.host.machine import HostSetupError, Machine, cpu_text
+from deploy.host.machine import HostSetupError, Machine, cpu_list, cpu_text
 
 ACCOUNT = "rtstack"  # the user and the group of the stack
+# of the threads of the arms' interrupts on a PREEMPT_RT kernel, by default 50 there: above the loop's 70 and what runs
+# beside it at 60 (hal/realtime.py), which they feed, below a simulated robot's 80
+IRQ_PRIORITY = 75
 # above the loop's 70 and a simulated robot's 80 (hal/realtime.py), below the kernel's own threads at 99
 PRIORITY = 90
 MTU = 1500  # what the arm's control box speaks: larger frames do not arrive
@@ -71,19 +74,35 @@ def make_plan(machine: Machine, wishes: Wishes) -> SetupPlan:
     count = (1 if len(cpus) >= 4 else 0) if wishes.isolate is None else wishes.isolate
     if count < 0 or count > len(cpus) - 2:
         raise HostSetupError(f"--isolate {count}: this machine has {len(cpus)} CPUs, and needs two for everything else")
-    kept, isolated = cpus[: len(cpus) - count], cpus[len(cpus) - count :]
     notes: list[str] = []
+    isolated = _with_siblings(machine, cpus, cpus[len(cpus) - count :], notes)
+    kept = [cpu for cpu in cpus if cpu not in isolated]
     changes = [
         *_account(machine, wishes),
         *_kernel(machine, wishes, notes),
         *_isolation(machine, kept, isolated, wishes.kernel == "generic", notes),
         *_interfaces(machine, wishes, notes),
-        *_boot(machine, wishes, kept[-1]),
+        *_boot(machine, wishes, kept[-1], isolated),
         *_units(machine, wishes, cpus, isolated),
     ]
     if machine.run is None and any(isinstance(change, Command) for change in changes):
         notes.append(f"{machine.root} is not the running machine: files are written, commands are left to you")
     return SetupPlan(tuple(changes), tuple(notes))
+
+
+def _with_siblings(machine: Machine, cpus: list[int], isolated: list[int], notes: list[str]) -> list[int]:
+    """Return the CPUs to isolate and what shares a core with them: a busy hyperthread halves the loop's speed."""
+    more = set(isolated)
+    for cpu in isolated:
+        path = f"/sys/devices/system/cpu/cpu{cpu}/topology/thread_siblings_list"
+        more |= set(cpu_list(machine.text(path) or str(cpu))) & set(cpus)
+    if more > set(isolated) and len(cpus) - len(more) < 2:
+        notes.append(
+            f"CPU {cpu_text(isolated)} shares its core with another one that has to do everything else: "
+            "switch hyperthreading off in the firmware"
+        )
+        return isolated
+    return sorted(more)
 
 
 def _account(machine: Machine, wishes: Wishes) -> list[Change]:
@@ -110,9 +129,16 @@ def _kernel(machine: Machine, wishes: Wishes, notes: list[str]) -> list[Change]:
     if wishes.kernel == "generic":
         notes.append(GENERIC_COST)
         return []
-    package = _KERNEL.get(_distribution(machine))
+    distribution = _distribution(machine)
+    package = _KERNEL.get(distribution)
+    if distribution == "ubuntu":
+        notes.append(
+            "kernel: Ubuntu's real-time kernel comes with a Pro subscription, which is yours to attach: "
+            "`sudo pro attach`, `sudo pro enable realtime-kernel`, then restart"
+        )
+        return []
     if package is None:
-        notes.append("kernel: only Debian's package is known here; install your distribution's PREEMPT_RT kernel")
+        notes.append("kernel: Debian's and Ubuntu's are known here; install your distribution's PREEMPT_RT kernel")
         return []
     if machine.names(f"/var/lib/dpkg/info/{package}.list"):
         notes.append("kernel: PREEMPT_RT is installed and does not run: restart, and choose it in the boot menu")
@@ -176,14 +202,20 @@ def _interfaces(machine: Machine, wishes: Wishes, notes: list[str]) -> list[Chan
     return changes
 
 
-def _boot(machine: Machine, wishes: Wishes, irq_cpu: int) -> list[Change]:
-    """Governor and interrupts: now by knobs, and after each start by a unit."""
+def _boot(machine: Machine, wishes: Wishes, irq_cpu: int, isolated: list[int]) -> list[Change]:
+    """Governor, sleep and interrupts: now by knobs, and after each start by a unit."""
     why = "no CPU has to speed up first; costs power"
     knobs = [
         (path, "performance", why) for path in machine.names("/sys/devices/system/cpu/cpu*/cpufreq/scaling_governor")
     ]
     lines = ["for governor in /sys/devices/system/cpu/cpu*/cpufreq/scaling_governor; do",
              '    [ -w "$governor" ] && echo performance > "$governor"', "done"]  # fmt: skip
+    for cpu in sorted({irq_cpu, *isolated}):
+        # the kernel's word for no latency at all: sysfs-devices-power in its documentation. Per CPU, and for no longer
+        # than the machine runs; /dev/cpu_dma_latency would keep all CPUs awake, and only while a program holds it open
+        path = f"/sys/devices/system/cpu/cpu{cpu}/power/pm_qos_resume_latency_us"
+        knobs.append((path, "n/a", f"CPU {cpu} does not sleep deeper than it can wake at once; costs power"))
+        lines.append(f"[ -w {path} ] && echo n/a > {path}")
     for nic in wishes.interfaces:
         # not the loop's CPU: it looks for packets without sleeping, and would keep their interrupts waiting
         irqs = machine.names(f"/sys/class/net/{nic.name}/device/msi_irqs/*")
@@ -191,12 +223,17 @@ def _boot(machine: Machine, wishes: Wishes, irq_cpu: int) -> list[Change]:
         knobs += [(path, str(irq_cpu), f"interrupts of {nic.name} beside the loop's CPU") for path in paths]
         lines += [f"for irq in /sys/class/net/{nic.name}/device/msi_irqs/*; do",
                   f'    echo {irq_cpu} > "/proc/irq/${{irq##*/}}/smp_affinity_list"', "done",
-                  f"ethtool --coalesce {nic.name} rx-usecs 0"]  # fmt: skip
+                  f"ethtool --coalesce {nic.name} rx-usecs 0",
+                  # only a PREEMPT_RT kernel has these threads; their names are cut after 15 letters
+                  f"for irq in /sys/class/net/{nic.name}/device/msi_irqs/*; do",
+                  '    for task in $(grep --files-with-matches "^irq/${irq##*/}-" /proc/[0-9]*/comm 2>/dev/null); do',
+                  "        task=${task%/comm}",
+                  f"        chrt --fifo --pid {IRQ_PRIORITY} ${{task##*/}}", "    done", "done"]  # fmt: skip
     changes: list[Change] = [Knob(*knob) for knob in knobs if machine.at(knob[0]).exists()]
     changes = [knob for knob in changes if isinstance(knob, Knob) and machine.text(knob.path) != knob.value]
     script = "#!/bin/sh\n" + _OURS + "\n".join([*lines, "exit 0"]) + "\n"
     unit = (
-        f"{_OURS}[Unit]\nDescription=CPU governor and network interrupts for rtstack\nAfter=network.target\n\n"
+        f"{_OURS}[Unit]\nDescription=CPU governor, sleep and network interrupts for rtstack\nAfter=network.target\n\n"
         f"[Service]\nType=oneshot\nExecStart={BOOT}\n\n[Install]\nWantedBy=multi-user.target\n"
     )
     written = _file(machine, BOOT, script, "the same after each start", 0o755)

@@ -32,6 +32,8 @@ def as_hardware_error(error: Exception, arm: str) -> HardwareError:
         return CommandRejected(f"{arm} left torque control: {text}; {remedy}", names)
     if isinstance(error, franka.CommandException | franka.InvalidOperationException | ValueError):
         return CommandRejected(f"{arm} refused: {text}", names)
+    if isinstance(error, franka.RealtimeException):
+        text += " Run `rtstack host-setup --kernel rt`; for commissioning: enforce_realtime = false in the cell's file"
     return HardwareError(f"{arm}: {text}")
 
 

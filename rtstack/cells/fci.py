@@ -52,7 +52,8 @@ def _open(request: CellRequest) -> Cell:
     check_real_cell((left, right), request.description, request.cell_file)
     tracker = _listen(request.description.tracker)
     try:
-        pair = open_pair(left, right, pad_tool(request.description))
+        real = request.description.enforce_realtime and not (on_this_machine(left) and on_this_machine(right))
+        pair = open_pair(left, right, pad_tool(request.description), enforce_realtime=real)
     except BaseException:
         tracker.close()
         raise

@@ -158,8 +158,9 @@ class Calibration:
 class CellDescription:
     """A cell, as its TOML describes it (deploy/cells). safety: the limits that it tightens (rtstack.safety.limits).
 
-    calibration: needed for real arms (rtstack.cells.metal). contact_friction: what plans count on. joint_friction: the
-    file that `rtstack identify-friction` wrote on this cell; in the TOML relative to its folder.
+    enforce_realtime: real arms, not those on this machine, are refused on a kernel that is not real-time. calibration:
+    needed for real arms (rtstack.cells.metal). contact_friction: what plans count on. joint_friction: the file that
+    `rtstack identify-friction` wrote on this cell; in the TOML relative to its folder.
     """
 
     name: str
@@ -175,6 +176,7 @@ class CellDescription:
     contact_friction: ContactFriction = field(default_factory=ContactFriction)
     gains: Gains = field(default_factory=Gains)
     calibration: Calibration | None = None
+    enforce_realtime: bool = True
     safety: dict[str, Any] = field(default_factory=dict)
     joint_friction: Path | None = None
 

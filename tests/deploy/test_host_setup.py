@@ -10,6 +10,8 @@ import pytest
 import typer
 
 from deploy.host import Command, HostSetupError, Interface, Journal, Machine, Wishes, make_plan
+from deploy.host.plan import IRQ_PRIORITY
+from hal.realtime import _BESIDE, PRIORITY
 from rtstack.cli.host_setup import apply_changes
 
 COMMAND = Path(sys.executable).with_name("rtstack")
@@ -206,3 +208,60 @@ def test_without_the_right_to_write_it_says_so(root, unprivileged):
     assert done.returncode == 2, done.stderr
     assert "Permission denied; run it as root" in done.stderr
     assert done.stderr.count("\n") == 1
+
+
+def plan_text(root: Path, wishes: Wishes = WISHES) -> tuple[str, list[str]]:
+    """Return everything that the plan would write, and its notes."""
+    plan = make_plan(Machine(root), wishes)
+    return "\n".join(str(change) for change in plan.changes), list(plan.notes)
+
+
+def test_what_shares_a_core_with_the_loop_is_isolated_too(root):
+    (root / "sys/devices/system/cpu/online").write_text("0-7\n")
+    for cpu in range(8):
+        topology = root / f"sys/devices/system/cpu/cpu{cpu}/topology"
+        topology.mkdir(parents=True)
+        (topology / "thread_siblings_list").write_text(f"{cpu % 4},{cpu % 4 + 4}\n")
+    text, _ = plan_text(root)
+    assert "isolcpus=managed_irq,domain,3,7 " in text
+    assert "irqaffinity=0-2,4-6" in text
+
+
+def test_a_core_that_everything_else_needs_is_not_taken_from_it(root):
+    topology = root / "sys/devices/system/cpu/cpu3/topology"
+    topology.mkdir(parents=True)
+    (topology / "thread_siblings_list").write_text("1-3\n")
+    text, notes = plan_text(root)
+    assert "isolcpus=managed_irq,domain,3 " in text
+    assert any("switch hyperthreading off in the firmware" in note for note in notes)
+
+
+def test_the_loop_s_cpu_stays_awake_and_the_interrupts_threads_come_before_what_runs_beside_the_loop(root, tmp_path):
+    sleep = root / "sys/devices/system/cpu/cpu3/power/pm_qos_resume_latency_us"
+    sleep.parent.mkdir(parents=True)
+    sleep.write_text("0\n")
+    applied(root)
+    assert sleep.read_text().strip() == "n/a"
+    script = (root / "usr/local/sbin/rtstack-host-boot").read_text()
+    assert _BESIDE < PRIORITY < IRQ_PRIORITY < 80
+    # the script itself, on made-up tasks and interrupts
+    said = tmp_path / "said"
+    for name, body in (("chrt", f'echo "$@" >> {said}'), ("ethtool", "exit 0")):
+        program = tmp_path / "bin" / name
+        program.parent.mkdir(exist_ok=True)
+        program.write_text(f"#!/bin/sh\n{body}\n")
+        program.chmod(0o755)
+    for number, comm in ((88, "irq/41-enp3s0"), (89, "irq/410-other"), (90, "python")):
+        task = root / f"proc/{number}/comm"
+        task.parent.mkdir(parents=True)
+        task.write_text(comm + "\n")
+    here = script.replace("/sys/", f"{root}/sys/").replace("/proc/", f"{root}/proc/")
+    subprocess.run(["sh", "-c", here], env={"PATH": f"{tmp_path / 'bin'}:/usr/bin:/bin"}, check=True)
+    assert said.read_text() == f"--fifo --pid {IRQ_PRIORITY} 88\n"
+
+
+def test_ubuntu_s_kernel_is_named_and_left_to_its_owner(root):
+    (root / "etc/os-release").write_text("ID=ubuntu\n")
+    text, notes = plan_text(root)
+    assert "apt-get" not in text
+    assert any("pro enable realtime-kernel" in note for note in notes)

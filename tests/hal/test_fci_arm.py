@@ -13,6 +13,7 @@ from hal.fci.faults import names_in
 from hal.state import ARM_STATE, RobotMode
 from rtstack.cells.simulator import Simulator
 from sim_robot.cell import simulated_cell
+from tests.support.fci.server import serve
 
 PAD = Tool.pad((0.1, 0.1, 0.03), 0.35, 0.03)
 STEP = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5])
@@ -192,3 +193,12 @@ def test_a_simulator_that_cannot_start_says_why():
 def test_an_error_is_known_in_either_of_the_vendor_s_spellings() -> None:
     assert names_in("motion aborted by reflex! [tau_J_range_violation]") == ("tau_j_range_violation",)
     assert names_in('{"joint_reflex": true, nothing_of_the_kind}') == ("joint_reflex",)
+
+
+@pytest.mark.skipif(Path("/sys/kernel/realtime").exists(), reason="this machine's kernel is a real-time one")
+def test_a_kernel_that_is_not_real_time_is_refused_where_that_is_asked_for():
+    with (
+        serve("--lockstep") as served,
+        pytest.raises(HardwareError, match=r"realtime capabilities. Run .*host-setup.*enforce_realtime = false"),
+    ):
+        FciArm(served.left, enforce_realtime=True)

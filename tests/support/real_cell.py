@@ -11,6 +11,9 @@ CALIBRATED = f"[calibration]\ndate = {date.today()}\n"
 def write_cell_file(path: Path, left: str, right: str, tracker: str = "127.0.0.1:1341") -> str:
     """Write it, and return its text."""
     text = default_cell_file().read_text(encoding="utf-8").replace("simulated = true", "simulated = false")
+    text = text.replace(
+        "simulated = false", "enforce_realtime = false # this machine's kernel is what it is\nsimulated = false"
+    )
     for old, new in (("127.0.0.11", left), ("127.0.0.12", right), ("127.0.0.1:1341", tracker)):
         assert old in text
         text = text.replace(f'"{old}"', f'"{new}"')
