@@ -41,6 +41,7 @@ from console.tokens import Tokens
 from console.training.trainer import Trainer
 from console.watch import STATUS_TIMEOUT_S, Watch
 from hal.configuration import ConfigurationError
+from rtstack.cells import profile_of
 from rtstack.live.audit import FILE_NAME, AuditTrail
 from rtstack.live.client import SOCKET_NAME, RobotClient
 from rtstack.live.parent_watch import watch_parent
@@ -137,10 +138,11 @@ def _parts(asked: argparse.Namespace, port: int, stack: ExitStack) -> Parts:
         review_scenes=review_scenes,
         queue=queue,
         campaigns=campaigns,
-        preview=stack.enter_context(closing(Preview(asked.cell, ghost))),
+        preview=stack.enter_context(closing(Preview(asked.cell, ghost, profile_of(asked.kind)))),
         trainer=stack.enter_context(closing(Trainer(watch))),
         questions=stack.enter_context(closing(Questions(cell))),
         layouts=Layouts(asked.logs),
+        profile=profile_of(asked.kind),
     )
 
 

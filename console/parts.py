@@ -29,7 +29,7 @@ from rtstack.model.cell_description import CellDescription
 
 @dataclass(frozen=True, slots=True)
 class Parts:
-    """The console's parts. Their creator closes them."""
+    """The console's parts. Their creator closes them. profile: of our simulated robot, "" for any other."""
 
     sign_in: SignIn
     audit: AuditTrail
@@ -49,6 +49,7 @@ class Parts:
     trainer: Trainer
     questions: Questions
     layouts: Layouts
+    profile: str = ""
     impacts: Impacts = field(default_factory=Impacts)
 
 

@@ -32,8 +32,10 @@ class PreviewView:
 class Preview:
     """One at a time. May be used from any thread."""
 
-    def __init__(self, cell_file: Path, ghost: GhostPlayer) -> None:
+    def __init__(self, cell_file: Path, ghost: GhostPlayer, profile: str = "") -> None:
+        """profile: of the simulated robot that previews; ideal, where the cell's is not known."""
         self._cell_file, self._ghost = cell_file, ghost
+        self._profile = profile or "ideal"
         self._lock = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
         self.view = PreviewView(False)
@@ -42,8 +44,9 @@ class Preview:
         """Simulate a trial, then show it. One that is being simulated is given up for it."""
         self._end()
         command = [
-            sys.executable, "-m", "rtstack", "trial", "--json", "--cell", "direct", "--cell-file", str(self._cell_file),
-            "--reference", str(reference), "--controller", str(order.controller), "--object", order.object,
+            sys.executable, "-m", "rtstack", "trial", "--json", "--profile", self._profile,
+            "--cell-file", str(self._cell_file), "--reference", str(reference),
+            "--controller", str(order.controller), "--object", order.object,
             f"--displacement-mm={order.displacement_mm!r}", f"--displacement-x-mm={order.displacement_x_mm!r}",
             f"--yaw-deg={order.yaw_deg!r}", "--seed", str(order.seed), "--reaction", str(order.reaction),
         ]  # fmt: skip

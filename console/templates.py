@@ -32,7 +32,7 @@ def show(template: str, page: str, request: Request, parts: Parts, **more: objec
     session: UserSession = request.state.session
     return HTMLResponse(
         TEMPLATES.get_template(template).render(
-            csrf=session.csrf, scope=session.scope, page=page, cell=parts.cell, **more
+            csrf=session.csrf, scope=session.scope, page=page, cell=parts.cell, profile=parts.profile, **more
         )
     )
 

@@ -1,7 +1,7 @@
 """The arm as its URDF describes it, in the form that the plant needs."""
 
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
 from xml.etree import ElementTree
 
 import numpy as np
@@ -88,7 +88,7 @@ def _link(element: ElementTree.Element) -> Link:
     )
 
 
-@cache
+@lru_cache(maxsize=32)  # an arm with a URDF of its own is a model of its own
 def arm_description(model: RobotModel) -> ArmDescription:
     """Read a model's URDF. Shared: do not write."""
     root = ElementTree.fromstring(model.urdf)

@@ -5,6 +5,7 @@ not matter which arm is served first, and an arm that did not write keeps its la
 return the state at t = 0.
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import NoReturn
 
@@ -28,9 +29,10 @@ from sim_robot.lab_objects import with_lab_objects
 from sim_robot.model import SIDES
 from sim_robot.plant import Plant, face_offsets_z
 from sim_robot.plant_parameters import PlantParameters, load_plant_parameters
+from sim_robot.profile import IDEAL, load_profile
 from sim_robot.scene import NO_OBJECT, Scene, load_scene
 from sim_robot.sensors import Sensors
-from sim_robot.tracker import SimulatedTracker
+from sim_robot.tracker import tracker_of
 
 Array = NDArray[np.float64]
 _REFUSING = (RobotMode.REFLEX, RobotMode.USER_STOPPED)
@@ -115,7 +117,7 @@ class SimulatedCell:
         empty: bool = False,
     ) -> None:
         """empty: the plant's object is out of reach and out of sight, from the start."""
-        self.plant, self.clock = plant, clock
+        self.plant, self.clock, self.seed = plant, clock, seed
         self.sensors = Sensors(plant, parameters.sensors, face_offsets_z(scene), seed)
         self.states = self.sensors.states  # both arms' present states, dtype ARM_STATE, (2,)
         self._shown: list[tuple[RobotMode, int, float] | None] = [None, None]  # of each box
@@ -124,10 +126,12 @@ class SimulatedCell:
         self._judge_states = reflexes.judge_of_states(
             self.states, self.sensors.kinematics, self._judged, plant.robots, parameters.reflexes, self._masks
         )
-        self.boxes = tuple(box_kind(plant, side, parameters.reflexes) for side in range(2))
+        first_command_ms = plant.profile.box.first_command_ms or parameters.reflexes.first_command_timeout_ms
+        tolerances = replace(parameters.reflexes, first_command_timeout_ms=first_command_ms)
+        self.boxes = tuple(box_kind(plant, side, tolerances) for side in range(2))
         disturbed = bool(faults) or empty
         self.faults = Injection(faults, plant, self.boxes, empty) if disturbed else None
-        tracker = SimulatedTracker(plant, parameters.tracker, seed)
+        tracker = tracker_of(plant, parameters.tracker, seed)
         self.tracker = tracker if self.faults is None else self.faults.tracker(tracker)
         # None: no hand is mounted
         self.hands = tuple(
@@ -236,13 +240,14 @@ def simulated_cell(
     faults: tuple[ScriptedFault, ...] = (),
     on_the_wire: bool = False,
     arms_seed: int | None = None,
+    profile: str = IDEAL,
 ) -> SimulatedCell:
     """Build the cell with this object, displaced from its place (a number: along y, m); NO_OBJECT: an empty cell.
 
     cell_file: a lab's own, for the objects that it adds (sim_robot.lab_objects). arms_seed: of the arms alone, where
     the same ones are to meet other noise. Without a clock it is lockstep: nothing waits, and a seed gives bit-identical
     states. `on_the_wire`: an FCI server stands in front, and carries out the faults of the link. Raises UnknownObject,
-    ObjectOutOfReach, ConfigurationError, FaultNeedsLink.
+    ObjectOutOfReach, ConfigurationError, FaultNeedsLink. profile: its name (sim_robot.profile).
     """
     if not on_the_wire:
         refuse_link_faults(faults)
@@ -254,7 +259,7 @@ def simulated_cell(
     if empty and Displacement.of(displacement) != Displacement():
         raise ObjectOutOfReach(f"an empty cell (object {NO_OBJECT!r}) has nothing that could be displaced")
     name = next(iter(layout.objects)) if empty else object_name
-    plant = Plant(layout, parameters, name, displacement, seed, arms_seed, tilt_of(faults))
+    plant = Plant(layout, parameters, name, displacement, seed, arms_seed, tilt_of(faults), load_profile(profile))
     return SimulatedCell(plant, layout, parameters, seed, clock, box_kind, faults, empty)
 
 

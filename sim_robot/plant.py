@@ -10,7 +10,8 @@ from hal.errors import HardwareError
 from sim_robot.arm_description import JOINTS, arm_description
 from sim_robot.model import build_cell
 from sim_robot.plant_parameters import PlantParameters
-from sim_robot.scatter import DrawnArm, draw_arm
+from sim_robot.profile import ARM_DRAW, Profile, load_profile
+from sim_robot.scatter import DrawnArm, draw_arm, draw_estimate_error, own_model, with_own_friction
 from sim_robot.scene import ArmPlacement, ObjectPlacement, Scene
 from sim_robot.substeps import JOINT_RECORD, MOTOR_RECORD, advance_millisecond
 
@@ -64,16 +65,19 @@ class Plant:
     def __init__(
         self, scene: Scene, parameters: PlantParameters, object_name: str,
         displacement: Displacement | float, seed: int, arms_seed: int | None = None, tilt_deg: float = 0.0,
+        profile: Profile | None = None,
     ) -> None:  # fmt: skip
         """Build the cell at rest, both arms held. arms_seed: whose arms these are, by default the seed's own.
 
-        tilt_deg: see Scene.place. Raises UnknownObject, ObjectOutOfReach.
+        tilt_deg: see Scene.place. profile: how honest it is, by default ideal. Raises UnknownObject, ObjectOutOfReach.
         """
+        arms_seed = seed if arms_seed is None else arms_seed
         _, placement_seed = np.random.SeedSequence([seed, 0]).spawn(2)
-        arms, _ = np.random.SeedSequence([seed if arms_seed is None else arms_seed, 0]).spawn(2)
+        arms, _ = np.random.SeedSequence([arms_seed, 0]).spawn(2)
         generator = np.random.default_rng(placement_seed)
         placement = scene.place(object_name, displacement, _pad_faces_y(scene), generator, tilt_deg)
-        self._start(scene, parameters, object_name, placement, np.random.default_rng(arms))
+        own = np.random.default_rng(np.random.SeedSequence([arms_seed, ARM_DRAW]))
+        self._start(scene, parameters, object_name, placement, np.random.default_rng(arms), profile, own)
 
     @classmethod
     def nominal(
@@ -82,7 +86,8 @@ class Plant:
         """Return a plant without any scatter, the object exactly in its place. For tests."""
         placement = scene.place(object_name, displacement, _pad_faces_y(scene), None)
         plant = cls.__new__(cls)
-        plant._start(scene, parameters.nominal(), object_name, placement, np.random.default_rng(0))
+        generator = np.random.default_rng(0)
+        plant._start(scene, parameters.nominal(), object_name, placement, generator, None, generator)
         return plant
 
     def _start(
@@ -92,9 +97,17 @@ class Plant:
         object_name: str,
         placement: ObjectPlacement,
         generator: np.random.Generator,
+        profile: Profile | None,
+        own: np.random.Generator,
     ) -> None:
-        self.robots = (scene.left.robot, scene.right.robot)
-        arms = tuple(draw_arm(arm_description(model), parameters.of(model), generator) for model in self.robots)
+        profile = self.profile = load_profile() if profile is None else profile
+        left, right = (own_model(place.robot, profile.arm, own) for place in (scene.left, scene.right))
+        self.robots = (left, right)
+        self.estimate_errors = tuple(draw_estimate_error(profile.force, own) for _ in self.robots)
+        arms = tuple(
+            with_own_friction(draw_arm(arm_description(model), parameters.of(model), generator), profile.arm, own)
+            for model in self.robots
+        )
         cell = build_cell(scene, object_name, placement, tuple(arm.description for arm in arms))
         self.model, self.data = cell.model, mujoco.MjData(cell.model)
         self.ticks = 0  # ms since the start
@@ -116,6 +129,7 @@ class Plant:
         self._hold_inertia = np.zeros((2, JOINTS))
         for side, arm in enumerate(arms):
             self._fill(side, arm, parameters)
+            self.joints[side]["payload_error"] = self.estimate_errors[side].payload_kg
         # compiled, or loaded from the cache, before a clock runs
         self._advance_millisecond = bound(
             advance_millisecond,

@@ -1,12 +1,15 @@
 """One draw of the plant: the nominal parameters, scattered by the seed."""
 
 from dataclasses import dataclass, replace
+from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.robots import RobotModel
 from sim_robot.arm_description import JOINTS, ArmDescription, Link
 from sim_robot.plant_parameters import PlantParameters
+from sim_robot.profile import ForceEstimate, OwnArm
 
 Array = NDArray[np.float64]
 SMALLEST_FACTOR = 0.2  # a draw never leaves a mass or a stiffness at zero or below, however large the scatter
@@ -27,12 +30,16 @@ class DrawnArm:
     gravity_factor: Array
 
 
+def _around_one(generator: np.random.Generator, fraction: float, count: int = JOINTS) -> Array:
+    return np.maximum(1.0 + fraction * generator.standard_normal(count), SMALLEST_FACTOR)
+
+
 def draw_arm(description: ArmDescription, parameters: PlantParameters, generator: np.random.Generator) -> DrawnArm:
     """Draw one arm. The order of the draws is fixed, so that a seed names a plant."""
     joints, scatter = parameters.joints, parameters.scatter
 
     def around_one(fraction: float, count: int = JOINTS) -> Array:
-        return np.maximum(1.0 + fraction * generator.standard_normal(count), SMALLEST_FACTOR)
+        return _around_one(generator, fraction, count)
 
     def drawn(link: Link) -> Link:
         # one factor for the whole tensor keeps it a possible inertia
@@ -52,3 +59,46 @@ def draw_arm(description: ArmDescription, parameters: PlantParameters, generator
         friction_p3=np.array(joints.friction_p3),
         gravity_factor=around_one(scatter.gravity_compensation),
     )
+
+
+def own_model(model: RobotModel, own: OwnArm, generator: np.random.Generator) -> RobotModel:
+    """Return the model as the arm itself has it, inertial parameters of its URDF drawn; the model where none differ."""
+    if not (own.link_mass or own.link_inertia or own.link_centre_mm):
+        return model
+    root = ElementTree.fromstring(model.urdf)
+    for inertial in root.iter("inertial"):
+        mass, inertia = (_around_one(generator, fraction, 1)[0] for fraction in (own.link_mass, own.link_inertia))
+        moved = 1e-3 * own.link_centre_mm * generator.standard_normal(3)
+        for element, factor in (("mass", mass), ("inertia", mass * inertia)):
+            for values in inertial.iter(element):
+                values.attrib.update({key: repr(float(value) * float(factor)) for key, value in values.items()})
+        for origin in inertial.iter("origin"):
+            centre = np.array([float(word) for word in origin.get("xyz", "0 0 0").split()]) + moved
+            origin.set("xyz", " ".join(map(repr, centre.tolist())))
+    return replace(model, urdf=ElementTree.tostring(root, encoding="unicode"))
+
+
+@dataclass(frozen=True, slots=True)
+class EstimateError:
+    """What an arm's estimate of external torques has: offset (7,) Nm, gravity (7,) shares, payload kg."""
+
+    offset: Array
+    gravity: Array
+    payload_kg: float
+
+
+def draw_estimate_error(force: ForceEstimate, generator: np.random.Generator) -> EstimateError:
+    """Draw the error of one arm's estimate; zeros of an ideal one."""
+    normal = generator.standard_normal
+    return EstimateError(
+        offset=np.array(force.torque_offset) * normal(JOINTS),
+        gravity=force.gravity_error * normal(JOINTS),
+        payload_kg=force.payload_error_kg * float(normal()),
+    )
+
+
+def with_own_friction(arm: DrawnArm, own: OwnArm, generator: np.random.Generator) -> DrawnArm:
+    """Return the arm with friction that differs by more than the scatter of plant.toml."""
+    if not own.friction:
+        return arm
+    return replace(arm, friction_p1=arm.friction_p1 * _around_one(generator, own.friction))

@@ -4,7 +4,7 @@ Signs as in libfranka: tau_ext_hat_filtered and O_F_ext_hat_K are positive where
 environment. Every float is rounded to float32 at the end, as the wire carries it.
 """
 
-from math import exp, floor, pi
+from math import exp, floor, pi, sqrt
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from sim_robot.arm_description import JOINTS, arm_description
 from sim_robot.kinematics import KINEMATICS_RECORD, estimate_wrench, forward_kinematics
 from sim_robot.plant import Plant
 from sim_robot.plant_parameters import SensorParameters
+from sim_robot.profile import LONGEST_DELAY_MS, SLOW_NOISE_DRAW
 
 CHANNELS = 6  # q, dq, theta, dtheta, tau_J, tau_ext
 BLOCK = 512  # ms of noise drawn at a time
@@ -31,6 +32,14 @@ SENSOR_RECORD = np.dtype(
         ("dtau_J", "f8", JOINTS),
         ("tau_ext", "f8", JOINTS),  # filtered, before its noise
         ("tau_ext_measured", "f8", JOINTS),
+        ("offset", "f8", JOINTS),  # of the estimate, and of its gravity torque a share: sim_robot.profile
+        ("gravity_error", "f8", JOINTS),
+        ("slow_keep", "f8"),  # of the slow noise from one ms to the next, and what comes anew
+        ("slow_fresh", "f8", JOINTS),
+        ("slow", "f8", JOINTS),
+        ("delay", "i8"),  # ms
+        ("newest", "i8"),
+        ("past", "f8", (LONGEST_DELAY_MS + 1, JOINTS)),
         ("started", "i8"),
     ]
 )
@@ -42,12 +51,17 @@ def _wire(value):
 
 
 @compiled
-def _sense(qpos, qvel, motors, sensors, kinematics, draws, states, k, t_ns):
-    """Fill the measured fields of both states. draws[k]: (2, CHANNELS, 7), standard normal; t_ns: of the robot."""
+def _sense(qpos, qvel, motors, sensors, kinematics, draws, slow_draws, states, k, t_ns):
+    """Fill the measured fields of both states. t_ns: of the robot.
+
+    draws[k]: (2, CHANNELS, 7), slow_draws[k]: (2, 7), standard normal.
+    """
     for arm in range(2):
         state, sensor, motor, draw = states[arm], sensors[arm], motors[arm], draws[k, arm]
         state.t_ns = t_ns
         noise = sensor.noise
+        sensor.newest = (sensor.newest + 1) % (LONGEST_DELAY_MS + 1)
+        oldest = (sensor.newest - sensor.delay) % (LONGEST_DELAY_MS + 1)
         for j in range(JOINTS):
             i = arm * JOINTS + j
             q = qpos[i] + noise[0, j] * draw[0, j]
@@ -59,7 +73,13 @@ def _sense(qpos, qvel, motors, sensors, kinematics, draws, states, k, t_ns):
                 sensor.dtau_J[j] += sensor.dtau_J_gain * (rate - sensor.dtau_J[j])
             sensor.tau_J_last[j] = tau_J
             sensor.tau_ext[j] += sensor.tau_ext_gain * (motor.tau_ext[j] - sensor.tau_ext[j])
-            tau_ext = sensor.tau_ext[j] + noise[5, j] * draw[5, j]
+            sensor.slow[j] = sensor.slow_keep * sensor.slow[j] + sensor.slow_fresh[j] * slow_draws[k, arm, j]
+            error = sensor.offset[j] + sensor.gravity_error[j] * motor.tau_gravity[j] + sensor.slow[j]
+            sensor.past[sensor.newest, j] = sensor.tau_ext[j] + error
+            if sensor.started == 0:
+                for ms in range(LONGEST_DELAY_MS + 1):
+                    sensor.past[ms, j] = sensor.tau_ext[j] + error
+            tau_ext = sensor.past[oldest, j] + noise[5, j] * draw[5, j]
             sensor.tau_ext_measured[j] = tau_ext
             state.q[j] = _wire(q)
             state.dq[j] = _wire(qvel[i] + noise[1, j] * draw[1, j])
@@ -107,15 +127,28 @@ class Sensors:
         record["noise"][:, 4], record["noise"][:, 5] = parameters.tau_J_noise, parameters.tau_ext_noise
         record["dtau_J_gain"] = 1.0 - exp(-2.0 * pi * parameters.dtau_J_cutoff_hz * CONTROL_PERIOD_S)
         record["tau_ext_gain"] = 1.0 - exp(-2.0 * pi * parameters.tau_ext_cutoff_hz * CONTROL_PERIOD_S)
+        force = plant.profile.force
+        record["delay"] = force.delay_ms
+        for side, error in enumerate(plant.estimate_errors):
+            record[side]["offset"], record[side]["gravity_error"] = error.offset, error.gravity
+        keep = exp(-2.0 * pi * force.noise_hz * CONTROL_PERIOD_S)
+        record["slow_keep"], record["slow_fresh"] = keep, np.array(force.noise) * sqrt(1.0 - keep * keep)
+        self._slow: np.random.Generator | None = None
+        if any(force.noise):
+            self._slow = np.random.default_rng(np.random.SeedSequence([seed, SLOW_NOISE_DRAW]))
+            record["slow"] = np.array(force.noise) * self._slow.standard_normal((2, JOINTS))
+        self._slow_draws = np.zeros((BLOCK, 2, JOINTS))
         self._measure = bound(
-            _sense, plant.data.qpos, plant.data.qvel, plant.motors, record, self.kinematics, self._draws, self.states,
-            later=(0, 0),
+            _sense, plant.data.qpos, plant.data.qvel, plant.motors, record, self.kinematics, self._draws,
+            self._slow_draws, self.states, later=(0, 0),
         )  # fmt: skip
 
     def sense(self) -> None:
         """Measure the plant now: once a millisecond, since the filters and the noise count the calls."""
         if self._next == BLOCK:
             self._generator.standard_normal(out=self._draws)
+            if self._slow is not None:
+                self._slow.standard_normal(out=self._slow_draws)
             self._next = 0
         self._measure(self._next, self._plant.ticks * 1_000_000)
         self._next += 1

@@ -38,6 +38,7 @@ JOINT_RECORD = np.dtype(
         ("hold_stiffness", "f8", JOINTS),
         ("hold_damping", "f8", JOINTS),
         ("hold_tau_max", "f8", JOINTS),
+        ("payload_error", "f8"),  # kg on the flange that the robot was not told of
     ]
 )
 MOTOR_RECORD = np.dtype(
@@ -85,6 +86,14 @@ def advance_millisecond(
             motor.tau_gravity[j] = joints[arm].gravity_factor[j] * GRAVITY * subtree_mass[body] * lever
             motor.tau_gravity[j] += motor.tau_load[j]
             motor.tau_ext[j] = 0.0 - motor.tau_load[j]
+            if joints[arm].payload_error != 0.0:  # at the centre of mass of the last link with what is on it
+                last = link1_bodies[arm] + JOINTS - 1
+                rx = subtree_com[last, 0] - xanchor[joint, 0]
+                ry = subtree_com[last, 1] - xanchor[joint, 1]
+                lever = xaxis[joint, 0] * ry - xaxis[joint, 1] * rx
+                unknown = joints[arm].payload_error * GRAVITY * lever
+                motor.tau_gravity[j] -= unknown
+                motor.tau_ext[j] += unknown
     for _ in range(SUBSTEPS):
         for arm in range(2):
             joint, motor = joints[arm], motors[arm]

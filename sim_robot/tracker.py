@@ -1,5 +1,6 @@
-"""Motion capture of the object, as far as it is simulated: a rate and noise."""
+"""Motion capture of the object: rate and noise; and, by the profile, a clock of its own, latency and lost frames."""
 
+from collections import deque
 from math import sqrt
 
 import numpy as np
@@ -9,6 +10,7 @@ from hal.tracker import ObjectPose
 from sim_robot.arm_description import JOINTS
 from sim_robot.plant import Plant
 from sim_robot.plant_parameters import TrackerParameters
+from sim_robot.profile import TRACKER_DRAW, Spread, TrackerClock
 
 BLOCK = 64  # frames of noise drawn at a time
 
@@ -73,3 +75,51 @@ class SimulatedTracker:
             self._given_bytes[:] = self._seen_bytes
             self._is_new = False
         return self._given
+
+
+class OwnClockTracker(SimulatedTracker):
+    """A tracker that is late, stamps with a clock of its own, and loses frames."""
+
+    def __init__(self, plant: Plant, parameters: TrackerParameters, seed: int, clock: TrackerClock) -> None:
+        super().__init__(plant, parameters, seed)
+        self._own = np.random.default_rng(np.random.SeedSequence([seed, TRACKER_DRAW]))
+        offset_ms, drift_ppm = self._own.uniform(-1.0, 1.0, 2) * (clock.offset_ms, clock.drift_ppm)
+        self._offset_ns, self._rate = round(1e6 * offset_ms), 1.0 + 1e-6 * drift_ppm
+        self._latency, self._clock = Spread(*clock.latency_ms), clock
+        # a gap begins so often that the share of the lost frames is the profile's
+        mean_gap = (1 + clock.lost_frames) / 2.0
+        self._gap_share = clock.lost_share / (mean_gap * (1.0 - clock.lost_share) + clock.lost_share)
+        self._gap = 0  # frames that are still to be lost
+        self._on_the_way: deque[tuple[float, np.ndarray]] = deque()  # when it arrives, ms, and the frame
+        self._arrived = ObjectPose.empty()
+        self._given = self._arrived
+
+    def update(self) -> None:
+        """Look at the object when a frame is due, and take what arrives. The cell calls it once a millisecond."""
+        super().update()
+        now_ms = self._plant.ticks
+        if self._is_new:
+            self._is_new = False
+            self._expose(now_ms)
+        while self._on_the_way and self._on_the_way[0][0] <= now_ms:
+            self._arrived.record[:] = self._on_the_way.popleft()[1]
+
+    def _expose(self, now_ms: int) -> None:
+        if not self._gap and self._own.random() < self._gap_share:
+            self._gap = int(self._own.integers(1, self._clock.lost_frames + 1))
+        if self._gap:
+            self._gap -= 1
+            return
+        frame = self._seen.record.copy()
+        frame["t_ns"] = round(self._rate * int(frame["t_ns"][0])) + self._offset_ns
+        last_ms = self._on_the_way[-1][0] if self._on_the_way else 0.0
+        # one after the other, as on a stream
+        self._on_the_way.append((max(now_ms + self._latency.draw(self._own), last_ms), frame))
+
+
+def tracker_of(plant: Plant, parameters: TrackerParameters, seed: int) -> SimulatedTracker:
+    """Return the tracker that the plant's profile asks for."""
+    clock = plant.profile.tracker
+    if not any((clock.offset_ms, clock.drift_ppm, *clock.latency_ms, clock.lost_share)):
+        return SimulatedTracker(plant, parameters, seed)
+    return OwnClockTracker(plant, parameters, seed, clock)

@@ -57,6 +57,8 @@ class CellKind:
     simulated: Callable[[str, CellDescription], bool] = _real
 
 
+SIMULATED = ("direct", "lockstep", "realtime")  # ours; behind the colon stands the profile of the simulated robot
+IDEAL = "ideal"
 CELLS = ExtensionPoint("rtstack.cells", "cell", CellKind)
 
 
@@ -69,6 +71,27 @@ def kind_of(kind: str) -> tuple[CellKind, str]:
         raise TrialError(str(error)) from None
 
 
+def with_profile(kind: str, profile: str | None) -> str:
+    """Return a simulated cell's kind with its profile behind the colon; the kind itself for None and for ideal.
+
+    Raises TrialError for a kind that takes none.
+    """
+    if profile is None:
+        return kind
+    if kind not in SIMULATED:
+        raise TrialError(
+            f"--profile is for the cells {', '.join(SIMULATED)}, not for {kind!r}: "
+            "for arms at addresses give it to `rtstack sim`"
+        )
+    return kind if profile == IDEAL else f"{kind}:{profile}"
+
+
+def profile_of(kind: str) -> str:
+    """Return the profile of a simulated cell of ours, "" for any other cell, whose profile is not known here."""
+    name, _, profile = kind.partition(":")
+    return (profile or IDEAL) if name in SIMULATED else ""
+
+
 def open_cell(
     kind: str, object_name: str, displacement: Displacement | float, seed: int,
     description: CellDescription | None = None, faults: Path | None = None, noise_seed: int | None = None,
@@ -77,7 +100,8 @@ def open_cell(
     """Open a cell; see CellRequest. displacement: a number is one along y, m. Raises TrialError, HardwareError.
 
     Ours: direct (the plant in this process, deterministic); lockstep and realtime (a simulated robot in a process of
-    its own, over the wire: it waits for answers, or keeps 1 kHz); fci:LEFT,RIGHT (robots at these addresses).
+    its own, over the wire: it waits for answers, or keeps 1 kHz), each also as direct:PROFILE; fci:LEFT,RIGHT (robots
+    at these addresses).
     """
     found, argument = kind_of(kind)
     described = description or load_description(None)[0]

@@ -31,14 +31,22 @@ def plant_difference(cell_file: Path | None, object_name: str) -> str:
 
 
 def _check(argument: str, description: CellDescription, cell_file: Path | None) -> None:
-    _check_argument(argument)
+    _profile(argument)
     for thing in description.objects:
         plant_difference(cell_file, thing)  # a bad key of the plant's
 
 
-def _check_argument(argument: str) -> None:
-    if argument:
-        raise TrialError(f"a simulated cell has no address, and nothing stands behind its name: not {argument!r}")
+def _profile(argument: str) -> str:
+    """Return the name of the profile that stands behind a simulated cell's name. Raises TrialError."""
+    from hal.configuration import ConfigurationError
+    from sim_robot.profile import IDEAL, load_profile
+
+    name = argument or IDEAL
+    try:
+        load_profile(name)
+    except ConfigurationError as error:
+        raise TrialError(f"a simulated cell has no address, behind its name stands its profile: {error}") from None
+    return name
 
 
 def _simulated(_argument: str, _description: CellDescription) -> bool:
@@ -52,27 +60,29 @@ def _open_direct(request: CellRequest) -> Cell:
     from sim_robot.faults.file import load_faults
     from sim_robot.scene import NO_OBJECT
 
-    _check_argument(request.argument)
+    profile = _profile(request.argument)
     try:
         script = () if request.faults is None else load_faults(request.faults)
         noise = request.seed if request.noise_seed is None else request.noise_seed
         cell = simulated_cell(
             request.object_name or NO_OBJECT, request.displacement, noise, faults=script, arms_seed=request.seed,
-            cell_file=request.cell_file, clock=PacedLockstep() if request.live else None,
+            cell_file=request.cell_file, clock=PacedLockstep() if request.live else None, profile=profile,
         )  # fmt: skip
-        return replace(cell.as_cell("direct"), warning=plant_difference(request.cell_file, request.object_name))
+        return replace(cell.as_cell(request.kind), warning=plant_difference(request.cell_file, request.object_name))
     except ConfigurationError as error:
         raise TrialError(str(error)) from None
 
 
 def _open_served(request: CellRequest) -> Cell:
-    _check_argument(request.argument)
+    profile = _profile(request.argument)
     warning = plant_difference(request.cell_file, request.object_name)
+    lockstep = request.kind.partition(":")[0] == "lockstep"
     simulator = Simulator(
-        request.object_name, request.displacement, request.seed, lockstep=request.kind == "lockstep",
-        faults=request.faults, cell_file=request.cell_file,
+        request.object_name, request.displacement, request.seed, lockstep=lockstep, faults=request.faults,
+        cell_file=request.cell_file, profile=profile,
     )  # fmt: skip
-    return replace(_served_cell(request.kind, simulator, pad_tool(request.description)), warning=warning)
+    tool = pad_tool(request.description)
+    return replace(_served_cell(request.kind, simulator, tool, lockstep), warning=warning)
 
 
 class _SimulatorLink:
@@ -91,14 +101,14 @@ class _SimulatorLink:
             print(f"simulated robot: {self._simulator.report}", file=sys.stderr)
 
 
-def _served_cell(kind: str, simulator: Simulator, tool: Tool) -> Cell:
+def _served_cell(kind: str, simulator: Simulator, tool: Tool, lockstep: bool) -> Cell:
     try:
-        pair = open_pair(simulator.left, simulator.right, tool, shared_clock=kind == "lockstep")
+        pair = open_pair(simulator.left, simulator.right, tool, shared_clock=lockstep)
     except BaseException:
         simulator.close()
         raise
     link = _SimulatorLink(pair, simulator)
-    return Cell(kind, pair.left, pair.right, simulator.tracker, link, own_clocks=kind == "realtime")
+    return Cell(kind, pair.left, pair.right, simulator.tracker, link, own_clocks=not lockstep)
 
 
 direct = CellKind(_open_direct, _check, _simulated)

@@ -29,11 +29,11 @@ class Simulator:
 
     def __init__(
         self, object_name: str, displacement: Displacement | float, seed: int, *, lockstep: bool,
-        faults: Path | None = None, cell_file: Path | None = None,
+        faults: Path | None = None, cell_file: Path | None = None, profile: str = "ideal",
     ) -> None:  # fmt: skip
         """Start it, and wait until it serves. object_name: empty for none; faults: a script of them.
 
-        cell_file: of a lab, with objects of its own.
+        cell_file: of a lab, with objects of its own. profile: how honest it is (sim_robot.profile).
 
         Raises HardwareError with what it says.
         """
@@ -49,7 +49,7 @@ class Simulator:
                 sys.executable, "-m", "sim_robot.fci", "--tracker", f"{host}:{port}",
                 "--left", self.left, "--right", self.right, "--object", object_name or "none",
                 f"--displacement-mm={shift.y_m * 1e3!r}", f"--displacement-x-mm={shift.x_m * 1e3!r}",
-                f"--yaw-deg={degrees(shift.yaw_rad)!r}", "--seed", str(seed),
+                f"--yaw-deg={degrees(shift.yaw_rad)!r}", "--seed", str(seed), "--profile", profile,
                 *([] if cell_file is None else ["--cell-file", str(cell_file)]),
                 *([] if faults is None else ["--faults", str(faults)]),
             ]  # fmt: skip

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import typer
 
-from rtstack.cells import load_description
+from rtstack.cells import load_description, with_profile
 from rtstack.cells.fci import fci_addresses
 from rtstack.live.source import described_as
 from rtstack.live.stack import StackSettings, run_stack
@@ -19,18 +19,21 @@ def up(port: int, logs: Path, cell_file: Path | None, kind: str) -> None:
     raise typer.Exit(run_stack(StackSettings(port=port, logs=logs, cell=source, kind=kind)))
 
 
-def chosen_kind(kind: str | None, left: str | None, right: str | None) -> str:
-    """Return the kind of cell that is named, that both addresses make, or the simulated one. Raises TrialError."""
+def chosen_kind(kind: str | None, left: str | None, right: str | None, profile: str | None = None) -> str:
+    """Return the kind of cell that is named, that both addresses make, or the simulated one, with the profile.
+
+    Raises TrialError.
+    """
     if kind is not None and (left is not None or right is not None):
         raise TrialError("--cell-kind says which arms there are, and so do --left and --right: give one of them")
     if kind is not None:
-        return kind
+        return with_profile(kind, profile)
     if (left is None) != (right is None):
         raise TrialError("two arms have two addresses: give --left and --right, or neither for the simulated cell")
     if left is None:
-        return "direct"
+        return with_profile("direct", profile)
     fci_addresses(kind := f"fci:{left},{right}")
-    return kind
+    return with_profile(kind, profile)
 
 
 def make_log_folder(logs: Path) -> None:

@@ -161,7 +161,9 @@ class Robot:
             self._look_for_causes(cell)
         except HardwareError as error:
             reason = str(error)
-            if self._source.kind == "direct" and self._cell is not None:  # these arms cannot be moved by hand
+            if (
+                self._source.kind.partition(":")[0] == "direct" and self._cell is not None
+            ):  # these arms cannot be moved by hand
                 self._close()
                 self._open(self._first_object, Displacement(), 0)
                 reason += "; the simulated cell was set up anew: recover once more"

@@ -202,7 +202,7 @@ def open_log(
 
     cell: tells whether its robot waits, and keeps a clock's pace; without it the name of one of our kinds does.
     """
-    lockstep = cell_kind in LOCKSTEP_KINDS if cell is None else not cell.own_clocks
+    lockstep = cell_kind.partition(":")[0] in LOCKSTEP_KINDS if cell is None else not cell.own_clocks
     timed = not lockstep or (cell is not None and cell.paced)
     metadata = {"trial": trial_metadata(specification, cell_kind, reference, timed)}
     try:

@@ -28,6 +28,7 @@ from sim_robot.fci.server import Server
 from sim_robot.fci.tracker_feed import TrackerFeed
 from sim_robot.lab_objects import difference, with_lab_objects
 from sim_robot.plant_parameters import load_plant_parameters
+from sim_robot.profile import IDEAL, profile_names
 from sim_robot.scene import load_scene
 
 LARGEST_PRIORITY = 99  # sched(7)
@@ -94,6 +95,7 @@ def _options(arguments: list[str] | None, prog: str) -> tuple[argparse.Namespace
     parser.add_argument("--displacement-x-mm", type=float, default=0.0, help="shift of the object along x")
     parser.add_argument("--yaw-deg", type=float, default=0.0, help="turn of the object about z")
     parser.add_argument("--seed", type=_whole(0), default=0)
+    parser.add_argument("--profile", default=IDEAL, help=f"how honest it is: {', '.join(profile_names())}")
     parser.add_argument("--lockstep", action="store_true", help="wait for every moving arm's answer")
     parser.add_argument("--phase-us", type=float, default=0.0, help="how much later the right arm's clock ticks")
     parser.add_argument("--drift-ppm", type=float, default=0.0, help="how much faster the right arm's clock is")
@@ -125,6 +127,7 @@ def _open(options: argparse.Namespace) -> Server:
     cell = simulated_cell(
         options.object, displacement, options.seed,
         scene=scene, cell_file=options.cell_file, box_kind=DrivenBox, faults=faults, on_the_wire=True,
+        profile=options.profile,
     )  # fmt: skip
     if options.cell_file is not None:
         layout = with_lab_objects(load_scene(scene), options.cell_file)
@@ -188,7 +191,7 @@ def _desk(options: argparse.Namespace, server: Server) -> Iterator[str]:
 def _serve(server: Server, options: argparse.Namespace, right_clock: RightClock, next_step: str) -> None:
     received: list[int] = []
     _at_signals(lambda number, frame: received.append(number))
-    said = "\n" + next_step if next_step else ""
+    said = f", profile {options.profile}" + ("\n" + next_step if next_step else "")
     where = f"serving {options.left} and {options.right}"
     if options.lockstep:
         print(f"{where}, lockstep{said}", flush=True)

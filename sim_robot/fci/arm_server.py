@@ -25,6 +25,7 @@ from sim_robot.fci.protocol import (
 )
 from sim_robot.fci.robot_state import CARTESIAN_COLLISION, JOINT_COLLISION
 from sim_robot.fci.settings import InvalidSetting, Settings
+from sim_robot.profile import BOX_DRAW, Spread
 from sim_robot.proximity import Proximity
 
 _NEVER_NS = 1 << 62
@@ -62,7 +63,13 @@ class ArmServer:
         refresh: Callable[[], None],
     ) -> None:
         self._refresh = refresh
-        self._replies: list[tuple[Command, int, int]] = []
+        self._replies: list[tuple[int, Command, int, int]] = []  # from which state on, and what
+        self._requests: list[tuple[int, Command, int, tuple]] = []  # the box will carry out with that state
+        self._shown = 0  # states so far: the box's time, ms
+        box, seed = cell.plant.profile.box, (cell.seed, BOX_DRAW, side)
+        self._latencies = {Command.MOVE: box.move_ms, Command.AUTOMATIC_ERROR_RECOVERY: box.recovery_ms}
+        self._stopping, self._setting = Spread(*box.stop_ms), Spread(*box.set_ms)
+        self._draws = np.random.default_rng(np.random.SeedSequence(seed))
         self.hold_replies = False  # in lockstep: until the plant is at rest
         self.proximity = proximity
         self.link, self.settings, self.motion = link, settings, motion
@@ -158,17 +165,22 @@ class ArmServer:
     def _end_move(self, status: MoveStatus) -> None:
         self._mode_shown = (int(Controller.OTHER), GENERATOR_IDLE)
         if self._move_id is not None:
-            self._reply_later(Command.MOVE, self._move_id, status)
+            asked = status in (MoveStatus.SUCCESS, MoveStatus.PREEMPTED)
+            self._reply_later(Command.MOVE, self._move_id, status, self._stopping if asked else None)
             self._move_id = None
 
-    def _reply_later(self, command: Command, command_id: int, status: int) -> None:
-        """Answer after the next state, so that a client that reads then sees what it asked for."""
+    def _reply_later(self, command: Command, command_id: int, status: int, latency: Spread | None = None) -> None:
+        """Answer after the next state, so that a client that reads then sees what it asked for; or as late as that."""
         self._refresh()
-        self._replies.append((command, command_id, status))
+        wait_ms = 0 if latency is None else round(latency.draw(self._draws))
+        # one after the other: a client takes an answer for that to its last request
+        due = max([self._shown + wait_ms, *(reply[0] for reply in self._replies)])
+        self._replies.append((due, command, command_id, status))
 
     def abandon(self) -> None:
         """Forget the client: its successor must not get its answers."""
         self._replies.clear()
+        self._requests.clear()
         self._move_id = self._recovery_id = None
 
     def _rest(self, keep_goal: bool = False) -> None:
@@ -228,7 +240,7 @@ class ArmServer:
         self.message_id += 1
         wire["message_id"] = self.message_id
         wire["controller_mode"], wire["motion_generator_mode"] = self._mode_shown
-        wire["robot_mode"] = box.mode
+        wire["robot_mode"] = RobotMode.AUTOMATIC_ERROR_RECOVERY if self._recovers else box.mode
         wire["control_command_success_rate"] = box.success_rate
         sampled = box.sampled_torque
         if sampled is not None:  # the plant's last ms may have been before this torque came
@@ -240,10 +252,18 @@ class ArmServer:
             self._shown_reason = self._reason
             wire["reflex_reason"] = _flags(self._reason)
         self.link.send_state(self._bytes)
+        self._shown += 1
         if self._replies and not self.hold_replies:
-            replies, self._replies = self._replies, []
-            for command, command_id, status in replies:
+            while self._replies and self._replies[0][0] < self._shown:
+                _, command, command_id, status = self._replies.pop(0)
                 self.link.reply(command, command_id, bytes((status,)))
+        while self._requests and self._requests[0][0] < self._shown:
+            _, command, command_id, values = self._requests.pop(0)
+            self._carry_out(command, command_id, values)
+
+    @property
+    def _recovers(self) -> bool:
+        return any(request[1] == Command.AUTOMATIC_ERROR_RECOVERY for request in self._requests)
 
     def show_new(self) -> None:
         """Send a state that the plant has not shown before: only an answer to it counts from now on."""
@@ -261,7 +281,16 @@ class ArmServer:
     # requests
 
     def handle(self, command: Command, command_id: int, values: tuple) -> None:
-        """Carry out a request and answer it. Every request gets an answer."""
+        """Carry out a request, as late as the box is, and answer it. Every request gets an answer."""
+        latency = self._latencies.get(command)
+        wait_ms = 0 if latency is None else round(Spread(*latency).draw(self._draws))
+        if wait_ms or self._requests:
+            due = max([self._shown + wait_ms, *(request[0] for request in self._requests)])
+            self._requests.append((due, command, command_id, values))
+        else:
+            self._carry_out(command, command_id, values)
+
+    def _carry_out(self, command: Command, command_id: int, values: tuple) -> None:
         if command == Command.MOVE:
             self._move(command_id, values)
         elif command == Command.STOP_MOVE:
@@ -276,7 +305,7 @@ class ArmServer:
         elif command == Command.AUTOMATIC_ERROR_RECOVERY:
             self._recover_at_rest(command_id)
         else:
-            self._reply_later(command, command_id, self._set(command, values))
+            self._reply_later(command, command_id, self._set(command, values), self._setting)
 
     def _move(self, command_id: int, values: tuple) -> None:
         request = MoveRequest.of(values)

@@ -153,7 +153,7 @@ class Server:
     def _publish_pose(self) -> None:
         """Send a new pose before the states of the same ms go out, stamped as they will be."""
         if self._feed is not None:
-            self._feed.publish(self._next_stamp_ns())
+            self._feed.publish(self._next_stamp_ns(), 1_000_000 * self.cell.plant.ticks)
 
     def repeat_pose(self) -> None:
         """Send the last pose again, while the plant stands still and a program may begin to listen."""

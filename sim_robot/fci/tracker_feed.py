@@ -13,17 +13,18 @@ class TrackerFeed:
     """Sends each new pose of a tracker once. Never blocks; a listener that is not there is no error."""
 
     def __init__(self, tracker: ObjectTracker, listener: tuple[str, int]) -> None:
-        self._tracker = tracker
+        self._tracker, self._behind_ns = tracker, 0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         self._socket.connect(listener)
         self._sent_t_ns = -1
         self._datagram = np.zeros(1, DATAGRAM)
 
-    def publish(self, robot_t_ns: int) -> None:
-        """Send the newest pose if it was not sent yet, stamped with the robot's time of the state it belongs to.
+    def publish(self, robot_t_ns: int, plant_t_ns: int) -> None:
+        """Send the newest pose if it was not sent yet, stamped with the robot's time, as far as its clock is right.
 
-        Call it before that state goes out, so that who has the state has the pose too.
+        Call it before the state of that time goes out, so that who has the state has the pose too. plant_t_ns: what the
+        poses' own time is now.
         """
         pose = self._tracker.latest().record
         t_ns = int(pose["t_ns"][0])
@@ -31,11 +32,12 @@ class TrackerFeed:
             return
         self._sent_t_ns = t_ns
         self._datagram[:] = pose
+        self._behind_ns = plant_t_ns - t_ns
         self.repeat(robot_t_ns)
 
     def repeat(self, robot_t_ns: int) -> None:
         """Send the last pose again, with another time."""
-        self._datagram["t_ns"] = robot_t_ns
+        self._datagram["t_ns"] = robot_t_ns - self._behind_ns
         with contextlib.suppress(OSError):
             self._socket.send(self._datagram.data)
 

@@ -30,12 +30,15 @@ def test_the_newest_pose_arrives_with_the_robots_time():
     assert link.latest().record["seen"][0] == 0
     for k in range(3):
         tracker.see(4_000_000 * k, 0.1 * k)
-        feed.publish(7_000_000_000 + 4_000_000 * k)
+        feed.publish(7_000_000_000 + 4_000_000 * k, 4_000_000 * k)
     pose = link.latest()
     assert pose.t_ns == 7_008_000_000
     assert np.array_equal(pose.position, [0.2, 0.5, 0.25])
-    feed.publish(8_000_000_000)  # nothing new was seen
+    feed.publish(8_000_000_000, 1_008_000_000)  # nothing new was seen
     assert link.latest().t_ns == 7_008_000_000
+    tracker.see(12_000_000, 0.3)
+    feed.publish(9_000_000_000, 15_000_000)  # it was seen 3 ms ago, by the tracker's clock
+    assert link.latest().t_ns == 8_997_000_000
     feed.close()
     link.close()
 
@@ -55,7 +58,7 @@ def test_a_feed_without_a_listener_goes_on():
     link.close()
     for k in range(3):
         tracker.see(k + 1, 0.0)
-        feed.publish(k)
+        feed.publish(k, k + 1)
     feed.close()
 
 

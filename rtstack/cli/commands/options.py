@@ -30,6 +30,10 @@ ControllerChoice = Annotated[
 CellKind = Annotated[
     str, typer.Option(help="direct, lockstep, realtime, fci:LEFT,RIGHT, or NAME[:ARGUMENT] of another package.")
 ]
+Profile = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", help="How honest the simulated robot is: ideal (the default), honest or harsh."),
+]
 ShiftY = Annotated[float, typer.Option("--displacement-mm", help="Shift of the object along y.")]
 ShiftX = Annotated[float, typer.Option("--displacement-x-mm", help="Shift of the object along x.")]
 Yaw = Annotated[float, typer.Option("--yaw-deg", help="Turn of the object about z.")]

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from rtstack.cells.kinds import with_profile
 from rtstack.cli.commands.options import (
     CellFile,
     CellKind,
@@ -13,6 +14,7 @@ from rtstack.cli.commands.options import (
     Json,
     LogOut,
     ObjectName,
+    Profile,
     Seed,
     ShiftX,
     ShiftY,
@@ -35,13 +37,14 @@ def teach(
         typer.Option(help="Speed of the pads at the object, m/s, if not the variation's.", min=0.1, max=0.6),
     ] = None,
     cell: CellKind = "direct",
+    profile: Profile = None,
     cell_file: CellFile = None,
     json: Json = False,
 ) -> None:
     """Record a scripted demonstration through the teleoperation path."""
     from rtstack.cli.trials import teach as run
 
-    run(output, object_name, variation, seed, speed, cell, cell_file, json)
+    run(output, object_name, variation, seed, speed, with_profile(cell, profile), cell_file, json)
 
 
 @commands.command()
@@ -57,6 +60,7 @@ def trial(
     seed: Seed = 0,
     log: LogOut = None,
     cell: CellKind = "direct",
+    profile: Profile = None,
     cell_file: CellFile = None,
     safety: Annotated[
         Path | None, typer.Option(metavar="FILE", help="TOML with a table [safety]: limits that this trial tightens.")
@@ -80,8 +84,8 @@ def trial(
     from rtstack.cli.trials import trial as run
 
     run(
-        reference, controller, object_name, displacement_mm, seed, log, cell, cell_file, json, safety, friction,
-        reaction, monitor, faults, displacement_x_mm, yaw_deg, whole_reference,
+        reference, controller, object_name, displacement_mm, seed, log, with_profile(cell, profile), cell_file, json,
+        safety, friction, reaction, monitor, faults, displacement_x_mm, yaw_deg, whole_reference,
     )  # fmt: skip
 
 
@@ -92,19 +96,21 @@ def play(
     seed: Seed = 0,
     log: LogOut = None,
     cell: CellKind = "direct",
+    profile: Profile = None,
     cell_file: CellFile = None,
     json: Json = False,
 ) -> None:
     """Play a log on the arms themselves, with a soft start and a soft stop; Ctrl-C brakes along the path."""
     from rtstack.cli.playback import play as run
 
-    run(source, speed, seed, log, cell, cell_file, json)
+    run(source, speed, seed, log, with_profile(cell, profile), cell_file, json)
 
 
 @commands.command("identify-friction")
 def identify_friction(
     output: Annotated[Path, typer.Argument(metavar="OUT.toml", help="The file to write; logs go beside it.")],
     cell: CellKind = "direct",
+    profile: Profile = None,
     seed: Seed = 0,
     runs: Annotated[int, typer.Option(help="Runs of each joint.", min=1, max=20)] = 2,
     cell_file: CellFile = None,
@@ -112,12 +118,13 @@ def identify_friction(
     """Move one joint after the other, with the object out of the way, and write both arms' friction."""
     from rtstack.cli.friction import identify_friction as run
 
-    run(output, cell, seed, cell_file, runs)
+    run(output, with_profile(cell, profile), seed, cell_file, runs)
 
 
 @commands.command()
 def guide(
     cell: CellKind = "direct",
+    profile: Profile = None,
     seconds: Annotated[float | None, typer.Option(help="End after so many seconds.", min=0.1)] = None,
     cell_file: CellFile = None,
     json: Json = False,
@@ -125,4 +132,4 @@ def guide(
     """Let a person move both arms by hand, also back from beyond a limit, until Ctrl-C or the key that is let go."""
     from rtstack.cli.guide import guide as run
 
-    run(cell, seconds, cell_file, json)
+    run(with_profile(cell, profile), seconds, cell_file, json)

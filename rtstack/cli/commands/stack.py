@@ -12,6 +12,7 @@ from rtstack.cli.commands.options import (
     LogsWritten,
     ObjectName,
     OldCellFile,
+    Profile,
     RightArm,
     Seed,
     ShiftX,
@@ -50,12 +51,13 @@ def up(
     right: RightArm = None,
     cell_kind: LiveCellKind = None,
     cell: OldCellFile = None,
+    profile: Profile = None,
 ) -> None:
     """Start the whole stack, with the arms at --left and --right or the simulated cell; Ctrl-C ends all of it."""
     from rtstack.cli.stack import chosen_kind
     from rtstack.cli.stack import up as run
 
-    run(port, logs, cell_file or cell, chosen_kind(cell_kind, left, right))
+    run(port, logs, cell_file or cell, chosen_kind(cell_kind, left, right, profile))
 
 
 @commands.command()
@@ -67,12 +69,13 @@ def robot(
     right: RightArm = None,
     cell_kind: LiveCellKind = None,
     cell: OldCellFile = None,
+    profile: Profile = None,
 ) -> None:
     """Run the robot process alone, as a service does: cell, loop and logs; disarmed, until an operator arms."""
     from rtstack.cli.service import robot as run
     from rtstack.cli.stack import chosen_kind
 
-    run(run_folder, logs, cell_file or cell, chosen_kind(cell_kind, left, right))
+    run(run_folder, logs, cell_file or cell, chosen_kind(cell_kind, left, right, profile))
 
 
 @commands.command()
@@ -85,12 +88,13 @@ def console(
     right: RightArm = None,
     cell_kind: LiveCellKind = None,
     cell: OldCellFile = None,
+    profile: Profile = None,
 ) -> None:
     """Run the console alone, beside `rtstack robot`, with the same options."""
     from rtstack.cli.service import console as run
     from rtstack.cli.stack import chosen_kind
 
-    run(run_folder, port, logs, cell_file or cell, chosen_kind(cell_kind, left, right))
+    run(run_folder, port, logs, cell_file or cell, chosen_kind(cell_kind, left, right, profile))
 
 
 @commands.command()
@@ -126,6 +130,7 @@ def sim(
     yaw_deg: Yaw = 0.0,
     cell_file: CellFile = None,
     faults: Faults = None,
+    profile: Profile = None,
     tracker: Annotated[
         str, typer.Option(metavar="HOST:PORT", help="Who is sent the object's poses (UDP).")
     ] = "127.0.0.1:1341",
@@ -148,6 +153,7 @@ def sim(
         f"--priority={priority}",
         f"--cpu={chosen_cpu(cpu)}",
     ]
+    arguments += [f"--profile={profile}"] * (profile is not None)
     arguments += ["--lockstep"] * lockstep + ["--desk"] * desk + ([f"--faults={faults}"] if faults is not None else [])
     shifts = {"displacement-mm": displacement_mm, "displacement-x-mm": displacement_x_mm, "yaw-deg": yaw_deg}
     run(arguments, left, right, object_name, shifts, cell_file)

@@ -1,0 +1,164 @@
+"""How far the simulated robot differs from an ideal one: a profile, from a file, and what a seed draws of it.
+
+The profile `ideal` has zeros only, and changes no bit of what the simulated robot does.
+"""
+
+from dataclasses import dataclass, fields
+from functools import cache
+from importlib.resources import as_file, files
+from math import exp, log, sqrt
+
+import numpy as np
+
+from hal.configuration import ConfigurationError, load_toml
+from sim_robot.plant_parameters import Joints
+
+IDEAL = "ideal"
+LONGEST_DELAY_MS = 50
+# of the draws, beside 0 arms and placement, 1 sensors, 2 tracker, 3 friction of a campaign
+ARM_DRAW, SLOW_NOISE_DRAW, TRACKER_DRAW, BOX_DRAW = 4, 5, 6, 7
+
+
+def _not_negative(record: object) -> None:
+    for field in fields(record):  # pyright: ignore[reportArgumentType]
+        value = getattr(record, field.name)
+        if any(item < 0.0 for item in (value if isinstance(value, tuple) else (value,))):
+            raise ValueError(f"{field.name} must not be negative: {value}")
+
+
+@dataclass(frozen=True, slots=True)
+class ForceEstimate:
+    """What is wrong with the estimate of external torques. Standard deviations of what is drawn once for an arm.
+
+    torque_offset Nm, a joint; gravity_error: share of a joint's gravity torque; payload_error_kg: of what is on the
+    flange, against what the robot was told. delay_ms: of the whole estimate. noise Nm: besides the white noise, below
+    noise_hz.
+    """
+
+    torque_offset: Joints
+    gravity_error: float
+    payload_error_kg: float
+    delay_ms: int
+    noise: Joints
+    noise_hz: float
+
+    def __post_init__(self) -> None:
+        _not_negative(self)
+        if self.delay_ms > LONGEST_DELAY_MS:
+            raise ValueError(f"delay_ms must be at most {LONGEST_DELAY_MS}: {self.delay_ms}")
+        if any(self.noise) and not self.noise_hz:
+            raise ValueError("noise_hz must be positive where there is noise")
+
+
+@dataclass(frozen=True, slots=True)
+class OwnArm:
+    """How the arm differs from its description in hal/robots, the controller's. Standard deviations, drawn for an arm.
+
+    link_mass, link_inertia: fractions; link_centre_mm: each coordinate of a centre of mass: of the arm and of the URDF
+    that it serves. friction: a fraction of each joint's, of the arm alone.
+    """
+
+    link_mass: float
+    link_inertia: float
+    link_centre_mm: float
+    friction: float
+
+    def __post_init__(self) -> None:
+        _not_negative(self)
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerClock:
+    """A motion capture with a clock of its own. offset_ms, drift_ppm: at most, either way, drawn for a run.
+
+    latency_ms: from the exposure to the robot's network, a Spread. lost_share: of the frames; lost_frames: how many in
+    a row at most.
+    """
+
+    offset_ms: float
+    drift_ppm: float
+    latency_ms: tuple[float, float, float]
+    lost_share: float
+    lost_frames: int
+
+    def __post_init__(self) -> None:
+        _not_negative(self)
+        Spread(*self.latency_ms)
+        if self.lost_share >= 1.0 or (self.lost_share and not self.lost_frames):
+            raise ValueError("lost_share must be below 1, and lost_frames positive where frames are lost")
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """How long the control box takes, ms, from the request's arrival to what it asks for: a Spread each.
+
+    move_ms: until the motion has started; stop_ms: until it has ended, at a stop or at the client's own end; set_ms:
+    each setting; recovery_ms: until the errors are cleared or the recovery is refused. first_command_ms: how long it
+    waits from Move to the first command; 0: as plant.toml has it.
+    """
+
+    move_ms: tuple[float, float, float]
+    stop_ms: tuple[float, float, float]
+    set_ms: tuple[float, float, float]
+    recovery_ms: tuple[float, float, float]
+    first_command_ms: int
+
+    def __post_init__(self) -> None:
+        _not_negative(self)
+        for name in ("move_ms", "stop_ms", "set_ms", "recovery_ms"):
+            Spread(*getattr(self, name))
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """A duration that differs from time to time: its logarithm is distributed as a triangle. All three in ms; 0: none.
+
+    Few durations of a robot are published, and those as a range: a triangle claims no more than that and a usual value.
+    """
+
+    least: float
+    usual: float
+    most: float
+
+    def __post_init__(self) -> None:
+        given = (self.least, self.usual, self.most)
+        if any(given) and not 0.0 < self.least <= self.usual <= self.most:
+            raise ValueError(f"expected 0 < least <= usual <= most, or three zeros: {list(given)}")
+
+    def draw(self, generator: np.random.Generator) -> float:
+        """Return a duration, ms. Nothing is drawn where there is none."""
+        if not self.most:
+            return 0.0
+        low, mode, high = log(self.least), log(self.usual), log(self.most)
+        if low == high:
+            return self.most
+        u, width = generator.random(), high - low
+        if u * width < mode - low:
+            return exp(low + sqrt(u * width * (mode - low)))
+        return exp(high - sqrt((1.0 - u) * width * (high - mode)))
+
+
+@dataclass(frozen=True, slots=True)
+class Profile:
+    """Everything in which a simulated robot differs from an ideal one."""
+
+    force: ForceEstimate
+    arm: OwnArm
+    tracker: TrackerClock
+    box: Box
+
+
+def profile_names() -> tuple[str, ...]:
+    """Return the names of the profiles, the ideal one first."""
+    folder = files("sim_robot") / "parameters" / "profiles"
+    names = sorted(file.name.removesuffix(".toml") for file in folder.iterdir() if file.name.endswith(".toml"))
+    return tuple(sorted(names, key=lambda name: name != IDEAL))
+
+
+@cache
+def load_profile(name: str = IDEAL) -> Profile:
+    """Read a profile. Raises ConfigurationError with one line."""
+    if name not in profile_names():
+        raise ConfigurationError(f"unknown profile {name!r}; there is {', '.join(profile_names())}")
+    with as_file(files("sim_robot") / "parameters" / "profiles" / f"{name}.toml") as path:
+        return load_toml(path, Profile)
