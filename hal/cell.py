@@ -37,6 +37,13 @@ class ArmLink(Protocol):
         """
         ...
 
+    def stop(self, first: int = LEFT, *, at_rest: bool = False) -> None:
+        """End torque control of both, one after the other, beginning with LEFT or RIGHT. Never raises.
+
+        at_rest: both stand still; then the second one is answered for as long as the first one takes.
+        """
+        ...
+
     def close(self) -> None:
         """Release what belongs to both. Never raises."""
         ...
@@ -71,6 +78,14 @@ class Cell:
         """Take torque control, where it has to be asked for. Raises CommandRejected, ConnectionLost."""
         if self.link is not None:
             self.link.start()
+
+    def stop(self, first: int = LEFT, *, at_rest: bool = False) -> None:
+        """End torque control of both; see ArmLink. Never raises."""
+        if self.link is not None:
+            self.link.stop(first, at_rest=at_rest)
+            return
+        for arm in (self.left, self.right) if first == LEFT else (self.right, self.left):
+            arm.stop()
 
     def close(self) -> None:
         """Stop both arms and release them. Never raises."""

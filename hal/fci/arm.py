@@ -48,6 +48,7 @@ class FciArm:
         self._bytes = self._state.record.view(np.uint8).data
         self._torques = franka.Torques([0.0] * 7)
         self._control: franka.ActiveControlBase | None = None
+        self._posture: NDArray[np.float64] | None = None  # that was sent last, under position control
         self._lost = False
         self.unread = False  # True: the next read returns the last state once more, without waiting
         config = franka.RealtimeConfig.kEnforce if enforce_realtime else franka.RealtimeConfig.kIgnore
@@ -79,21 +80,35 @@ class FciArm:
         with vendor_errors(self.called):
             return self._open_robot().read_once()
 
+    @property
+    def in_motion(self) -> bool:
+        """Whether the robot wants an answer each millisecond."""
+        return self._control is not None and not self._lost
+
+    def last_command(self) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
+        """Return what to go on with, see hal.fci.hold.Held."""
+        if self._posture is not None:
+            return self._posture, None
+        return None, np.array(self._torques.tau_J)
+
     def start(self) -> None:
         """Take torque control: from now on the robot wants an answer each millisecond. Raises CommandRejected.
 
-        Takes about 2 ms, in which no other arm is answered. Does nothing where control was taken before.
+        Takes as long as the control box does, in which this process answers no other arm: see hal.fci.hold. Does
+        nothing where control was taken before.
         """
         if self._control is None:
             robot = self._open_robot()
             with vendor_errors(self.called), _own_schedule():
                 self._control = robot.start_torque_control()
+            self._posture, self._torques.tau_J = None, [0.0] * 7
 
     def start_positions(self) -> None:
         """Take joint position control, with the robot's own impedance. Raises CommandRejected, ConnectionLost."""
         robot = self._open_robot()
         with vendor_errors(self.called), _own_schedule():
             self._control = robot.start_joint_position_control(franka.ControllerMode.JointImpedance)
+        self._posture = np.full(7, np.nan)
 
     def read_position(self) -> tuple[int, NDArray[np.float64]]:
         """Block until the next state under position control; return its time, ns, and its q_d (7,), rad. Raises as
@@ -110,6 +125,7 @@ class FciArm:
         """Answer the last state with a posture (7,), rad; finished: the motion's last one. Raises as write does."""
         if self._control is None:
             raise CommandRejected(f"{self.called} is not under position control; start again")
+        self._posture = q
         positions = franka.JointPositions(q.tolist())
         positions.motion_finished = finished
         try:

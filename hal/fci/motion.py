@@ -61,7 +61,8 @@ def move(pair: "FciPair", goal: NDArray[np.float64], limit: JointSpeed, stop: Ca
     stopping = False
     try:
         for arm in arms.values():
-            arm.start_positions()
+            with pair.holding(arm):
+                arm.start_positions()
         moving = {LEFT, RIGHT}
         while moving:
             stopping = stopping or stop()
@@ -77,9 +78,13 @@ def move(pair: "FciPair", goal: NDArray[np.float64], limit: JointSpeed, stop: Ca
                     arms[side].write_position(begins[side])
                     continue
                 progress[side].step(t_ns, path.duration_s, stopping)
-                arms[side].write_position(path.at(progress[side].t_s)[rows[side]], finished=ending)
-                if ending:
-                    moving.discard(side)
+                posture = path.at(progress[side].t_s)[rows[side]]
+                if not ending:
+                    arms[side].write_position(posture)
+                    continue
+                with pair.holding(arms[side]):
+                    arms[side].write_position(posture, finished=True)
+                moving.discard(side)
     except CommandRejected as error:
         gap_s = max(one.longest_gap_s for one in progress.values())
         if gap_s < LONG_GAP_S:
@@ -88,7 +93,6 @@ def move(pair: "FciPair", goal: NDArray[np.float64], limit: JointSpeed, stop: Ca
         why = f"{error} (up to {1e3 * gap_s:.0f} ms had passed between two of our answers: keep the host for the loop)"
         raise CommandRejected(why, error.errors) from None
     finally:
-        for arm in arms.values():
-            arm.stop()
+        pair.stop()
     assert path is not None
     return all(one.t_s >= path.duration_s for one in progress.values())

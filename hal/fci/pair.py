@@ -1,7 +1,12 @@
-"""Two arms in one loop: started together, and each awaited by its own socket."""
+"""Two arms in one loop: started together, each awaited by its own socket, none left alone while the other one is slow.
+
+A call to libfranka that the control box has to carry out lasts as long as the box takes, and nothing else of this
+process runs meanwhile. The other arm, where it is in motion, is held by hal.fci.hold for that time.
+"""
 
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +14,7 @@ from numpy.typing import NDArray
 from hal.cell import LEFT, RIGHT
 from hal.errors import ConnectionLost, RecoveryRefused
 from hal.fci.arm import FciArm
+from hal.fci.hold import Hold
 from hal.fci.motion import move
 from hal.fci.setup import CollisionBehaviour, Tool
 from hal.fci.watch import StateWatch
@@ -35,15 +41,22 @@ class FciPair:
         self._sides = {left.socket: LEFT, right.socket: RIGHT}
         self._arms = {LEFT: left, RIGHT: right}
         self._silent_s = {LEFT: 0.0, RIGHT: 0.0}  # how long we have waited without a state of that arm
+        for arm in (left, right):
+            Hold(arm)  # compiled, or loaded from the cache, before an arm moves
+
+    def holding(self, arm: FciArm) -> AbstractContextManager[object]:
+        """Return the context for a call to an arm that may take long: the other one, if it is in motion, goes on with
+        its last command. A robot that waits for its answer (lockstep) needs no help.
+        """
+        other = self.right if arm is self.left else self.left
+        return nullcontext() if self._shared_clock or not other.in_motion else Hold(other)
 
     def start(self) -> None:
-        """Take torque control of both, one right after the other. Raises CommandRejected, ConnectionLost.
-
-        While the right arm starts, the left one gets no answer: about 2 of the 20 packets that it may lose.
-        """
+        """Take torque control of both, one right after the other. Raises CommandRejected, ConnectionLost."""
         try:
             self.left.start()
-            self.right.start()
+            with self.holding(self.right):
+                self.right.start()
             if self._shared_clock:
                 self._meet()
         except BaseException:
@@ -55,6 +68,16 @@ class FciPair:
         """Move both arms to goal (2, 7) rad; see hal.cell.ArmLink."""
         self._silent_s = {LEFT: 0.0, RIGHT: 0.0}
         return move(self, goal, limit, stop)
+
+    def stop(self, first: int = LEFT, *, at_rest: bool = False) -> None:
+        """End the motion of both; first: LEFT or RIGHT, whose turn is before the other's. Never raises.
+
+        at_rest: both stand still, so that the second one may go on with its last torque meanwhile. Otherwise a robot
+        that is slow to end the first one's motion leaves the second one without answers, and it stops by itself.
+        """
+        for arm in (self._arms[first], self._arms[(LEFT | RIGHT) ^ first]):
+            with self.holding(arm) if at_rest else nullcontext():
+                arm.stop()
 
     def recover(self) -> tuple[str, ...]:
         """Recover whichever arm is in reflex, both before saying no; return one line for each that was.

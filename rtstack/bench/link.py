@@ -64,8 +64,7 @@ def bench_link(cell: Cell, ticks: int) -> LinkBenchmark:
         try:
             return _run(cell, ticks, obtained.scheduler if obtained else "other")
         finally:
-            cell.left.stop()
-            cell.right.stop()
+            cell.stop(at_rest=True)
 
 
 def _run(cell: Cell, ticks: int, scheduler: str) -> LinkBenchmark:

@@ -172,8 +172,8 @@ class Session:
             self._reporter.robot(error)
         finally:
             # whose state stands still may take its time to say that it has stopped
-            for k in sorted((0, 1), key=lambda k: self._judges[k].blind):
-                self._arms[k].stop()
+            blind = [judge.blind for judge in self._judges]
+            self._cell.stop(RIGHT if blind[0] and not blind[1] else LEFT, at_rest=self._rest.reached and not any(blind))
             if collecting:
                 gc.enable()
         self._reporter.end()

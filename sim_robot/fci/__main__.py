@@ -54,6 +54,13 @@ def _listener(text: str) -> tuple[str, int]:
     return host, int(port)
 
 
+def _factor(text: str) -> float:
+    value = float(text)
+    if not 1.0 <= value <= 100.0:
+        raise argparse.ArgumentTypeError(f"expected a number from 1 to 100, got {text}")
+    return value
+
+
 def _whole(lowest: int, largest: float = float("inf")):
     def number(text: str) -> int:
         value = int(text)
@@ -99,6 +106,7 @@ def _options(arguments: list[str] | None, prog: str) -> tuple[argparse.Namespace
     parser.add_argument("--lockstep", action="store_true", help="wait for every moving arm's answer")
     parser.add_argument("--phase-us", type=float, default=0.0, help="how much later the right arm's clock ticks")
     parser.add_argument("--drift-ppm", type=float, default=0.0, help="how much faster the right arm's clock is")
+    parser.add_argument("--slower", type=_factor, default=1.0, help="so many times slower than real time")
     parser.add_argument(
         "--priority", type=_whole(0, LARGEST_PRIORITY), default=80, help="SCHED_FIFO priority, 0 for none"
     )
@@ -197,7 +205,7 @@ def _serve(server: Server, options: argparse.Namespace, right_clock: RightClock,
         print(f"{where}, lockstep{said}", flush=True)
         Lockstep(server).run(lambda: bool(received))
         return
-    pace = Realtime(server, right_clock)
+    pace = Realtime(server, right_clock, options.slower)
     with realtime_thread(options.priority, options.cpu) as obtained:
         print(f"{where}, {_described(obtained)}{said}", flush=True)
         pace.run(lambda: bool(received))

@@ -80,6 +80,7 @@ class ArmServer:
         # True: any answer to a message that was not answered yet will do. A client with two arms in one thread may be
         # one message behind on one arm, and would wait for the other one for ever if its answer were lost.
         self.patient = False
+        self.period_ns = PERIOD_NS  # of the host's clock, a ms of the robot's
         self.repeats, self.repeat_due_s = 0, 0.0  # states shown since Move without an answer, and when the next is due
         self.answered = False  # the client has answered that state
         self.punctual = False  # and the state before
@@ -134,10 +135,10 @@ class ArmServer:
             self.first_id = message_id + 1
         elif message_id < self.message_id:
             shown_ns = self._shown_before_ns
-            if self.link.arrived_ns > shown_ns + PERIOD_NS:
+            if self.link.arrived_ns > shown_ns + self.period_ns:
                 return
         elif self.link.arrived_ns > self.due_ns:
-            stalled = time.time_ns() - self.due_ns >= PERIOD_NS
+            stalled = time.time_ns() - self.due_ns >= self.period_ns
             if not stalled or self.silent >= LONGEST_SILENCE:
                 return
         self.answered = self.joined = True

@@ -40,7 +40,7 @@ class Pace:
     @property
     def window_ns(self) -> int:
         """Until when a client that answered the last state may answer the present one."""
-        return max(self.deadline_ns, min(self._shown_ns, self.deadline_ns) + PERIOD_NS)
+        return max(self.deadline_ns, min(self._shown_ns, self.deadline_ns) + round(self._period_ns))
 
     def end_ns(self, awaited: bool, punctual: bool) -> int:
         """Return when the present millisecond ends.

@@ -61,9 +61,15 @@ class _BoxClock(Pace):
 class Realtime:
     """Serves until `stopped` says so. stalls: how often the server was over a period late by itself."""
 
-    def __init__(self, server: Server, right_clock: RightClock | None = None) -> None:
-        """Without a right_clock, or with one that is exactly the left one's, both arms share one."""
+    def __init__(self, server: Server, right_clock: RightClock | None = None, slower: float = 1.0) -> None:
+        """Without a right_clock, or with one that is exactly the left one's, both arms share one.
+
+        slower: so many times slower than real time, everything else alike: for hosts that do not keep time.
+        """
         self._server = server
+        self._slower, self._period_ns = slower, round(slower * PERIOD_NS)
+        for arm_server in server.arm_servers:
+            arm_server.period_ns = self._period_ns
         self._right = None if right_clock == RightClock() else right_clock
         self._clocks: tuple[_BoxClock, ...] = (_BoxClock(server.arm_servers, 0),)
         self._ahead = False  # the plant has gone on already, and what it shows waits for its time
@@ -76,11 +82,12 @@ class Realtime:
         left, right = server.arm_servers
         start = clock()
         if self._right is None:
-            self._clocks = (_BoxClock((left, right), start),)
+            self._clocks = (_BoxClock((left, right), start, self._period_ns),)
         else:
             right.box.own_clock = True
             later = start + round(1e3 * self._right.phase_us)
-            self._clocks = (_BoxClock((left,), start), _BoxClock((right,), later, self._right.period_ns))
+            period_ns = self._slower * self._right.period_ns
+            self._clocks = (_BoxClock((left,), start, self._period_ns), _BoxClock((right,), later, period_ns))
         plant_clock = self._clocks[0]
         while not stopped():
             due, expected_ns = self._wait()
@@ -102,7 +109,7 @@ class Realtime:
                 arm_server.show_new()
             now = clock()
             due.show(now)
-            if now - expected_ns > PERIOD_NS:
+            if now - expected_ns > self._period_ns:
                 self._note_stall(now - expected_ns)
             to_epoch_ns = time.time_ns() - now
             for arm_server in due.arm_servers:

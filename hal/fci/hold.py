@@ -1,0 +1,129 @@
+"""Answers one arm while this process is blocked in a call to the other one.
+
+libfranka waits in start, stop and the end of a motion until the control box has changed its mode, and pylibfranka keeps
+Python's lock meanwhile: nothing else of this process runs. An arm in motion that gets no answer for 20 ms stops with
+communication_constraints_violation. So compiled code, which needs no lock, answers that arm's states with its last
+command, as the robot itself does where a packet is lost. It reads and writes the socket that libfranka has opened:
+libfranka takes the newest state that it finds, and finds a later one afterwards.
+"""
+
+import threading
+import time
+from typing import Protocol
+
+import numpy as np
+from numba import types
+from numpy.typing import NDArray
+
+from hal.compilation import bound, compiled
+from hal.realtime import beside_realtime
+
+# of what libfranka sends and gets (research_interface/robot, version 10): the fields that are needed here
+COMMAND = np.dtype(
+    {
+        "names": ["message_id", "q_c", "tau_J_d"],
+        "formats": ["<u8", ("<f8", 7), ("<f8", 7)],
+        "offsets": [0, 8, 314],
+        "itemsize": 371,
+    }
+)
+STATE = np.dtype(
+    {"names": ["message_id", "q_d"], "formats": ["<u8", ("<f4", 7)], "offsets": [0, 624], "itemsize": 1377}
+)
+GRACE_NS = 3_000_000  # a call that is over by then has cost three packets of 20; a robot's start takes about 2 ms
+# the arm is let go: it stops by itself, as where this host hangs. Longer than libfranka waits for a state, 1 s
+LONGEST_NS = 2_000_000_000
+_POLL_MS = 1
+_DONTWAIT = 0x40  # MSG_DONTWAIT, sys/socket.h
+_ADDRESS_BYTES = 16  # of sockaddr_in
+_RUNNING, _STOP, _ANSWERS = 0, 1, 2  # of the words that both threads share
+
+_poll = types.ExternalFunction("poll", types.int32(types.intp, types.uint64, types.int32))
+_recvfrom = types.ExternalFunction(
+    "recvfrom", types.int64(types.int32, types.intp, types.uint64, types.int32, types.intp, types.intp)
+)
+_sendto = types.ExternalFunction(
+    "sendto", types.int64(types.int32, types.intp, types.uint64, types.int32, types.intp, types.uint32)
+)
+
+
+@compiled(nogil=True)
+def _answer(words, watched, state, command, from_q_d, address, address_size, descriptor, polls, grace_polls):
+    """Answer until words[_STOP]. watched: a pollfd (2,) of int32; from_q_d: 1 while there is no posture to repeat."""
+    words[_RUNNING] = 1
+    silent = 0
+    for poll in range(polls):
+        if words[_STOP] != 0:
+            break
+        if poll < grace_polls:
+            _poll(watched.ctypes.data, np.uint64(0), np.int32(_POLL_MS))
+            continue
+        if _poll(watched.ctypes.data, np.uint64(1), np.int32(_POLL_MS)) <= 0:
+            silent += 1
+            continue
+        if words[_STOP] != 0:
+            break  # this state is libfranka's
+        address_size[0] = _ADDRESS_BYTES
+        size = _recvfrom(
+            np.int32(descriptor), state.ctypes.data, np.uint64(state.itemsize), np.int32(_DONTWAIT),
+            address.ctypes.data, address_size.ctypes.data,
+        )  # fmt: skip
+        if size != state.itemsize:
+            continue
+        command[0].message_id = state[0].message_id
+        if from_q_d:
+            for j in range(7):
+                command[0].q_c[j] = state[0].q_d[j]
+        _sendto(
+            np.int32(descriptor), command.ctypes.data, np.uint64(command.itemsize), np.int32(0),
+            address.ctypes.data, np.uint32(_ADDRESS_BYTES),
+        )  # fmt: skip
+        words[_ANSWERS] += 1
+
+
+class Held(Protocol):
+    """An arm in motion that can be answered without libfranka."""
+
+    socket: int
+
+    def last_command(self) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
+        """Return the posture and the torque, (7,), of its last command, None for what it is not controlled by; a
+        posture of NaN where none was sent yet."""
+        ...
+
+
+class Hold:
+    """A context in which an arm is answered with its last command. `answers` of its states, afterwards."""
+
+    def __init__(self, arm: Held) -> None:
+        self.answers = 0
+        self._words = np.zeros(3, dtype=np.int64)
+        command, state = np.zeros(1, COMMAND), np.zeros(1, STATE)
+        q, tau = arm.last_command()
+        from_q_d = q is not None and bool(np.isnan(q[0]))
+        if q is not None:
+            command["q_c"] = q
+        if tau is not None:
+            command["tau_J_d"] = tau
+        watched = np.array([arm.socket, 1], dtype=np.int32)  # struct pollfd: the descriptor, POLLIN in the lower half
+        self._work = bound(
+            _answer, self._words, watched, state, command, from_q_d, np.zeros(_ADDRESS_BYTES, dtype=np.uint8),
+            np.zeros(1, dtype=np.uint32), arm.socket, LONGEST_NS // 1_000_000, GRACE_NS // 1_000_000,
+        )  # fmt: skip
+        self._thread = threading.Thread(target=self._run, daemon=True, name="hold")
+
+    def _run(self) -> None:
+        beside_realtime()
+        self._work()
+
+    def __enter__(self) -> "Hold":
+        self._thread.start()
+        # the next call keeps Python's lock, which that thread needs to begin; asleep, for it may have the lower priority
+        while not self._words[_RUNNING]:
+            time.sleep(20e-6)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._words[_STOP] = 1
+        self._thread.join()
+        self.answers = int(self._words[_ANSWERS])
