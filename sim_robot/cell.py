@@ -16,7 +16,7 @@ from hal.cell import Cell
 from hal.displacement import Displacement
 from hal.errors import CommandRejected, ConnectionLost, ObjectOutOfReach, RecoveryRefused
 from hal.robot_errors import error_names
-from hal.state import ArmState, RobotMode
+from hal.state import NEEDS_PERSON, ArmState, RobotMode
 from sim_robot import reflexes
 from sim_robot.clock import Clock
 from sim_robot.control_box import ControlBox
@@ -35,7 +35,7 @@ from sim_robot.sensors import Sensors
 from sim_robot.tracker import tracker_of
 
 Array = NDArray[np.float64]
-_REFUSING = (RobotMode.REFLEX, RobotMode.USER_STOPPED)
+_REFUSING = (RobotMode.REFLEX, *NEEDS_PERSON)
 
 
 class SimulatedArm:
@@ -78,7 +78,7 @@ class SimulatedArm:
 
     def stop(self) -> None:
         """End torque control: the arm brakes and holds. A reflex stays latched."""
-        if self._box.mode != RobotMode.USER_STOPPED:
+        if self._box.mode not in NEEDS_PERSON:
             self._box.stop()
 
     def recover(self) -> None:
@@ -99,7 +99,9 @@ class SimulatedArm:
         if self._box.mode == RobotMode.REFLEX:
             names = self._box.error_names
             raise CommandRejected(f"{SIDES[self._side]} arm in reflex: {', '.join(names)}; recover it first", names)
-        raise CommandRejected(f"{SIDES[self._side]} arm: user stop pressed; release the activation device first")
+        if self._box.mode == RobotMode.USER_STOPPED:
+            raise CommandRejected(f"{SIDES[self._side]} arm: user stop pressed; release the activation device first")
+        raise CommandRejected(f"{SIDES[self._side]} arm: {NEEDS_PERSON[self._box.mode]}")
 
 
 class SimulatedCell:
@@ -194,6 +196,8 @@ class SimulatedCell:
         box, causes = self.boxes[side], int(self._masks[side])
         if box.mode == RobotMode.USER_STOPPED:
             raise RecoveryRefused(f"the user stop of the {SIDES[side]} arm is pressed; release it first")
+        if box.mode in NEEDS_PERSON:
+            raise RecoveryRefused(f"the {SIDES[side]} arm cannot recover, {NEEDS_PERSON[box.mode]} first")
         if self.faults is not None:
             causes |= self.faults.causes(side)
         if box.errors & causes & BASE_READING:  # a recovery measures gravity anew

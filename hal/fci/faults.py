@@ -7,6 +7,7 @@ import pylibfranka as franka
 
 from hal.errors import CommandRejected, ConnectionLost, HardwareError
 from hal.robot_errors import ROBOT_ERRORS
+from hal.state import NEEDS_PERSON
 
 # pylibfranka's exceptions have no base class of their own but RuntimeError; ValueError is what it says of NaN and Inf
 VENDOR = (franka.FrankaException, RuntimeError, ValueError)
@@ -31,10 +32,18 @@ def as_hardware_error(error: Exception, arm: str) -> HardwareError:
         remedy = "recover it first" if names else "start again"
         return CommandRejected(f"{arm} left torque control: {text}; {remedy}", names)
     if isinstance(error, franka.CommandException | franka.InvalidOperationException | ValueError):
-        return CommandRejected(f"{arm} refused: {text}", names)
+        return CommandRejected(f"{arm} refused: {text.rstrip('.!')}" + _remedy(text), names)
     if isinstance(error, franka.RealtimeException):
         text += " Run `rtstack host-setup --kernel rt`; for commissioning: enforce_realtime = false in the cell's file"
     return HardwareError(f"{arm}: {text}")
+
+
+def _remedy(text: str) -> str:
+    """Return what to do about a refusal that a person has to clear away."""
+    if "safety function" in text:
+        return "; on its Desk page remove the rules of Watchman, or do the self-test that is due"
+    modes = [mode for mode in NEEDS_PERSON if f'("{mode.name.replace("_", " ")}")' in text.upper()]
+    return f"; {NEEDS_PERSON[modes[0]]}" if modes else ""
 
 
 @contextmanager

@@ -118,7 +118,7 @@ class Hold:
 
     def __enter__(self) -> "Hold":
         self._thread.start()
-        # the next call keeps Python's lock, which that thread needs to begin; asleep, for it may have the lower priority
+        # the next call keeps Python's lock, which that thread needs to begin; asleep, for its priority may be the lower
         while not self._words[_RUNNING]:
             time.sleep(20e-6)
         return self

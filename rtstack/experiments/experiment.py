@@ -69,13 +69,14 @@ Stages = Generator[Stage, dict[str, str], None]
 class Request:
     """What was asked for on the command line. out: the campaign's folder, absolute; logs: an address that fsspec knows,
     for recordings and logs, where they are not to be in the folder; cell_file: a cell's description that is not the
-    default one.
+    default one; profile: of the simulated robot, where it is not the plan's.
     """
 
     file: PlanFile
     out: Path
     logs: str | None = None
     cell_file: Path | None = None
+    profile: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

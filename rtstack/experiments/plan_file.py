@@ -8,6 +8,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from rtstack.cells import IDEAL
+
 
 @dataclass(frozen=True, slots=True)
 class PlanFile:
@@ -29,12 +31,23 @@ def digest_of(specification: Any, further: Iterable[Path] = (), also: object = N
     """
     values = asdict(specification) | {"digest": ""}  # as plans had it when they knew their digest: old folders go on
     values.pop("kind", None)
+    _forget_ideal(values)
     sha = hashlib.sha256(json.dumps(values, sort_keys=True, default=str).encode())
     for path in further:
         sha.update(hashlib.sha256(path.read_bytes()).digest())
     if also is not None:
         sha.update(repr(also).encode())
     return sha.hexdigest()[:16]
+
+
+def _forget_ideal(values: Any) -> None:
+    """Leave out the profile of an ideal robot: plans had none, and their folders go on."""
+    if not isinstance(values, dict):
+        return
+    if values.get("profile") == IDEAL:
+        del values["profile"]
+    for value in values.values():
+        _forget_ideal(value)
 
 
 def _commit_of(path: Path) -> str:

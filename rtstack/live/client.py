@@ -27,6 +27,7 @@ from rtstack.live.protocol import (
 
 RUN_PREFIX = "rtstack-"  # of the folder of a running stack, among the temporary files
 SOCKET_NAME = "robot.sock"
+ANSWER_S = 32.0  # the longest answer, that to a recovery, and a margin
 SERVICE_SOCKET = Path("/run/rtstack") / SOCKET_NAME  # of the unit rtstack-robot.service
 
 
@@ -62,7 +63,7 @@ class RobotRefused(Exception):
 class RobotClient:
     """Speaks with the robot process at a socket. Connects when needed; may be shared by threads."""
 
-    def __init__(self, path: Path, timeout_s: float = 12.0) -> None:
+    def __init__(self, path: Path, timeout_s: float = ANSWER_S) -> None:
         self._path = path
         self._timeout_s = timeout_s
         self._lock = threading.Lock()

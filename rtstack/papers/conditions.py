@@ -6,6 +6,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
 from hal.configuration import STRICT
+from rtstack.cells import IDEAL
 
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
@@ -17,7 +18,8 @@ class Conditions:
 
     pad_stiffness N/m; friction coefficients; friction_scatter a fraction of the pads' and of the table's friction;
     tau_ext_cutoff_hz of the robot's filter of the external torque, on which the impact detector waits; speed_m_s of the
-    pads at the object's surface in the demonstration, if not the variation's own.
+    pads at the object's surface in the demonstration, if not the variation's own. profile: of the simulated robot
+    (sim_robot.profile).
     """
 
     pad_stiffness: Positive
@@ -28,3 +30,4 @@ class Conditions:
     placement_yaw_deg: NotNegative
     tau_ext_cutoff_hz: Positive
     speed_m_s: Positive | None = None
+    profile: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")] = IDEAL

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from hal.cell import Cell
 from hal.displacement import Displacement
+from rtstack.cells import with_profile
 from rtstack.experiments.archive import Archive
 from rtstack.experiments.experiment import Stage, Stages, Task
 from rtstack.experiments.seeds import seed_of
@@ -74,7 +75,7 @@ def record(bench: Bench, reference: Reference, conditions: Conditions, seed: int
     """Record a demonstration. Returns None, or in one line why there is none."""
     description = bench.description
     specification = DemonstrationSpecification(reference.object, reference.variation, seed, reference.speed_m_s)
-    metadata = {"trial": trial_metadata(specification, CELL, None)}
+    metadata = {"trial": trial_metadata(specification, with_profile(CELL, conditions.profile), None)}
     with bench.archive.new(f"{RECORDINGS}/{reference.file}") as path:
         log = WholeRunLog(
             path, metadata, common_attachments(bench.cell_file),

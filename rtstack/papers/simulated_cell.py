@@ -1,6 +1,6 @@
 """The simulated cell of a campaign: its scene as the campaign has fixed it, scattered by the seed."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from importlib.resources import as_file, files
@@ -11,12 +11,14 @@ import numpy as np
 
 from hal.cell import Cell
 from hal.displacement import Displacement
+from rtstack.cells import IDEAL, with_profile
 from rtstack.papers.conditions import Conditions
 from sim_robot.cell import SimulatedCell
 from sim_robot.faults.file import faults_in, tilt_of
 from sim_robot.lab_objects import with_lab_objects
 from sim_robot.plant import Plant
 from sim_robot.plant_parameters import PlantParameters, load_plant_parameters
+from sim_robot.profile import load_profile
 from sim_robot.scene import PlacementScatter, Scene, load_scene
 
 SMALLEST_FACTOR = 0.2  # of friction, however large the scatter
@@ -41,14 +43,24 @@ def open_conditioned_cell(
         scene = replace(scene, objects={object_name: replace(thing, size=(x, y + 1e-3 * wider_mm, z))})
     sensors = replace(parameters.sensors, tau_ext_cutoff_hz=conditions.tau_ext_cutoff_hz)
     parameters = replace(parameters, sensors=sensors)
-    plant = Plant(scene, parameters, object_name, displacement, seed, tilt_deg=tilt_of(faults))
-    return SimulatedCell(plant, scene, parameters, seed, faults=faults).as_cell("direct")
+    profile = load_profile(conditions.profile)
+    plant = Plant(scene, parameters, object_name, displacement, seed, tilt_deg=tilt_of(faults), profile=profile)
+    name = with_profile("direct", conditions.profile)
+    return SimulatedCell(plant, scene, parameters, seed, faults=faults).as_cell(name)
 
 
-def plant_files() -> list[Path]:
-    """Return the files of the simulated cell: contact and scatter of a result come from them too."""
+def plant_files(conditions: Iterable[Conditions] = ()) -> list[Path]:
+    """Return the files of the simulated cell: contact and scatter of a result come from them too.
+
+    conditions: those of the plan, for the files of their profiles; that of the ideal one says nothing. Raises
+    ConfigurationError for an unknown profile.
+    """
     paths = []
-    for package, name in (("sim_robot.scenes", "grab.toml"), ("sim_robot.parameters", "plant.toml")):
+    profiles = sorted({each.profile for each in conditions} - {IDEAL})
+    for profile in profiles:
+        load_profile(profile)
+    wanted = [("sim_robot.scenes", "grab.toml"), ("sim_robot.parameters", "plant.toml")]
+    for package, name in wanted + [("sim_robot.parameters", f"profiles/{profile}.toml") for profile in profiles]:
         with as_file(files(package) / name) as path:
             paths.append(path)
     return paths

@@ -7,6 +7,7 @@ from typing import Any
 
 from hal.configuration import ConfigurationError, from_document, one_line, read_toml
 from sim_robot.faults.kinds import (
+    ALSO_FROM_THE_START,
     FROM_THE_START,
     KINDS,
     OF_NO_ARM,
@@ -89,7 +90,10 @@ def _fault(table: Any) -> ScriptedFault:
         if key not in common + own:
             raise _Wrong(key, f"unknown key {key!r}; its keys are {', '.join(common + own)}")
     sides = (0, 1) if effect in OF_NO_ARM else _sides(table)
-    origin, delay_ms = (Origin.MOTION, 0) if effect in FROM_THE_START else _moment(table)
+    if effect in ALSO_FROM_THE_START and not {"at_s", "when", "delay_s"} & set(table):
+        origin, delay_ms = Origin.START, 0
+    else:
+        origin, delay_ms = (Origin.MOTION, 0) if effect in FROM_THE_START else _moment(table)
     duration_ms = _milliseconds(table, "duration_s", smallest_s=1e-3) if "duration_s" in table else None
     if effect is Reflex and duration_ms is None:
         duration_ms = 1

@@ -7,6 +7,7 @@ from hal.state import RobotMode
 from sim_robot.control_box import ControlBox
 from sim_robot.faults.kinds import (
     BaseShaken,
+    Mode,
     Reflex,
     ScriptedFault,
     StateFrozen,
@@ -37,6 +38,7 @@ class Injection:
         self.schedule = Schedule(faults)
         self.plant = PlantFaults(plant, self.schedule, empty)
         self._boxes = boxes
+        self._left_in: list[RobotMode | None] = [None, None]  # the mode that a fault has left the arm in
         self._frozen: list[np.ndarray | None] = [None, None]
 
     def tracker(self, inner: SimulatedTracker) -> FaultyTracker:
@@ -69,13 +71,29 @@ class Injection:
             began = any(isinstance(fault.effect, Reflex) and side in fault.sides for fault in self.schedule.begun)
             if causes and (box.mode == RobotMode.MOVE or (began and box.mode == RobotMode.IDLE)):
                 box.trip(causes)
-            if self.schedule.effects(UserStop, side):
-                if box.mode != RobotMode.USER_STOPPED:
+            mode = self.mode(side)
+            if mode is not None:
+                if box.mode != mode:
                     box.stop()
-                    box.mode = RobotMode.USER_STOPPED
-            elif box.mode == RobotMode.USER_STOPPED:
-                # released: what was latched before is still there
+                    box.mode = mode
+            elif self._left_in[side] == box.mode:
+                # released: what was latched before is still there. What Desk has done stays
                 box.mode = RobotMode.REFLEX if box.errors else RobotMode.IDLE
+            self._left_in[side] = mode
+
+    def mode(self, side: int) -> RobotMode | None:
+        """Return the mode that a person has left this arm in, None where it obeys."""
+        if self.schedule.effects(UserStop, side):
+            return RobotMode.USER_STOPPED
+        return next((effect.robot_mode for effect in self.schedule.effects(Mode, side)), None)
+
+    def unsafe(self, side: int) -> bool:
+        """Whether a safety function is what makes this arm refuse."""
+        return any(effect.unsafe for effect in self.schedule.effects(Mode, side))
+
+    def off(self, side: int) -> bool:
+        """Whether this arm takes no connections."""
+        return any(effect.state == "fci_off" for effect in self.schedule.effects(Mode, side))
 
     def causes(self, side: int) -> int:
         """Return the mask of errors whose cause persists by a fault."""

@@ -13,6 +13,8 @@
 | reflex           | error           | the vendor's error of that name; recovery is refused for `duration_s`           |
 | base_shaken      | acceleration    | added to what the accelerometer in the arm's base reads, (3,) m/s^2             |
 | user_stop        | -               | the external activation device is pressed: the arm brakes, and refuses Move     |
+| mode             | state           | the arm needs a person: `guiding` by hand, `brakes_locked`, `fci_off` (refuses  |
+|                  |                 | connections), `self_test_due`, `safety_function` (a rule of Watchman's)         |
 | state_frozen     | -               | the same state again and again, under rising time                               |
 | state_nan        | field           | this value of the state is no number: q, dq, tau_J, ... (all of its elements)   |
 | time_back        | back_ms         | the states' time stamps are set back by so much                                 |
@@ -25,9 +27,9 @@
 
 Keys of every kind: `arm` = left, right or both (none for kinds with *); the moment, which is either `at_s`, the
 robot's time since the first motion of any arm, or `when = "first_contact"` (of a pad with the object) and `delay_s`
-after it; `duration_s`, to the end when left out. object_lost, disconnect and stall have no duration, object_tilted
-neither that nor a moment, and a reflex without one is over at once, though latched. Kinds with + need the Franka
-Control Interface between robot and client.
+after it; `duration_s`, to the end when left out. A `mode` without a moment is there from the start. object_lost,
+disconnect and stall have no duration, object_tilted neither that nor a moment, and a reflex without one is over at
+once, though latched. Kinds with + need the Franka Control Interface between robot and client.
 
 Time is the plant's, in ms: a fault at 0.1 s acts on the ms that follows the state at 0.1 s, and the state after it is
 the first that shows, freezes or loses anything, and whose answer is the first that is lost. In lockstep the plant
@@ -39,7 +41,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from hal.robot_errors import ROBOT_ERRORS
-from hal.state import ARM_STATE
+from hal.state import ARM_STATE, RobotMode
 from sim_robot.plant_parameters import Joints
 from sim_robot.scene import Vector3
 
@@ -169,6 +171,38 @@ class UserStop:
     """The external activation device is pressed."""
 
 
+# what the arm shows meanwhile. For those that are no mode of libfranka's own nothing is published: Other, as of an arm
+# that gives no control
+MODES = {
+    "guiding": RobotMode.GUIDING,
+    "brakes_locked": RobotMode.OTHER,
+    "fci_off": RobotMode.OTHER,
+    "self_test_due": RobotMode.OTHER,
+    "safety_function": RobotMode.USER_STOPPED,  # libfranka issue 128
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Mode:
+    """The arm is in a mode out of which only a person leads."""
+
+    state: str
+
+    def __post_init__(self) -> None:
+        if self.state not in MODES:
+            raise ValueError(f"state {self.state!r} is none of {', '.join(MODES)}")
+
+    @property
+    def robot_mode(self) -> RobotMode:
+        """What the arm shows."""
+        return MODES[self.state]
+
+    @property
+    def unsafe(self) -> bool:
+        """Whether it is a safety function that refuses, and requests are answered so."""
+        return self.state in ("self_test_due", "safety_function")
+
+
 @dataclass(frozen=True, slots=True)
 class StateFrozen:
     """The robot repeats itself."""
@@ -222,8 +256,8 @@ class TrackerFrozen:
 
 Effect = (
     Push | JointPush | Slip | FrictionChange | TauSensorBias | Reflex | BaseShaken | Stall | ObjectLost | ObjectMass
-    | ObjectTilted | UserStop | StateFrozen | StateNan | TimeBack | StatesLost | AnswersLost | Disconnect | TrackerLost
-    | TrackerFrozen
+    | ObjectTilted | UserStop | Mode | StateFrozen | StateNan | TimeBack | StatesLost | AnswersLost | Disconnect
+    | TrackerLost | TrackerFrozen
 )  # fmt: skip
 
 KINDS: dict[str, type[Effect]] = {
@@ -238,6 +272,7 @@ KINDS: dict[str, type[Effect]] = {
     "reflex": Reflex,
     "base_shaken": BaseShaken,
     "user_stop": UserStop,
+    "mode": Mode,
     "state_frozen": StateFrozen,
     "state_nan": StateNan,
     "time_back": TimeBack,
@@ -251,12 +286,14 @@ KINDS: dict[str, type[Effect]] = {
 OF_NO_ARM = (ObjectLost, ObjectMass, ObjectTilted, Stall, TrackerLost, TrackerFrozen)
 WITHOUT_DURATION = (ObjectLost, ObjectTilted, Disconnect, Stall)
 FROM_THE_START = (ObjectTilted,)  # part of the scene: no moment
+ALSO_FROM_THE_START = (Mode,)  # where no moment is given
 OF_THE_LINK = (StatesLost, AnswersLost, Disconnect, Stall)
 
 
 class Origin(Enum):
     """What a fault's delay counts from."""
 
+    START = "start"  # of the server
     MOTION = "motion"  # the first ms in which any arm is in motion
     FIRST_CONTACT = "first_contact"  # the first ms after any pad has touched the object
 

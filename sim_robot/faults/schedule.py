@@ -11,12 +11,12 @@ class Schedule:
     """Follows a script. `active`: the faults of this ms; `begun`: those of them that began with it."""
 
     def __init__(self, faults: tuple[ScriptedFault, ...]) -> None:
-        self.active: list[ScriptedFault] = []
+        self.active = [fault for fault in faults if fault.origin is Origin.START]
         self.begun: list[ScriptedFault] = []
         self._now_ms = -1  # since the first motion; -1 before it
         self._contact_ms: int | None = None
-        self._waiting = list(faults)
-        self._left_ms: list[int | None] = []  # of each active fault
+        self._waiting = [fault for fault in faults if fault.origin is not Origin.START]
+        self._left_ms = [fault.duration_ms for fault in self.active]  # of each active fault
 
     @property
     def awaits_contact(self) -> bool:

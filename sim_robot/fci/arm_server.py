@@ -106,6 +106,11 @@ class ArmServer:
         return self.box.mode == RobotMode.MOVE
 
     @property
+    def unsafe(self) -> bool:
+        """True while a safety function of the robot refuses every request that changes something."""
+        return False
+
+    @property
     def awaited(self) -> bool:
         """True while a client that is moving this arm has not answered the present state."""
         return self.moving and not self.answered and not self.asynchronous and self.link.client is not None
@@ -312,7 +317,9 @@ class ArmServer:
         request = MoveRequest.of(values)
         controller, generator = request.controller, request.generator
         status = MoveStatus.MOTION_STARTED
-        if self.box.mode != RobotMode.IDLE:
+        if self.unsafe:
+            status = MoveStatus.REJECTED_SAFETY
+        elif self.box.mode != RobotMode.IDLE:
             status = MoveStatus.NOT_POSSIBLE
         elif not (_possible(request) and request.valid(self._robot.limits)):
             status = MoveStatus.INVALID_ARGUMENT
@@ -345,7 +352,9 @@ class ArmServer:
         self._reply_later(Command.AUTOMATIC_ERROR_RECOVERY, command_id, self._recover())
 
     def _recover(self) -> RecoveryStatus:
-        if self.box.mode == RobotMode.OTHER:
+        if self.unsafe:
+            return RecoveryStatus.SAFETY
+        if self.box.mode in (RobotMode.OTHER, RobotMode.GUIDING):
             return RecoveryStatus.NOT_POSSIBLE
         if self.proximity.too_near(self._side) or self._pushed():
             return RecoveryStatus.MANUAL_REQUIRED
@@ -365,6 +374,8 @@ class ArmServer:
         return bool((errors & JOINT_REFLEX and torque) or (errors & CARTESIAN_REFLEX and force))
 
     def _set(self, command: Command, values: tuple) -> SetStatus:
+        if self.unsafe:
+            return SetStatus.SAFETY
         settings = self.settings
         setters = {
             Command.SET_COLLISION_BEHAVIOR: settings.set_collision_behavior,

@@ -24,6 +24,7 @@ class DrivenBox(ControlBox):
     def __init__(self, plant: Plant, side: int, tolerances: ReflexParameters) -> None:
         super().__init__(plant, side, tolerances)
         self._controller, self._generator = Controller.EXTERNAL, Generator.NONE
+        self._default_stiffness = np.array(plant.joints[side]["hold_stiffness"])
         self.own_clock = False  # True: the plant's ms are not this box's, whose own come with `sample`
 
     def attach(self, state: np.void, motion: np.void, setting: np.void, kinematics: np.void) -> None:

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from hal.state import RobotMode
+from hal.state import NEEDS_PERSON, RobotMode
 from sim_robot.faults.injection import Injection
 from sim_robot.faults.kinds import AnswersLost, Disconnect, Stall, StatesLost
 from sim_robot.fci.arm_server import ArmServer
@@ -22,6 +22,8 @@ class FaultyLink(Link):
         self._injection, self._side = injection, side
         self._sent = np.zeros(1, ROBOT_STATE)
         self._sent_bytes = self._sent.view(np.uint8).data
+        self._off = False
+        self.follow()
 
     @property
     def deaf(self) -> bool:
@@ -34,6 +36,13 @@ class FaultyLink(Link):
         self._injection.distort(self._side, self._sent, "message_id", 1)
         if not self.deaf:
             super().send_state(self._sent_bytes)
+
+    def follow(self) -> None:
+        """Refuse connections, the client's too, while the script has the arm's FCI off."""
+        off = self._injection.off(self._side)
+        if off != self._off:  # where the script says nothing of it, Desk may
+            self.listen(not off)
+            self._off = off
 
     def hang_up(self) -> None:
         """Close the client's connection."""
@@ -49,6 +58,11 @@ class FaultyArmServer(ArmServer):
     def __init__(self, *arguments, injection: Injection, **more) -> None:
         self._injection, self._shown_tick = injection, -1
         super().__init__(*arguments, **more)
+
+    @property
+    def unsafe(self) -> bool:
+        """See ArmServer."""
+        return self._injection.unsafe(self._side)
 
     @property
     def awaited(self) -> bool:
@@ -76,9 +90,9 @@ class FaultyArmServer(ArmServer):
     def settle_outcome(self) -> None:
         """Answer the Move request of a motion that a reflex or a user stop has ended."""
         super().settle_outcome()
-        if self.box.mode == RobotMode.USER_STOPPED and self._move_id is not None:
+        if self.box.mode in NEEDS_PERSON and self._move_id is not None:
             self._rest()
-            self._end_move(MoveStatus.EMERGENCY_ABORTED)
+            self._end_move(MoveStatus.PREEMPTED_SAFETY if self.unsafe else MoveStatus.EMERGENCY_ABORTED)
 
     def show(self) -> None:
         """Send the present state. Repeated by a plant that stands still, it lets the active faults go on."""
@@ -87,6 +101,7 @@ class FaultyArmServer(ArmServer):
             if ticks == self._shown_tick and not any(box.mode == RobotMode.MOVE for box in self._cell.boxes):
                 self._injection.pass_still_millisecond()
             self._shown_tick = ticks
+        self.link.follow()
         super().show()
 
 

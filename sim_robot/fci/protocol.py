@@ -92,6 +92,7 @@ class SetStatus(IntEnum):
     SUCCESS = 0
     NOT_POSSIBLE = 1
     INVALID_ARGUMENT = 2
+    SAFETY = 3
 
 
 class RecoveryStatus(IntEnum):

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from rtstack.cli.commands.options import CellFile, Json
+from rtstack.cli.commands.options import CellFile, Json, Profile
 
 commands = typer.Typer()
 
@@ -27,11 +27,12 @@ def campaign(
         typer.Option(metavar="ADDRESS", help="Keep references and logs there, not in DIR: s3://BUCKET/PREFIX."),
     ] = None,
     cell_file: CellFile = None,
+    profile: Profile = None,
 ) -> None:
     """Run many trials and write what they show: figures, tables, and each claim with a verdict."""
     from rtstack.cli.campaign import campaign as run
 
-    run(name, out, quick, workers, scheduler, resume, logs, cell_file)
+    run(name, out, quick, workers, scheduler, resume, logs, cell_file, profile)
 
 
 @commands.command("tune-monitor")

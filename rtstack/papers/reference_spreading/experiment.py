@@ -16,7 +16,7 @@ class ControllerComparison(Experiment[Plan, Trial]):
     reference-spreading paper, and any plan of this form.
     """
 
-    options = frozenset({"logs", "cell_file"})
+    options = frozenset({"logs", "cell_file", "profile"})
 
     def __init__(self, specification: Plan, request: Request) -> None:
         from rtstack.cells import load_description
@@ -27,12 +27,14 @@ class ControllerComparison(Experiment[Plan, Trial]):
         from rtstack.trials.object import check_object
         from rtstack.trials.result import TrialResult
 
+        if request.profile is not None:
+            specification = specification.under(request.profile)
         description, cell_file = load_description(request.cell_file)
         for thing in dict.fromkeys(reference.object for reference in specification.references()):
             check_object(thing, description)
             if other := plant_difference(request.cell_file, thing):
                 print(f"rtstack: warning: {other}", file=sys.stderr)
-        sources = [request.file.path, cell_file, *plant_files()]
+        sources = [request.file.path, cell_file, *plant_files(specification.conditions.values())]
         super().__init__(specification, request, columns_of(Trial, TrialResult, Measures), sources)
         self._bench = Bench(
             request.out, cell_file, specification.criterion, self.digest, request.logs, request.cell_file

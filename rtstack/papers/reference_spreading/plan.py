@@ -91,6 +91,11 @@ class Plan:
         """What a success is."""
         return SuccessCriterion(self.success.lifted_m, self.success.slip_m, self.success.release_margin_s)
 
+    def under(self, profile: str) -> "Plan":
+        """Return the plan with this profile of the simulated robot under all conditions."""
+        conditions = {name: replace(one, profile=profile) for name, one in self.conditions.items()}
+        return replace(self, conditions=conditions)
+
     def size(self) -> int:
         """Number of trials."""
         return sum(self._count(experiment) for experiment in self.experiments)

@@ -7,6 +7,7 @@ from dataclasses import asdict, replace
 from functools import lru_cache
 from pathlib import Path
 
+from rtstack.cells import with_profile
 from rtstack.experiments.experiment import Row
 from rtstack.papers.conditions import Conditions
 from rtstack.papers.demonstrations import CELL, LOGS, RECORDINGS, Bench, Reference, common_attachments
@@ -38,7 +39,8 @@ def run(bench: Bench, trial: Trial, conditions: Conditions) -> list[Row]:
     prepared = replace(prepared, specification=specification)
     campaign = {key: str(value) for key, value in asdict(trial).items()}
     campaign |= {"id": trial.id, "digest": bench.digest}
-    metadata = {"trial": trial_metadata(specification, CELL, prepared.reference), "campaign": campaign}
+    kind = with_profile(CELL, conditions.profile)
+    metadata = {"trial": trial_metadata(specification, kind, prepared.reference), "campaign": campaign}
     with bench.archive.new(f"{LOGS}/{trial.id}.mcap") as path:
         log = WholeRunLog(
             path, metadata, common_attachments(bench.cell_file),
