@@ -12,7 +12,7 @@ from citation import papers  # noqa: E402
 from command_line import command_line_page  # noqa: E402
 from concept_figures import concept_figures  # noqa: E402
 from example_pages import examples_page  # noqa: E402
-from fidelity import fidelity_commands, fidelity_errors, fidelity_fields  # noqa: E402
+from fidelity import fidelity_commands, fidelity_errors, fidelity_fields, fidelity_profiles  # noqa: E402
 from http_api import http_api_page  # noqa: E402
 from limits import approach_ms, limit_table, measured_share, velocity_margin  # noqa: E402
 from log_topics import host_clock_fields, log_messages, topic_table  # noqa: E402
@@ -52,6 +52,7 @@ FILLED = {
     "{{ fidelity_fields }}": fidelity_fields,
     "{{ fidelity_errors }}": fidelity_errors,
     "{{ fidelity_commands }}": fidelity_commands,
+    "{{ fidelity_profiles }}": fidelity_profiles,
 }
 RUNBOOK = ROOT / "docs/runbook"
 

