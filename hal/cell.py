@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.arm import Arm
+from hal.errors import RecoveryRefused
 from hal.joint_path import JointSpeed
 from hal.sensor import Sensor
 from hal.tracker import ObjectTracker
@@ -41,6 +42,13 @@ class ArmLink(Protocol):
         """End torque control of both, one after the other, beginning with LEFT or RIGHT. Never raises.
 
         at_rest: both stand still; then the second one is answered for as long as the first one takes.
+        """
+        ...
+
+    def recover(self) -> tuple[str, ...]:
+        """Recover the arms that are in reflex, both before saying no; return one line for each that was.
+
+        Raises RecoveryRefused with the reasons of all that refuse, ConnectionLost.
         """
         ...
 
@@ -86,6 +94,20 @@ class Cell:
             return
         for arm in (self.left, self.right) if first == LEFT else (self.right, self.left):
             arm.stop()
+
+    def recover(self) -> None:
+        """Recover both arms, both before saying no. Raises RecoveryRefused with what each of them says."""
+        if self.link is not None:
+            self.link.recover()
+            return
+        refused: list[str] = []
+        for arm in (self.left, self.right):
+            try:
+                arm.recover()
+            except RecoveryRefused as error:
+                refused.append(str(error))
+        if refused:
+            raise RecoveryRefused("; ".join(refused))
 
     def close(self) -> None:
         """Stop both arms and release them. Never raises."""

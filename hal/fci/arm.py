@@ -4,13 +4,15 @@ import contextlib
 import os
 import socket
 import struct
-from collections.abc import Iterator
+import subprocess
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pylibfranka as franka
 from numpy.typing import NDArray
 
 from hal.errors import CommandRejected, ConnectionLost, HardwareError, RecoveryRefused
+from hal.fci import recovery
 from hal.fci.faults import VENDOR, as_hardware_error, names_in, vendor_errors
 from hal.fci.setup import CollisionBehaviour, Tool, configure
 from hal.fci.sockets import give_up_after, open_sockets, shut_down
@@ -51,19 +53,25 @@ class FciArm:
         self._posture: NDArray[np.float64] | None = None  # that was sent last, under position control
         self._lost = False
         self.unread = False  # True: the next read returns the last state once more, without waiting
-        config = franka.RealtimeConfig.kEnforce if enforce_realtime else franka.RealtimeConfig.kIgnore
+        self._config = franka.RealtimeConfig.kEnforce if enforce_realtime else franka.RealtimeConfig.kIgnore
+        self._robot: franka.Robot | None = None
+        self.reconnected: Callable[[], None] = lambda: None  # told when `socket` is another one
+        self._setup = (tool, collisions or CollisionBehaviour())
+        self._connect()
+        if not self.reflex():
+            self._configure()
+
+    def _connect(self) -> None:
         before = [open_sockets(kind) for kind in _KINDS]
         with vendor_errors(self.called), _own_schedule():
-            self._robot: franka.Robot | None = franka.Robot(address, config)
+            self._robot = franka.Robot(self.address, self._config)
         new = [open_sockets(kind) - known for kind, known in zip(_KINDS, before, strict=True)]
         if [len(found) for found in new] != [1, 1]:
             raise HardwareError(f"{self.called}: not one socket for its states and one for requests, but {new}")
         # descriptor that becomes readable when a state has arrived, never to be read here; and the one for requests
         (self.socket, _), (self._requests, _) = (found.pop() for found in new)
         give_up_after(self._requests, REQUEST_PATIENCE_S)
-        self._setup = (tool, collisions or CollisionBehaviour())
-        if not self.reflex():
-            self._configure()
+        self.reconnected()
 
     def _configure(self) -> None:
         with vendor_errors(self.called), _own_schedule():
@@ -193,6 +201,15 @@ class FciArm:
 
         An arm in no reflex is asked nothing: a recovery must not wait there for the next error.
         """
+        begun = self.begin_recovery()
+        if begun is not None:
+            self.end_recovery(*begun)
+
+    def begin_recovery(self) -> "tuple[subprocess.Popen[str], tuple[str, ...]] | None":
+        """Begin what `recover` does; return what `end_recovery` takes, None for an arm in no reflex.
+
+        Until then this arm is not connected: a robot has one client, and a process of its own asks it.
+        """
         self._open_robot()
         self.stop()
         state = self._read_idle()
@@ -201,16 +218,21 @@ class FciArm:
             raise RecoveryRefused(f"{self.called} cannot recover, {person} first")
         names = _latched(state)
         if not names:
-            return
-        try:
-            self._open_robot().automatic_error_recovery()
-        except franka.CommandException as error:
+            return None
+        self._robot = None
+        return recovery.begin(self.address), names
+
+    def end_recovery(self, process: "subprocess.Popen[str]", names: tuple[str, ...]) -> None:
+        """Wait for the end of a recovery from these errors, which other threads may live through. Raises as `recover`
+        does."""
+        status, said = recovery.end(process)
+        self._connect()
+        if status == recovery.REFUSED:
             raise RecoveryRefused(
-                f"{as_hardware_error(error, self.called)}; the cause persists: {', '.join(names)}; "
-                "move the arm out of it"
-            ) from None
-        except VENDOR as error:
-            raise self._fault(error) from None
+                f"{self.called} refused: {said}; the cause persists: {', '.join(names)}; move the arm out of it"
+            )
+        if status != recovery.DONE:
+            raise HardwareError(f"{self.called} could not be asked to recover: {said}")
         self._configure()
 
     def close(self) -> None:

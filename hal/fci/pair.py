@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.cell import LEFT, RIGHT
-from hal.errors import ConnectionLost, RecoveryRefused
+from hal.errors import ConnectionLost, HardwareError, RecoveryRefused
 from hal.fci.arm import FciArm
 from hal.fci.hold import Hold
 from hal.fci.motion import move
@@ -37,12 +37,24 @@ class FciPair:
         self.left, self.right = left, right
         self._shared_clock = shared_clock
         self._stale_s = STALE_IN_LOCKSTEP_S if shared_clock else STALE_S
-        self._watch = StateWatch((left.socket, right.socket))
-        self._sides = {left.socket: LEFT, right.socket: RIGHT}
         self._arms = {LEFT: left, RIGHT: right}
+        self._watch: StateWatch | None = None  # of the arms' present sockets, by the next `wait`
+        self._sides: dict[int, int] = {}
         self._silent_s = {LEFT: 0.0, RIGHT: 0.0}  # how long we have waited without a state of that arm
         for arm in (left, right):
             Hold(arm)  # compiled, or loaded from the cache, before an arm moves
+            arm.reconnected = self._forget_sockets
+        self._watch_sockets()
+
+    def _watch_sockets(self) -> StateWatch:
+        self._sides = {arm.socket: side for side, arm in self._arms.items()}
+        self._watch = StateWatch(self._sides)
+        return self._watch
+
+    def _forget_sockets(self) -> None:
+        if self._watch is not None:
+            self._watch.close()
+            self._watch = None
 
     def holding(self, arm: FciArm) -> AbstractContextManager[object]:
         """Return the context for a call to an arm that may take long: the other one, if it is in motion, goes on with
@@ -86,14 +98,28 @@ class FciPair:
         """
         done: list[str] = []
         refused: list[str] = []
+        lost: list[HardwareError] = []
+        begun = []
         for arm in (self.left, self.right):
-            names = arm.reflex()
             try:
-                arm.recover()
+                begun.append((arm, arm.begin_recovery()))
             except RecoveryRefused as error:
                 refused.append(str(error))
+            except HardwareError as error:
+                lost.append(error)
+        for arm, recovery in begun:  # both boxes take their time at once
+            if recovery is None:
+                continue
+            try:
+                arm.end_recovery(*recovery)
+            except RecoveryRefused as error:
+                refused.append(str(error))
+            except HardwareError as error:
+                lost.append(error)
             else:
-                done += [f"{arm.called} has recovered from {', '.join(names)}"] if names else []
+                done.append(f"{arm.called} has recovered from {', '.join(recovery[1])}")
+        if lost:
+            raise lost[0]
         if refused:
             raise RecoveryRefused("; ".join(done + refused))
         return tuple(done)
@@ -119,9 +145,10 @@ class FciPair:
         """
         if self.left.unread or self.right.unread:
             return LEFT * self.left.unread | RIGHT * self.right.unread
+        watch = self._watch or self._watch_sockets()
         began_s = time.monotonic()
         # a second look: where this process itself was held up, the states are there by now
-        ready = self._watch.wait(self._stale_s) or self._watch.wait(LONGEST_WAIT_S)
+        ready = watch.wait(self._stale_s) or watch.wait(LONGEST_WAIT_S)
         waited_s = min(time.monotonic() - began_s, LONGEST_WAIT_S) if ready else self._stale_s
         mask = 0
         for descriptor in ready:
@@ -140,7 +167,7 @@ class FciPair:
 
     def close(self) -> None:
         """Stop both arms and disconnect."""
-        self._watch.close()
+        self._forget_sockets()
         self.left.close()
         self.right.close()
 

@@ -86,7 +86,8 @@ class _TrackedLink:
     def __init__(self, pair: FciPair, tracker: ClosableTracker) -> None:
         self._pair = pair
         self._tracker = tracker
-        self.start, self.wait, self.move, self.stop = pair.start, pair.wait, pair.move, pair.stop
+        self.start, self.wait, self.move = pair.start, pair.wait, pair.move
+        self.stop, self.recover = pair.stop, pair.recover
 
     def close(self) -> None:
         """Disconnect, and stop listening."""

@@ -91,7 +91,8 @@ class _SimulatorLink:
     def __init__(self, pair: FciPair, simulator: Simulator) -> None:
         self._pair = pair
         self._simulator = simulator
-        self.start, self.wait, self.move, self.stop = pair.start, pair.wait, pair.move, pair.stop
+        self.start, self.wait, self.move = pair.start, pair.wait, pair.move
+        self.stop, self.recover = pair.stop, pair.recover
 
     def close(self) -> None:
         """Disconnect, end the simulator, and pass on what it says about its pace."""

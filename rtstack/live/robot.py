@@ -157,7 +157,7 @@ class Robot:
         authority = self._job_manager.authority
         try:
             cell = self._cell or self._open_or_raise(self._first_object, Displacement(), 0)
-            _recover_both(cell)
+            cell.recover()
             self._look_for_causes(cell)
         except HardwareError as error:
             reason = str(error)
@@ -309,18 +309,6 @@ def _script(faults: str) -> Iterator[Path]:
         script.write(faults)
         script.flush()
         yield Path(script.name)
-
-
-def _recover_both(cell: Cell) -> None:
-    """Ask both arms before saying no. Raises RecoveryRefused with what each of them says."""
-    refused: list[str] = []
-    for arm in (cell.left, cell.right):
-        try:
-            arm.recover()
-        except RecoveryRefused as error:
-            refused.append(str(error))
-    if refused:
-        raise RecoveryRefused("; ".join(refused))
 
 
 def _is_practice(order: JobRequest) -> bool:

@@ -37,7 +37,7 @@ from rtstack.live.protocol import (
 )
 from rtstack.safety.arming import Refused
 
-# of one arm after the other: a real one takes 0.7 to more than 12 s (GitHub, franka_ros issues 317 and 308)
+# of both arms at once: a real one takes 0.7 to more than 12 s (GitHub, franka_ros issues 317 and 308)
 _RECOVERY_TIMEOUT_S = 30.0
 _WATCH_S = 0.05  # period of the calls to the control authority
 

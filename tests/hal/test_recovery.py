@@ -58,21 +58,26 @@ def test_a_recovery_is_not_armed_for_the_next_error(simulator: Simulator):
     pair.close()
 
 
-def test_a_refusal_names_the_cause_and_comes_after_both_were_asked(simulator: Simulator, monkeypatch):
-    pair = open_pair(simulator.left, simulator.right, shared_clock=True)
-    trip(pair)
-    pair.right.stop()
-    asked = []
-    monkeypatch.setattr(pair.right, "recover", lambda: asked.append("right"))
-
-    def refuse() -> None:
-        raise RecoveryRefused("the cause persists: joint_position_limits_violation")
-
-    monkeypatch.setattr(pair.left, "recover", refuse)
-    with pytest.raises(RecoveryRefused, match="joint_position_limits_violation"):
-        pair.recover()
-    assert asked == ["right"]
-    pair.close()
+def test_a_refusal_names_the_cause_and_comes_after_both_were_asked(tmp_path):
+    script = tmp_path / "script.toml"
+    script.write_text(
+        '[[fault]]\nkind = "reflex"\nerror = "joint_reflex"\narm = "left"\nat_s = 0.005\nduration_s = 1e5\n'
+        '[[fault]]\nkind = "reflex"\nerror = "power_limit_violation"\narm = "right"\nat_s = 0.005\n'
+    )
+    simulator = Simulator("rice_box", 0.0, 3, lockstep=True, faults=script)
+    pair = open_pair(simulator.left, simulator.right, PAD, shared_clock=True)
+    try:
+        pair.start()
+        with pytest.raises(CommandRejected):
+            float_both(pair)
+        pair.stop()
+        with pytest.raises(RecoveryRefused, match="the cause persists: joint_reflex") as refused:
+            pair.recover()
+        assert f"the right arm at {simulator.right} has recovered from power_limit_violation" in str(refused.value)
+        assert (pair.left.reflex(), pair.right.reflex()) == (("joint_reflex",), ())
+    finally:
+        pair.close()
+        simulator.close()
 
 
 def float_both(pair: FciPair) -> None:
