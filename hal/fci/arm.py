@@ -219,6 +219,7 @@ class FciArm:
         names = _latched(state)
         if not names:
             return None
+        shut_down(self._requests)  # the traceback of an error may keep the vendor's object alive
         self._robot = None
         return recovery.begin(self.address), names
 
