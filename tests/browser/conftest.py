@@ -41,10 +41,16 @@ def logs_of_stack(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempP
 
 
 @pytest.fixture(scope="module")
-def printed_address(logs_of_stack: Path, temporary: Path) -> Iterator[str]:
+def stack_options() -> tuple[str, ...]:
+    """More options of `rtstack up`; a module with another cell has its own."""
+    return ()
+
+
+@pytest.fixture(scope="module")
+def printed_address(logs_of_stack: Path, temporary: Path, stack_options: tuple[str, ...]) -> Iterator[str]:
     """Run a stack; give the address that it printed."""
     process = subprocess.Popen(
-        [str(COMMAND), "up", "--port", "0", "--logs", str(logs_of_stack)],
+        [str(COMMAND), "up", "--port", "0", "--logs", str(logs_of_stack), *stack_options],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

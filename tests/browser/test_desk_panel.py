@@ -1,0 +1,56 @@
+"""The panel about Desk on the page Operate, of a cell whose file names Desk of both boxes."""
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import expect
+
+from hal.desk import Trust
+from hal.desk.power import start
+from rtstack.cells import default_cell_file
+from tests.support.desk import desk_address, desk_of
+from tests.support.fci.server import Served, serve
+
+pytestmark = [pytest.mark.browser, pytest.mark.alone]
+
+
+@pytest.fixture(scope="module")
+def boxes() -> Iterator[Served]:
+    with serve("--lockstep", "--desk") as served:
+        yield served
+
+
+@pytest.fixture(scope="module")
+def trust(temporary: Path) -> Trust:
+    """The certificates that the stack's user knows (XDG_CONFIG_HOME of `printed_address`)."""
+    return Trust(temporary / "config" / "rtstack" / "desk")
+
+
+@pytest.fixture(scope="module")
+def stack_options(boxes: Served, trust: Trust, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, ...]:
+    text = default_cell_file().read_text()
+    for side, address in (("left", boxes.left), ("right", boxes.right)):
+        text = text.replace(f"[{side}]\n", f'[{side}]\ndesk = "{desk_address(address)}"\n')
+        trust.remember(desk_address(address))
+    path = tmp_path_factory.mktemp("cell") / "cell.toml"
+    path.write_text(text)
+    return ("--cell-file", str(path))
+
+
+def test_the_page_says_what_both_boxes_say(console, boxes, trust):
+    left, right = console.page.locator("#desk-left"), console.page.locator("#desk-right")
+    expect(left).to_contain_text("left brakes locked, FCI inactive, Execution, self-test in 24.0 h, system 5.9.2")
+    expect(left).to_have_attribute("data-tone", "bad")
+    with contextlib.closing(desk_of(boxes.left, trust)) as desk:
+        list(start(desk, trust, desk_address(boxes.left)))
+    expect(left).to_contain_text("brakes unlocked, FCI active")
+    expect(left).to_have_attribute("data-tone", "good")
+    expect(right).to_contain_text("brakes locked")
+    found = Axe().run(console.page, context="#desk", options={"runOnly": ["wcag2a", "wcag2aa"], "iframes": False})
+    assert found.response["violations"] == []
+    column = console.page.locator(".operate .column")
+    assert column.evaluate("each => each.scrollWidth <= each.clientWidth")
+    assert console.errors == []
