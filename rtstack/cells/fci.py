@@ -10,7 +10,7 @@ from hal.extensions import ExtensionError, ExtensionPoint
 from hal.fci import FciPair, Tool, open_pair
 from hal.tracker import ClosableTracker
 from rtstack.cells.kinds import CellKind, CellRequest
-from rtstack.cells.metal import check_real_cell, on_this_machine
+from rtstack.cells.metal import check_boxes, check_real_cell, on_this_machine
 from rtstack.model.cell_description import CellDescription, TrackerAddress
 from rtstack.trials.errors import TrialError
 
@@ -50,6 +50,7 @@ def _open(request: CellRequest) -> Cell:
         raise TrialError(f"cell {request.kind!r}: only a simulated robot has scripted faults: rtstack sim --faults")
     left, right = fci_addresses(request.kind)
     check_real_cell((left, right), request.description, request.cell_file)
+    check_boxes(request.description)
     tracker = _listen(request.description.tracker)
     try:
         real = request.description.enforce_realtime and not (on_this_machine(left) and on_this_machine(right))

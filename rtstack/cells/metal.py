@@ -1,15 +1,20 @@
 """What has to hold before arms that are not simulated on this machine are connected to: the only list of it.
 
+`check_real_cell` compares what files and addresses say, `check_boxes` what the control boxes themselves say.
+
 A cell's geometry is what the safety judge, the start motion and the plans believe. Real arms on the geometry of another
 cell move where nothing was looked at. So the cell's file has to be one that a person wrote for these arms and measured.
 """
 
+from contextlib import closing
 from datetime import date, timedelta
 from ipaddress import ip_address
 from pathlib import Path
 
+from hal.desk import Desk, DeskState, Trust
 from rtstack.cells.description import default_cell_file
 from rtstack.model.cell_description import CellDescription
+from rtstack.samples import SIDES
 from rtstack.trials.errors import TrialError
 
 LARGEST_RMS_MM = 3.0  # ours: at 0.4 m/s an object that is 3 mm off is met 7.5 ms early; the runbook aims at 2 mm
@@ -71,3 +76,30 @@ def check_real_cell(addresses: tuple[str, str], description: CellDescription, ce
                 f"the {side} arm is asked for at {given}, and {cell_file} has it at {mounting.address}: "
                 f"correct the one that is wrong ([{side}] address)"
             )
+
+
+def check_boxes(description: CellDescription) -> None:
+    """Ask Desk of each box whose serial number the cell's file has: is it that one, and does it let FCI in?
+
+    Two boxes that were exchanged have each other's arm behind them. Raises TrialError with one line, HardwareError
+    where Desk does not answer or is not trusted.
+    """
+    mountings = dict(zip(SIDES, (description.left, description.right), strict=True))
+    asked = {side: arm for side, arm in mountings.items() if arm.serial}
+    trust, states = Trust(), dict[str, DeskState]()
+    for side, arm in asked.items():
+        with closing(Desk(arm.desk, trust, name=f"{side} box")) as desk:
+            states[side] = desk.state()
+    for side, state in states.items():
+        expected = asked[side].serial
+        if state.serial != expected:
+            other = next((name for name, arm in mountings.items() if name != side and arm.serial == state.serial), "")
+            why = f"that is the {other} one: they are exchanged" if other else "another box stands there"
+            raise TrialError(
+                f"the {side} box at {asked[side].desk} says that it is {state.serial}, and the cell's file has "
+                f"{expected}: {why}; correct addresses or cables, and measure the cell again if an arm was moved"
+            )
+    for side, state in states.items():
+        if not state.ready:
+            reasons = "; ".join(state.obstacles) or f"brakes {state.brakes}, FCI {state.fci}: `rtstack desk start`"
+            raise TrialError(f"the {side} box lets no program move its arm: {reasons}")

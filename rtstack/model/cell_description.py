@@ -31,7 +31,8 @@ class ArmMounting:
     """Where an arm stands and where it starts. Base position m, orientation as quaternion wxyz, home in rad.
 
     model: of the robot, a registered name or the path of its TOML (hal.robots), in a cell's file from its folder.
-    desk: HOST or HOST:PORT of its Desk, "" where it is not looked at.
+    desk: HOST or HOST:PORT of its Desk, "" where it is not looked at; serial: of its control box, as `rtstack desk
+    status` says it, "" where it is not compared.
     """
 
     address: Annotated[str, Field(pattern=r"^[^\s,:/]+$")]
@@ -40,6 +41,7 @@ class ArmMounting:
     home: tuple[float, float, float, float, float, float, float]
     model: str = DEFAULT
     desk: Annotated[str, Field(pattern=r"^([A-Za-z0-9.-]+(:\d{1,5})?)?$")] = ""
+    serial: str = ""
 
     @property
     def robot(self) -> RobotModel:
@@ -218,6 +220,8 @@ def load_cell_description(path: Path) -> CellDescription:
         "left.home": lambda: _check_home(left),
         "right.home": lambda: _check_home(right),
         "right.address": lambda: _check_other(left.address, right.address),
+        "left.serial": lambda: _check_serial(left),
+        "right.serial": lambda: _check_serial(right),
         "left.": lambda: left.base,
         "right.": lambda: right.base,
         "objects.": lambda: _check_names(description.objects),
@@ -247,6 +251,11 @@ def _check_home(arm: ArmMounting) -> None:
     for joint, (q, low, high) in enumerate(zip(arm.home, limits.q_lower, limits.q_upper, strict=True), 1):
         if not low < q < high:
             raise ValueError(f": joint {joint} at {q:g} rad is not between {low:g} and {high:g}")
+
+
+def _check_serial(arm: ArmMounting) -> None:
+    if arm.serial and not arm.desk:
+        raise ValueError(f': {arm.serial} is compared with what Desk says: name its address, desk = "HOST"')
 
 
 def _check_other(left: str, right: str) -> None:
