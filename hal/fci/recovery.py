@@ -17,7 +17,7 @@ LONGEST_S = 25.0  # twice the longest that is published (GitHub, franka_ros issu
 
 
 def begin(address: str) -> "subprocess.Popen[str]":
-    """Ask the arm at an address, to which nobody else is connected."""
+    """Ask the arm at an address, to which no other client is connected."""
     return subprocess.Popen(
         [sys.executable, "-m", "hal.fci.recovery", address],
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,

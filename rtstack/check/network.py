@@ -22,7 +22,7 @@ def arm_finding(name: str, address: str) -> Finding:
             pass
     except OSError as error:
         reason = error.strerror or str(error)
-        advice = "switch it on, unlock its joints, activate the FCI on its page; check cable and addresses"
+        advice = "switch it on, unlock its joints, activate FCI (`rtstack desk start`); check cable and addresses"
         return Finding(name, f"{address}: {reason}", "fail", advice, "no arm, no motion")
     return Finding(name, f"{address} answers", "pass")
 

@@ -183,7 +183,10 @@ class Robot:
                 sample[name] = state[name]
             reason = judge.recover(sample)
             if reason is not Reason.NONE:
-                raise RecoveryRefused(f"{side} arm: {reason.text}: the cause persists; move the arm out of it")
+                raise RecoveryRefused(
+                    f"{side} arm: {reason.text}: the cause persists; end the stack, and move the arm out of "
+                    "it by hand: `rtstack guide`"
+                )
 
     def _carry_out(self, order: JobRequest) -> None:
         log = _free_name(self._logs, order)
