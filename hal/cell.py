@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.arm import Arm
+from hal.collisions import CollisionBehaviour
 from hal.errors import RecoveryRefused
 from hal.joint_path import JointSpeed
+from hal.limits import OwnLimits
 from hal.sensor import Sensor
 from hal.tracker import ObjectTracker
 
@@ -28,6 +30,10 @@ class ArmLink(Protocol):
 
         Raises ConnectionLost when an arm has sent nothing for too long.
         """
+        ...
+
+    def set_collisions(self, left: CollisionBehaviour, right: CollisionBehaviour) -> None:
+        """Tell both arms how hard they may be touched in the next motion. Raises CommandRejected, ConnectionLost."""
         ...
 
     def move(self, goal: NDArray[np.float64], limit: JointSpeed, stop: Callable[[], bool]) -> bool:
@@ -65,6 +71,7 @@ class Cell:
     each has to be answered when its own arrives; otherwise `read` gives both arms' states of one time stamp.
     paced: arms that wait, but keep the pace of the host's clock: it depends on who serves them.
     warning: what its user must know, in one line; empty for nothing. sensors: of no topic twice.
+    own_limits: of the left and the right robot, as they say themselves; None where they were not asked.
     """
 
     name: str
@@ -76,11 +83,17 @@ class Cell:
     paced: bool = False
     warning: str = ""
     sensors: tuple[Sensor, ...] = ()
+    own_limits: tuple[OwnLimits, OwnLimits] | None = None
 
     @property
     def waits(self) -> bool:
         """Whether the arms are of one robot on the wire that waits for its answer."""
         return self.link is not None and not self.own_clocks
+
+    def set_collisions(self, left: CollisionBehaviour, right: CollisionBehaviour) -> None:
+        """See ArmLink; the plant in this process has no thresholds."""
+        if self.link is not None:
+            self.link.set_collisions(left, right)
 
     def start(self) -> None:
         """Take torque control, where it has to be asked for. Raises CommandRejected, ConnectionLost."""

@@ -19,6 +19,16 @@ COLLISION_TORQUES = (100.0, 100.0, 100.0, 100.0, 60.0, 60.0, 60.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class OwnLimits:
+    """What a connected robot says of its joints itself: (7,) rad, rad/s, Nm."""
+
+    q_lower: Array
+    q_upper: Array
+    dq_max: Array
+    tau_max: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class ArmLimits:
     """Limits of one arm. Arrays have shape (7,), SI units, and are read-only.
 

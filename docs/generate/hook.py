@@ -14,7 +14,7 @@ from concept_figures import concept_figures  # noqa: E402
 from example_pages import examples_page  # noqa: E402
 from fidelity import fidelity_commands, fidelity_errors, fidelity_fields, fidelity_profiles  # noqa: E402
 from http_api import http_api_page  # noqa: E402
-from limits import approach_ms, limit_table, measured_share, velocity_margin  # noqa: E402
+from limits import approach_ms, force_table, limit_table, measured_share, velocity_margin  # noqa: E402
 from log_topics import host_clock_fields, log_messages, topic_table  # noqa: E402
 from mkdocs.structure.files import File, Files  # noqa: E402
 from robot_models import robot_models  # noqa: E402
@@ -42,6 +42,7 @@ FILLED = {
     "{{ log_messages }}": log_messages,
     "{{ host_clock_fields }}": host_clock_fields,
     "{{ limit_table }}": limit_table,
+    "{{ force_table }}": force_table,
     "{{ velocity_margin }}": velocity_margin,
     "{{ approach_ms }}": approach_ms,
     "{{ measured_share }}": measured_share,

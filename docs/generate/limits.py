@@ -1,16 +1,18 @@
 """The table of the joints' limits in their order, from the code that draws them."""
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from hal.robots import FR3
 from rtstack.safety.limits import (
     APPROACH_S,
     CONTROL_MEASURED_FRACTION,
     CONTROL_VELOCITY_MARGIN,
+    FORCES_BY_PHASE,
     HARDWARE,
     LARGEST_VELOCITY_SHARE,
     RATE_FRACTION,
+    ForcePhase,
     control_limits,
 )
 
@@ -40,8 +42,21 @@ def _steps(controllers: float) -> list[NDArray[np.float64]]:
     return [np.array([rate]), np.array([rate * RATE_FRACTION]), np.array([controllers])]
 
 
-def _numbers(values: NDArray[np.float64]) -> str:
+def _numbers(values: ArrayLike) -> str:
     return ", ".join(f"{value:.5g}" for value in np.asarray(values))
+
+
+def force_table() -> str:
+    """Return the rows of the forces by phase, without a cell's table, in Markdown."""
+    limits = HARDWARE.tightened(FORCES_BY_PHASE)
+    head = ["| phase | judge: pad, N | joints, Nm | robot: pad, N | joints, Nm |", "|---|---|---|---|---|"]
+    rows = []
+    for phase in reversed(ForcePhase):
+        robots = limits.collisions(phase)
+        forces, torques = limits.force_by_phase, limits.tau_ext_by_phase
+        cells = (forces[phase : phase + 1], torques[phase], robots.collision_forces[:1], robots.collision_torques)
+        rows.append(f"| {phase.name.lower()} | {' | '.join(map(_numbers, cells))} |")
+    return "\n".join(head + rows)
 
 
 def velocity_margin() -> str:

@@ -11,10 +11,11 @@ import numpy as np
 import pylibfranka as franka
 from numpy.typing import NDArray
 
+from hal.collisions import CollisionBehaviour
 from hal.errors import CommandRejected, ConnectionLost, HardwareError, RecoveryRefused
 from hal.fci import recovery
 from hal.fci.faults import VENDOR, as_hardware_error, names_in, vendor_errors
-from hal.fci.setup import CollisionBehaviour, Tool, configure
+from hal.fci.setup import Tool, configure, tell_collisions
 from hal.fci.sockets import give_up_after, open_sockets, shut_down
 from hal.robot_errors import error_bit
 from hal.state import ARM_STATE, NEEDS_PERSON, ArmState, RobotMode
@@ -76,6 +77,19 @@ class FciArm:
     def _configure(self) -> None:
         with vendor_errors(self.called), _own_schedule():
             configure(self._open_robot(), *self._setup)
+
+    def set_collisions(self, collisions: CollisionBehaviour) -> None:
+        """Tell the thresholds of the next motion, where they are others; an arm in reflex is told by its recovery.
+
+        Raises CommandRejected while the arm moves, ConnectionLost.
+        """
+        tool, before = self._setup
+        if collisions == before:
+            return
+        self._setup = (tool, collisions)
+        if not self.reflex():
+            with vendor_errors(self.called), _own_schedule():
+                tell_collisions(self._open_robot(), collisions)
 
     def reflex(self) -> tuple[str, ...]:
         """Return the vendor's names of the errors that an idle arm has latched, empty where it is in no reflex.

@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.cell import LEFT, RIGHT
+from hal.collisions import CollisionBehaviour
 from hal.errors import ConnectionLost, HardwareError, RecoveryRefused
 from hal.fci.arm import FciArm
 from hal.fci.hold import Hold
 from hal.fci.motion import move
-from hal.fci.setup import CollisionBehaviour, Tool
+from hal.fci.setup import Tool
 from hal.fci.watch import StateWatch
 from hal.joint_path import JointSpeed
 from hal.state import RobotMode
@@ -75,6 +76,11 @@ class FciPair:
             self.left.stop()
             raise
         self._silent_s = {LEFT: 0.0, RIGHT: 0.0}
+
+    def set_collisions(self, left: CollisionBehaviour, right: CollisionBehaviour) -> None:
+        """Tell both arms, which are idle, the thresholds of the next motion; see hal.cell.ArmLink."""
+        self.left.set_collisions(left)
+        self.right.set_collisions(right)
 
     def move(self, goal: NDArray[np.float64], limit: JointSpeed, stop: Callable[[], bool]) -> bool:
         """Move both arms to goal (2, 7) rad; see hal.cell.ArmLink."""

@@ -6,8 +6,8 @@ import numpy as np
 import pylibfranka as franka
 from numpy.typing import NDArray
 
+from hal.collisions import CollisionBehaviour
 from hal.errors import HardwareError
-from hal.limits import COLLISION_TORQUES
 
 Array = NDArray[np.float64]
 
@@ -42,18 +42,11 @@ class Tool:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class CollisionBehaviour:
-    """Thresholds of contact (flags only) and collision (reflex): joints (7,) Nm, pad (6,) N and Nm.
-
-    A grab by impact must not be a collision. The vendor's examples stop at 20 N, which every wanted impact exceeds; a
-    collision begins where neither impact nor squeeze gets, and is the last line behind our own judge.
-    """
-
-    contact_torques: tuple[float, ...] = (20.0, 20.0, 18.0, 18.0, 16.0, 14.0, 12.0)
-    collision_torques: tuple[float, ...] = COLLISION_TORQUES
-    contact_forces: tuple[float, ...] = (20.0, 20.0, 20.0, 25.0, 25.0, 25.0)
-    collision_forces: tuple[float, ...] = (250.0, 250.0, 250.0, 80.0, 80.0, 80.0)
+def tell_collisions(robot: franka.Robot, collisions: CollisionBehaviour) -> None:
+    """Tell an idle robot its thresholds. Raises what pylibfranka raises."""
+    robot.set_collision_behavior(
+        collisions.contact_torques, collisions.collision_torques, collisions.contact_forces, collisions.collision_forces
+    )
 
 
 def configure(robot: franka.Robot, tool: Tool | None, collisions: CollisionBehaviour) -> None:
@@ -61,9 +54,7 @@ def configure(robot: franka.Robot, tool: Tool | None, collisions: CollisionBehav
 
     The robot may know the tool already (as the end effector set in Desk), or nothing of it: then it is a load.
     """
-    robot.set_collision_behavior(
-        collisions.contact_torques, collisions.collision_torques, collisions.contact_forces, collisions.collision_forces
-    )
+    tell_collisions(robot, collisions)
     if tool is None:
         return
     state = robot.read_once()

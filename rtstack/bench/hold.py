@@ -1,4 +1,5 @@
-"""A soft hold of one arm, and the judgement whether it stays: a robot that does not carry its own weight is found here.
+"""A soft hold of one arm under its judge, and the judgement whether it stays: a robot that does not carry its own
+weight is found here.
 
 With no torque at all such an arm falls or rises, at 2.9 rad/s on another author's robot.
 """
@@ -8,8 +9,10 @@ from numpy.typing import NDArray
 
 from hal.errors import HardwareError
 from hal.limits import CONTROL_PERIOD_S
-from hal.robots import FR3
-from hal.state import ArmState
+from hal.state import ARM_STATE, ArmState
+from rtstack.safety.judge import ForcePhase, SafetyJudge
+from rtstack.safety.limits import SafetyLimits
+from rtstack.samples import ARM_SAMPLE
 
 # Nm/rad and Nms/rad. Half of what libfranka's joint_impedance_control.cpp takes, less at the wrist: a hold must not
 # shake an arm whose motors are lighter than the vendor's, as other simulators' are
@@ -20,38 +23,64 @@ DAMPING = np.array([30.0, 30.0, 30.0, 30.0, 8.0, 8.0, 2.0])
 STILL_RAD = 0.01
 STILL_RAD_S = 0.2
 GOOD_RAD = 0.5 * STILL_RAD
-LIMITS = FR3.limits  # a link is timed without a cell's file: the default model's
-STEP_NM = 0.5 * LIMITS.tau_rate_max * CONTROL_PERIOD_S  # a tick: half of the torque rate at which the robot stops
+STEP_SHARE = 0.5  # of the torque rate at which the robot stops
+SETTLED = 100  # ticks until the estimate is taken: the hold has come to rest
 
 
 class ArmMoved(HardwareError):
-    """An arm did not stay where it was held."""
+    """An arm did not stay where it was held, or its judge stopped it."""
+
+
+class HoldEnded(HardwareError):
+    """The hold was ended before its time: the key was let go, or a stop was asked for."""
 
 
 class Hold:
-    """Holds an arm where its first state showed it. rad, rad_s, nm: the most that was seen of any joint."""
+    """Holds an arm where its first state showed it. rad, rad_s, nm: the most that was seen of any joint.
 
-    def __init__(self, side: str) -> None:
-        """side: how a message calls the arm."""
-        self._side = side
+    estimate: of each settled tick the external torques (7,) Nm and the wrench (6,) in the base, as the robot has them.
+    """
+
+    def __init__(self, side: str, judge: SafetyJudge, limits: SafetyLimits, ticks: int) -> None:
+        """side: how a message calls the arm; ticks: how many are kept of the estimate."""
+        self._side, self._judge = side, judge
         self._q = np.zeros(7)
-        self._begun = False
-        self._tau = np.zeros(7)
+        self._count = 0
+        self._estimate = np.zeros((ticks, 13))
+        self._tau_max = np.array(limits.tau_max)
+        self._step = STEP_SHARE * limits.tau_rate_max * CONTROL_PERIOD_S
+        self._sample = np.zeros(1, ARM_SAMPLE)
+        self._state = self._sample.view(np.uint8)[: ARM_STATE.itemsize]
+        self._wanted, self._applied = self._sample["tau_desired"][0], self._sample["tau_applied"][0]
+        judge.expect(ForcePhase.APPROACH)
+        self._residual = np.zeros(7)  # there is no observer
         self.rad = self.rad_s = self.nm = 0.0
+
+    @property
+    def estimate(self) -> NDArray[np.float64]:
+        """What was kept, (n, 13): external torques, then the wrench."""
+        return self._estimate[min(SETTLED, self._count // 2) : self._count]
 
     def torque(self, state: ArmState) -> NDArray[np.float64]:
         """Return the torque (7,), Nm, that answers a state. Raises ArmMoved where the arm has not stayed."""
-        if not self._begun:
-            self._q[:], self._begun = state.q, True
+        if self._count == 0:
+            self._q[:] = state.q
         dq = state.record["dq"][0]
         off = self._q - state.q
-        self._judge(np.abs(off), np.abs(dq))
-        wanted = np.clip(STIFFNESS * off - DAMPING * dq, -LIMITS.tau_max, LIMITS.tau_max)
-        self._tau += np.clip(wanted - self._tau, -STEP_NM, STEP_NM)
-        self.nm = max(self.nm, float(np.abs(self._tau).max()))
-        return self._tau
+        self._look(np.abs(off), np.abs(dq))
+        if self._count < len(self._estimate):
+            self._estimate[self._count] = *state.tau_ext_hat_filtered, *state.O_F_ext_hat_K
+            self._count += 1
+        self._state[:] = state.record.view(np.uint8)
+        wanted = np.clip(STIFFNESS * off - DAMPING * dq, -self._tau_max, self._tau_max)
+        self._wanted += np.clip(wanted - self._wanted, -self._step, self._step)
+        self._judge.judge(self._sample, residual=self._residual)
+        if self._judge.stopping:
+            raise ArmMoved(f"the {self._side} arm was stopped by its judge: {self._judge.explanation}")
+        self.nm = max(self.nm, float(np.abs(self._applied).max()))
+        return self._applied
 
-    def _judge(self, away: NDArray[np.float64], fast: NDArray[np.float64]) -> None:
+    def _look(self, away: NDArray[np.float64], fast: NDArray[np.float64]) -> None:
         self.rad, self.rad_s = max(self.rad, float(away.max())), max(self.rad_s, float(fast.max()))
         if self.rad <= STILL_RAD and self.rad_s <= STILL_RAD_S:  # false where a state is no number
             return
@@ -59,5 +88,5 @@ class Hold:
         joint = int(np.argmax(np.nan_to_num(share, nan=np.inf)))
         raise ArmMoved(
             f"joint {joint + 1} of the {self._side} arm moved {away[joint]:.3f} rad at {fast[joint]:.2f} rad/s, "
-            f"although it was held with {abs(self._tau[joint]):.1f} Nm"
+            f"although it was held with {abs(self._applied[joint]):.1f} Nm"
         )

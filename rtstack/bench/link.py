@@ -1,19 +1,25 @@
 """The link to the arms: how long a state takes to its answer and an answer to its state, and how many come in time.
 
-The arms are held softly where they are (`bench/hold.py`): a robot should carry its own weight, and is not believed.
+The arms are held softly where they are, under their judges (`bench/hold.py`): a robot should carry its own weight, and
+is not believed.
 """
 
 import time
 from collections.abc import Sequence
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from math import inf
 
 import numpy as np
 
 from hal.cell import Cell
 from hal.realtime import realtime_thread
-from rtstack.bench.hold import Hold
+from rtstack.bench.hold import Hold, HoldEnded
+from rtstack.loop.session import StopSignal
+from rtstack.model.cell_description import CellDescription
 from rtstack.samples import SIDES
+from rtstack.trials.assembly import safety_judges
+from rtstack.trials.tightening import limits_of_arms
 
 # libfranka, examples/communication_test.cpp: below the first many packets are lost, below the second it is not enough
 GOOD_SUCCESS, ENOUGH_SUCCESS = 0.95, 0.90
@@ -25,7 +31,10 @@ _SETTLE = 100  # ticks: control_command_success_rate covers the last 100
 class LinkBenchmark:
     """Per arm (left, right). answer_us: from reading a state to its answer being sent. round_trip_us: from an answer to
     the arrival of the next state, in lockstep the wire, the robot and back; in real time what is left of a period.
-    hold_rad, hold_rad_s, hold_nm: how far, how fast and with how much torque any joint was held."""
+    hold_rad, hold_rad_s, hold_nm: how far, how fast and with how much torque any joint was held. tau_ext_mean_nm and
+    tau_ext_sd_nm: of each joint's external torque, O_F_ext_mean: of the wrench (6,) in the base, N and Nm, as the
+    robots estimate them meanwhile.
+    """
 
     cell: str
     ticks: int
@@ -43,6 +52,9 @@ class LinkBenchmark:
     hold_rad: tuple[float, float]
     hold_rad_s: tuple[float, float]
     hold_nm: tuple[float, float]
+    tau_ext_mean_nm: tuple[list[float], list[float]]
+    tau_ext_sd_nm: tuple[list[float], list[float]]
+    O_F_ext_mean: tuple[list[float], list[float]]
 
     @property
     def verdict(self) -> str:
@@ -55,25 +67,35 @@ class LinkBenchmark:
         return {**asdict(self), "verdict": self.verdict}
 
 
-def bench_link(cell: Cell, ticks: int) -> LinkBenchmark:
-    """Hold both arms for `ticks` ms, and stop them.
+def bench_link(cell: Cell, ticks: int, description: CellDescription, stop: StopSignal | None = None) -> LinkBenchmark:
+    """Hold both arms for `ticks` ms, and stop them. They may be anywhere: the judges look at no box.
 
-    Raises ArmMoved, with both arms stopped, where one does not stay; HardwareError when the link breaks.
+    Raises ArmMoved where one does not stay and HoldEnded where `stop` was asked for, with both arms stopped, and
+    HardwareError when the link breaks.
     """
     with realtime_thread() if cell.own_clocks else nullcontext() as obtained:
         try:
-            return _run(cell, ticks, obtained.scheduler if obtained else "other")
+            return _run(cell, ticks, _holds(description, ticks), obtained.scheduler if obtained else "other", stop)
         finally:
             cell.stop(at_rest=True)
 
 
-def _run(cell: Cell, ticks: int, scheduler: str) -> LinkBenchmark:
+def _holds(description: CellDescription, ticks: int) -> tuple[Hold, ...]:
+    left, right = (replace(one, ee_lower=(-inf,) * 3, ee_upper=(inf,) * 3) for one in limits_of_arms(description))
+    judges = safety_judges(description, (left, right))
+    return tuple(
+        Hold(side, judge, limits, ticks) for side, judge, limits in zip(SIDES, judges, (left, right), strict=True)
+    )
+
+
+def _run(cell: Cell, ticks: int, holds: tuple[Hold, ...], scheduler: str, stop: StopSignal | None) -> LinkBenchmark:
     arms, clock = (cell.left, cell.right), time.perf_counter_ns
-    holds = tuple(map(Hold, SIDES))
     count = [0, 0]
     stamps, arrived, answered, rates = (np.zeros((2, ticks)) for _ in range(4))
     cell.start()
     while min(count) < ticks:
+        if stop is not None and stop.stop_requested:
+            raise HoldEnded("the hold was ended before its time: the key was let go, or a stop was asked for")
         for k in _MASKS[cell.link.wait()] if cell.own_clocks and cell.link is not None else (0, 1):
             state = arms[k].read()
             now_ns = clock()
@@ -105,7 +127,15 @@ def _run(cell: Cell, ticks: int, scheduler: str) -> LinkBenchmark:
         hold_rad=_pair([hold.rad for hold in holds]),
         hold_rad_s=_pair([hold.rad_s for hold in holds]),
         hold_nm=_pair([hold.nm for hold in holds]),
+        tau_ext_mean_nm=_lists([hold.estimate[:, :7].mean(axis=0) for hold in holds]),
+        tau_ext_sd_nm=_lists([hold.estimate[:, :7].std(axis=0) for hold in holds]),
+        O_F_ext_mean=_lists([hold.estimate[:, 7:].mean(axis=0) for hold in holds]),
     )
+
+
+def _lists(values: Sequence[np.ndarray]) -> tuple[list[float], list[float]]:
+    left, right = (np.round(row, 4).tolist() for row in values)
+    return left, right
 
 
 def _pair(values: Sequence[float] | np.ndarray) -> tuple[float, float]:

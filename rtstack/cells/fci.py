@@ -5,14 +5,18 @@ from pathlib import Path
 from typing import cast
 
 from hal.cell import Cell
+from hal.collisions import CollisionBehaviour
 from hal.errors import HardwareError
 from hal.extensions import ExtensionError, ExtensionPoint
-from hal.fci import FciPair, Tool, open_pair
+from hal.fci import FciPair, Tool, ask_for_urdf, limits_in, open_pair
+from hal.limits import OwnLimits
 from hal.tracker import ClosableTracker
 from rtstack.cells.kinds import CellKind, CellRequest
 from rtstack.cells.metal import check_boxes, check_real_cell, on_this_machine
 from rtstack.model.cell_description import CellDescription, TrackerAddress
+from rtstack.safety.limits import ForcePhase
 from rtstack.trials.errors import TrialError
+from rtstack.trials.tightening import difference_of_limits, limits_of_arms
 
 # each a callable (host: str, port: int) -> ClosableTracker, with [tracker] address of the cell's file
 TRACKERS = ExtensionPoint[Callable[[str, int], ClosableTracker]]("rtstack.trackers", "tracker", cast(type, Callable))
@@ -35,6 +39,11 @@ def pad_tool(description: CellDescription) -> Tool:
     return Tool.pad(pad.size, pad.mass, pad.flange_to_face)
 
 
+def approach_collisions(description: CellDescription) -> CollisionBehaviour:
+    """Return the thresholds with which both arms are connected to: nothing is to be met until a run says so."""
+    return limits_of_arms(description)[0].collisions(ForcePhase.APPROACH)  # a cell's table is one for both arms
+
+
 def _check(argument: str, description: CellDescription, cell_file: Path | None) -> None:
     check_real_cell(fci_addresses(f"fci:{argument}"), description, cell_file)
     _tracker(description.tracker)
@@ -52,13 +61,30 @@ def _open(request: CellRequest) -> Cell:
     check_real_cell((left, right), request.description, request.cell_file)
     check_boxes(request.description)
     tracker = _listen(request.description.tracker)
+    own, said = _own_limits((left, right))
     try:
         real = request.description.enforce_realtime and not (on_this_machine(left) and on_this_machine(right))
-        pair = open_pair(left, right, pad_tool(request.description), enforce_realtime=real)
+        pair = open_pair(
+            left, right, pad_tool(request.description), approach_collisions(request.description),
+            enforce_realtime=real,
+        )  # fmt: skip
     except BaseException:
         tracker.close()
         raise
-    return Cell(request.kind, pair.left, pair.right, tracker, _TrackedLink(pair, tracker), own_clocks=True)
+    return Cell(
+        request.kind, pair.left, pair.right, tracker, _TrackedLink(pair, tracker), own_clocks=True, own_limits=own,
+        warning=said or difference_of_limits(request.description, own),
+    )  # fmt: skip
+
+
+def _own_limits(addresses: tuple[str, str]) -> tuple[tuple[OwnLimits, OwnLimits] | None, str]:
+    """Return what both robots say of their limits, or None and why they do not: a robot that takes no client says so
+    itself, when it is connected to."""
+    try:
+        left, right = (limits_in(ask_for_urdf(address), f"the arm at {address}") for address in addresses)
+    except HardwareError as error:
+        return None, f"the limits of the cell's file are not compared with the robots': {error}"
+    return (left, right), ""
 
 
 def _tracker(tracker: TrackerAddress) -> Callable[[str, int], ClosableTracker]:
@@ -89,6 +115,7 @@ class _TrackedLink:
         self._tracker = tracker
         self.start, self.wait, self.move = pair.start, pair.wait, pair.move
         self.stop, self.recover = pair.stop, pair.recover
+        self.set_collisions = pair.set_collisions
 
     def close(self) -> None:
         """Disconnect, and stop listening."""

@@ -5,8 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from hal.cell import Cell
-from hal.fci import FciPair, Tool, open_pair
-from rtstack.cells.fci import pad_tool
+from hal.fci import FciPair, open_pair
+from rtstack.cells.fci import approach_collisions, pad_tool
 from rtstack.cells.kinds import CellKind, CellRequest
 from rtstack.cells.simulator import Simulator
 from rtstack.model.cell_description import CellDescription
@@ -81,8 +81,7 @@ def _open_served(request: CellRequest) -> Cell:
         request.object_name, request.displacement, request.seed, lockstep=lockstep, faults=request.faults,
         cell_file=request.cell_file, profile=profile,
     )  # fmt: skip
-    tool = pad_tool(request.description)
-    return replace(_served_cell(request.kind, simulator, tool, lockstep), warning=warning)
+    return replace(_served_cell(request.kind, simulator, request.description, lockstep), warning=warning)
 
 
 class _SimulatorLink:
@@ -93,6 +92,7 @@ class _SimulatorLink:
         self._simulator = simulator
         self.start, self.wait, self.move = pair.start, pair.wait, pair.move
         self.stop, self.recover = pair.stop, pair.recover
+        self.set_collisions = pair.set_collisions
 
     def close(self) -> None:
         """Disconnect, end the simulator, and pass on what it says about its pace."""
@@ -102,9 +102,12 @@ class _SimulatorLink:
             print(f"simulated robot: {self._simulator.report}", file=sys.stderr)
 
 
-def _served_cell(kind: str, simulator: Simulator, tool: Tool, lockstep: bool) -> Cell:
+def _served_cell(kind: str, simulator: Simulator, description: CellDescription, lockstep: bool) -> Cell:
     try:
-        pair = open_pair(simulator.left, simulator.right, tool, shared_clock=lockstep)
+        pair = open_pair(
+            simulator.left, simulator.right, pad_tool(description), approach_collisions(description),
+            shared_clock=lockstep,
+        )  # fmt: skip
     except BaseException:
         simulator.close()
         raise

@@ -30,10 +30,15 @@ def link(cell_kind: str, ticks: int, json: bool) -> None:
     """Measure the link of a cell and print the figures."""
     from rtstack.bench.link import bench_link
     from rtstack.cells import open_cell
+    from rtstack.cli.hold_to_run import HoldToRun
+    from rtstack.cli.interrupt import interruptible
 
-    cell = open_cell(cell_kind, "rice_box", 0.0, 0)
+    description, source = load_description(None)
+    hold = HoldToRun(cell_kind, description, source)
+    cell = open_cell(cell_kind, "rice_box", 0.0, 0, description)
     try:
-        _print(bench_link(cell, ticks).as_dict(), json)
+        with interruptible() as stop, hold.held("hold of both arms", stop):
+            _print(bench_link(cell, ticks, description, stop).as_dict(), json)
     finally:
         cell.close()
 

@@ -4,19 +4,23 @@ import json as json_module
 from dataclasses import asdict
 from pathlib import Path
 
+import numpy as np
 import typer
 
 from hal.cell import Cell
 from hal.configuration import ConfigurationError
 from hal.errors import HardwareError
-from rtstack.bench.hold import GOOD_RAD, ArmMoved
+from rtstack.bench.hold import GOOD_RAD, ArmMoved, HoldEnded
 from rtstack.bench.link import GOOD_SUCCESS, LinkBenchmark, bench_link
-from rtstack.cells import load_description, open_cell
-from rtstack.check.arm import resting_findings
+from rtstack.cells import default_cell_file, load_description, open_cell
+from rtstack.check.arm import Felt, resting_findings
 from rtstack.check.finding import Finding, finding
 from rtstack.check.host import host_findings
 from rtstack.check.network import arm_finding, gripper_finding, interface_finding
 from rtstack.check.software import software_findings
+from rtstack.cli.hold_to_run import HoldToRun
+from rtstack.cli.interrupt import interruptible
+from rtstack.loop.session import StopSignal
 from rtstack.model.cell_description import CellDescription
 from rtstack.samples import SIDES
 from rtstack.trials.errors import TrialError
@@ -67,23 +71,34 @@ def _cell(path: Path | None) -> tuple[Finding, CellDescription | None]:
 
 
 def _arm_findings(left: str, right: str, description: CellDescription | None, cell_file: Path | None) -> list[Finding]:
-    arms = {"left": left, "right": right}
+    arms, kind = {"left": left, "right": right}, f"fci:{left},{right}"
     findings = [interface_finding(f"way to {side}", address) for side, address in arms.items()]
     findings += [arm_finding(f"{side} arm", address) for side, address in arms.items()]
     if any(finding.verdict == "fail" for finding in findings):
         return findings
     findings += [gripper_finding(f"{side} gripper", address) for side, address in arms.items()]
-    return findings + link_findings(f"fci:{left},{right}", description, cell_file=cell_file)
+    if description is None:
+        return findings
+    return findings + link_findings(kind, description, cell_file=cell_file)
 
 
 def link_findings(
-    kind: str, description: CellDescription | None = None, ticks: int = LINK_TICKS, cell_file: Path | None = None
+    kind: str, description: CellDescription, ticks: int = LINK_TICKS, cell_file: Path | None = None
 ) -> list[Finding]:
-    """Hold both arms of a cell for `ticks` ms, and judge whether they stay, and the link."""
+    """Hold both arms of a cell for `ticks` ms, and judge whether they stay, what they feel, and the link.
+
+    Arms that are not simulated are held while a person holds the key (rtstack.cli.hold_to_run).
+    """
     cell: Cell | None = None
     try:
+        hold = HoldToRun(kind, description, cell_file or default_cell_file())
         cell = open_cell(kind, "", 0.0, 0, description, cell_file=cell_file)
-        return held_findings(cell, ticks, description)
+        with interruptible() as stop, hold.held(f"hold of both arms for {ticks * 1e-3:g} s", stop):
+            found = held_findings(cell, ticks, description, stop)
+        return found + [
+            Finding("limits", cell.warning, "warn", "correct the model, or leave it", "the tighter one holds")
+            for _ in range(bool(cell.warning))
+        ]
     except TrialError as error:
         return [Finding("cell for these arms", str(error), "fail", "correct the cell's file", "nothing is connected")]
     except HardwareError as error:
@@ -93,13 +108,17 @@ def link_findings(
             cell.close()
 
 
-def held_findings(cell: Cell, ticks: int, description: CellDescription | None = None) -> list[Finding]:
-    """Judge an open cell, with its description also what its arms say at rest; the arms are stopped then.
+def held_findings(
+    cell: Cell, ticks: int, description: CellDescription, stop: StopSignal | None = None
+) -> list[Finding]:
+    """Judge an open cell and what its arms say while they are held; the arms are stopped then.
 
     Raises HardwareError when the link breaks.
     """
     try:
-        figures = bench_link(cell, ticks)
+        figures = bench_link(cell, ticks, description, stop)
+    except HoldEnded as error:
+        return [Finding("hold", str(error), "fail", "hold the key until it is over", "nothing was judged")]
     except ArmMoved as error:
         cost = "the arm falls, or rises, as soon as torque control starts"
         return [Finding("hold", str(error), "fail", _TELL_THE_TOOL, cost)]
@@ -107,10 +126,12 @@ def held_findings(cell: Cell, ticks: int, description: CellDescription | None = 
     value += f", with {max(figures.hold_nm):.1f} Nm at most"
     cost = "the robot does not carry all of its weight: the arms sag by as much against every reference"
     found = [finding("hold", value, max(figures.hold_rad) <= GOOD_RAD, cost, _TELL_THE_TOOL), _link(figures)]
-    if description is not None:
-        arms, mountings = (cell.left, cell.right), (description.left, description.right)
-        for side, arm, mounting in zip(SIDES, arms, mountings, strict=True):
-            found += resting_findings(side, arm.read(), mounting, description.pad)
+    arms, mountings = (cell.left, cell.right), (description.left, description.right)
+    for k, (arm, mounting) in enumerate(zip(arms, mountings, strict=True)):
+        felt = Felt(
+            *(np.array(rows[k]) for rows in (figures.tau_ext_mean_nm, figures.tau_ext_sd_nm, figures.O_F_ext_mean))
+        )
+        found += resting_findings(SIDES[k], arm.read(), felt, mounting, description.pad)
     return found
 
 

@@ -16,6 +16,7 @@ from rtstack.log.writer import check_log_path
 from rtstack.loop.watchdogs import Parent
 from rtstack.samples import Reaction
 from rtstack.trials.demonstration import run_demonstration
+from rtstack.trials.estimate import check_estimate
 from rtstack.trials.followed import Followed
 from rtstack.trials.monitoring import load_tuning
 from rtstack.trials.object import check_object, object_of
@@ -83,6 +84,7 @@ def trial(
     check_object(object_name, description)
     tuning = load_tuning(monitor).monitor if monitor is not None else None
     prepared = prepare_trial(specification, description, monitor=tuning)
+    specification = prepared.specification
     if prepared.unwatched is not None:
         print(f"rtstack: not watched: {prepared.unwatched}", file=sys.stderr)
     displacement = specification.displacement
@@ -90,6 +92,9 @@ def trial(
     cell = open_cell(cell_kind, object_name, displacement, seed, description, faults, cell_file=source)
     _warn(cell)
     try:
+        bias = check_estimate(cell, description, prepared.parameters.detector)
+        if bias:
+            print(f"rtstack: warning: {bias}", file=sys.stderr)
         way = start_motion(cell, description, object_name, displacement, prepared.reference.ante[:, 0])
         with (
             interruptible() as stop,

@@ -1,4 +1,9 @@
-"""Impact detector of Appendix B: three conditions on the estimated external force and the velocity a moment ago."""
+"""Impact detector of Appendix B: three conditions on the estimated external force and the velocity a moment ago.
+
+The robot's estimate is not zero where nothing touches the pad: payload, gravity and friction are never known exactly.
+An offset of 4 N makes the paper's law blind. So the force is counted from its own mean over the window (the tare),
+until an impact is near, or there: a mean below `tare_n` is left out, and the law is the paper's.
+"""
 
 import math
 from typing import NamedTuple
@@ -9,38 +14,58 @@ from numpy.typing import NDArray
 from hal.compilation import compiled
 from rtstack.control.parameters import DetectorParameters
 
+FORCE, VELOCITY = 0, 3  # columns of the history
+
 
 @compiled
-def impact_now(force, velocity, history, head, count, force_low, force_high, velocity_bound):
-    """Push (|f|, v) into the history of one arm and return whether 1)-3) hold now.
+def impact_now(force, velocity, memory, force_low, force_high, velocity_bound, tare_from, tare_to):
+    """Push f and v into the history of one arm and return whether 1)-3) hold now, with f counted from the tare.
 
-    force (3,) N is the force that acts ON the end effector, velocity (3,) m/s; history (window, 4); head and count
-    (1,).
+    force (3,) N is the force that acts ON the end effector, velocity (3,) m/s; memory: DetectorMemory.
     """
+    history, total, tare = memory.history, memory.total, memory.tare
     window = history.shape[0]
-    norm = math.sqrt(force[0] ** 2 + force[1] ** 2 + force[2] ** 2)
-    k = head[0]
+    k = memory.head[0]
     hit = False
-    if count[0] >= window:
+    if memory.count[0] >= window:
+        if memory.frozen[0] == 0:
+            size = math.sqrt(total[0] ** 2 + total[1] ** 2 + total[2] ** 2) / window
+            for i in range(3):
+                tare[i] = total[i] / window if tare_from <= size <= tare_to else 0.0
         past = history[k]
-        against = past[1] * force[0] + past[2] * force[1] + past[3] * force[2]
-        hit = past[0] < force_low and norm > force_high and against < -velocity_bound * norm
+        squares = past_squares = against = 0.0
+        for i in range(3):
+            now, before = force[i] - tare[i], past[i] - tare[i]
+            squares += now**2
+            past_squares += before**2
+            against += past[VELOCITY + i] * now
+        norm = math.sqrt(squares)
+        hit = math.sqrt(past_squares) < force_low and norm > force_high and against < -velocity_bound * norm
+        for i in range(3):
+            total[i] -= past[i]
+        if hit:
+            memory.frozen[0] = 1
     else:
-        count[0] += 1
-    history[k, 0] = norm
-    history[k, 1] = velocity[0]
-    history[k, 2] = velocity[1]
-    history[k, 3] = velocity[2]
-    head[0] = (k + 1) % window
+        memory.count[0] += 1
+    for i in range(3):
+        history[k, FORCE + i], history[k, VELOCITY + i] = force[i], velocity[i]
+        total[i] += force[i]
+    memory.head[0] = (k + 1) % window
     return hit
 
 
 class DetectorMemory(NamedTuple):
-    """History (window, 4) of |f| N and v m/s, the place of the oldest (1,), and how many there are (1,)."""
+    """History (window, 6) of f N and v m/s, the place of the oldest (1,), and how many there are (1,).
+
+    total (3,) N: the sum of the forces in it; tare (3,) N: what the force is counted from; frozen (1,): if it stays.
+    """
 
     history: NDArray[np.float64]
     head: NDArray[np.int64]
     count: NDArray[np.int64]
+    total: NDArray[np.float64]
+    tare: NDArray[np.float64]
+    frozen: NDArray[np.int64]
 
 
 class ImpactDetector:
@@ -48,23 +73,19 @@ class ImpactDetector:
 
     def __init__(self, parameters: DetectorParameters, period_s: float) -> None:
         self._parameters = parameters
-        self._history = np.zeros((round(parameters.window_s / period_s), 4))
-        self._head = np.zeros(1, np.int64)
-        self._count = np.zeros(1, np.int64)
-
-    @property
-    def memory(self) -> DetectorMemory:
-        """For compiled code that updates it itself."""
-        return DetectorMemory(self._history, self._head, self._count)
+        history = np.zeros((round(parameters.window_s / period_s), 6))
+        whole = (np.zeros(1, np.int64) for _ in range(3))
+        # for compiled code that updates it itself
+        self.memory = DetectorMemory(history, next(whole), next(whole), np.zeros(3), np.zeros(3), next(whole))
 
     def reset(self) -> None:
         """Forget everything: nothing is detected before the window is full again."""
-        self._head[0] = 0
-        self._count[0] = 0
+        for array in self.memory:
+            array[...] = 0
 
     def update(self, force: NDArray[np.float64], velocity: NDArray[np.float64]) -> bool:
         """Take the force ON the end effector (3,) N and its velocity (3,) m/s; return whether it was hit."""
         p = self._parameters
         return impact_now(
-            force, velocity, self._history, self._head, self._count, p.force_low_n, p.force_high_n, p.velocity_m_s
+            force, velocity, self.memory, p.force_low_n, p.force_high_n, p.velocity_m_s, p.tare_n, p.largest_tare_n
         )

@@ -46,8 +46,8 @@ def observe(samples, workspaces, controls, model, parameters, memory):
             + p.R_world_base[i, 2] * sample.O_F_ext_hat_K[2]
         )
     return impact_now(
-        work.force_world, work.twist, memory.history, memory.head, memory.count, p.force_low_n, p.force_high_n,
-        p.velocity_m_s,
+        work.force_world, work.twist, memory, p.force_low_n, p.force_high_n, p.velocity_m_s, p.tare_n,
+        p.largest_tare_n,
     )  # fmt: skip
 
 

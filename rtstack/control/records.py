@@ -47,6 +47,8 @@ OBSERVER_PARAMETERS = np.dtype(
         ("force_low_n", "f8"),
         ("force_high_n", "f8"),
         ("velocity_m_s", "f8"),
+        ("tare_n", "f8"),
+        ("largest_tare_n", "f8"),
     ]
 )
 

@@ -32,6 +32,7 @@ from rtstack.safety.limits import HARDWARE, SafetyLimits, control_limits
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, Mode, QpSolver, QpStatus, Reaction
 
 ANTE, INTERIM, POST = 0, 1, 2
+NEVER_NS = 2**62
 _UNCONSTRAINED = QpStatus.UNCONSTRAINED
 _STOPPING = Mode.STOPPING
 _ON_THE_WAY = (Mode.ANTE_IMPACT, Mode.INTERIM, Mode.POST_IMPACT)
@@ -64,7 +65,7 @@ def _observer_parameters(
     p["p1"], p["p2"], p["p3"], p["friction_scale"] = friction.p1, friction.p2, friction.p3, friction.scale
     p["gravity_share"], p["observer_gain_hz"] = friction.gravity_share, inertia.observer_gain_hz
     p["period_s"] = parameters.period_s
-    for name in ("force_low_n", "force_high_n", "velocity_m_s"):
+    for name in ("force_low_n", "force_high_n", "velocity_m_s", "tare_n", "largest_tare_n"):
         p[name] = getattr(detector, name)
     return record
 
@@ -95,6 +96,7 @@ class ArmController:
         self.parameters = parameters
         self._observer = _observer_parameters(model, parameters, detector, inertia, friction)
         self._memory = ImpactDetector(detector, parameters.period_s).memory
+        self.tare, self.tared = self._memory.tare, self._memory.frozen
         self.completion = CompletionDetector(completion or CompletionParameters())
         self._blend_interim = parameters.blend_interim
         self._stiffness_after = parameters.stiffness_after_impact
@@ -215,6 +217,9 @@ class DualArmController:
         self.first_impact_s = -1.0
         self.reaction_over = False
         self._reaction = reaction
+        # the detector's force is counted from its mean before the window in which the impact is awaited
+        until_s = machine.nominal_impact_s - machine.parameters.exclusion_s
+        self._tare_until_ns = round(until_s * 1e9) if until_s > 0.0 else NEVER_NS
         self._note = tuple(bound(note_setpoints, arm.setpoint, arm.control) for arm in self.arms)
         self._force_norm = bound(force_norm, left.control, right.control)
 
@@ -230,7 +235,10 @@ class DualArmController:
 
     def observe(self, side: int, elapsed_ns: int) -> None:
         """Take the state in an arm's sample, so long after its start."""
-        self.arms[side].observe()
+        arm = self.arms[side]
+        if elapsed_ns >= self._tare_until_ns:
+            arm.tared[0] = 1
+        arm.observe()
         if self.laws is not None:
             self.laws[side].observe()
         self.watch(side, elapsed_ns)

@@ -59,6 +59,7 @@ from rtstack.samples import ARM_SAMPLE, SIDES, Level
 from rtstack.trials.assembly import safety_judges
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.errors import TrialError
+from rtstack.trials.estimate import check_estimate
 from rtstack.trials.followed import Followed
 from rtstack.trials.move import prepare_move, run_move
 from rtstack.trials.record import open_log
@@ -230,6 +231,8 @@ class Robot:
         self._close()
         faults = order.faults if isinstance(order, DemonstrationRequest) else ""
         cell = self._open_or_raise(order.object, displacement, order.seed, faults)
+        if prepared is not None and (bias := check_estimate(cell, description, prepared.parameters.detector)):
+            self._idle.tell(Level.WARNING, bias)
         start = None if prepared is None else prepared.reference.ante[:, 0]
         way = None if _is_practice(order) else start_motion(cell, description, order.object, displacement, start)
         if self._mailbox.stop_requested:
@@ -238,6 +241,8 @@ class Robot:
         reference = prepared.reference if prepared is not None else None
         by_hand = isinstance(order, TeleoperationRequest)
         specification = order.specification(self._job_manager.job_number) if by_hand else order.specification()
+        if prepared is not None:
+            specification = prepared.specification
         context = self._begin(order, log, specification, cell, reference=reference, followed=followed)
         if prepared is not None:
             return run_trial(prepared, cell, context, way=way)

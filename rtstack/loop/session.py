@@ -26,13 +26,14 @@ from rtstack.loop.publisher import Publisher
 from rtstack.loop.standstill import REST_DQ, STOP_TICKS, StandstillDetector
 from rtstack.loop.timeline import TICK_NS, Timeline
 from rtstack.loop.watchdogs import TickOverrun, Watchdog, WatchdogTrip
-from rtstack.safety.judge import Reason, SafetyJudge
+from rtstack.safety.judge import ForcePhase, Reason, SafetyJudge
 from rtstack.samples import ARM_SAMPLE, SIDES, Mode, QpStatus
 
 _OF_THE_OTHER = (Reason.PAIR_SKEW, Reason.OTHER_ARM)  # the other arm's own reason says more
 # looked up once: an enumeration's member costs 0.1 us
 _STOPPING, _NOT_USED, _SOLVED = Mode.STOPPING, QpStatus.NOT_USED, QpStatus.SOLVED
 _NO_REASON, _COMMANDED, _CONTROLLER = Reason.NONE, Reason.COMMANDED, Reason.CONTROLLER
+_IMPACT, _CONTACT = ForcePhase.IMPACT, ForcePhase.CONTACT
 _FIRST = ((), (0,), (1,), (0,))  # the arm to serve of a mask of LEFT and RIGHT
 _MASK = {(): 0, (0,): LEFT, (1,): RIGHT, (0, 1): LEFT | RIGHT}  # of the arms that were served
 
@@ -63,7 +64,9 @@ class Guide(Protocol):
 class Plan:
     """What to follow: ante and post (2, n) of POINT, the mode to begin with, and the stiffness (6,).
 
-    guide: writes ante[:, 0] each tick; None for references that are there already.
+    guide: writes ante[:, 0] each tick; None for references that are there already. phase: what the pads are to do.
+    impact_s: between which two moments an impact is meant, s since the start: until it is detected the forces are those
+    of contact, from then on those of an impact, and outside those of `phase`.
     """
 
     ante: NDArray
@@ -72,11 +75,18 @@ class Plan:
     stiffness: NDArray[np.floating]
     period_s: float
     guide: Guide | None = None
+    phase: ForcePhase = ForcePhase.APPROACH
+    impact_s: tuple[float, float] | None = None
 
     @classmethod
-    def guided(cls, guide: Guide, stiffness: NDArray[np.floating], period_s: float) -> "Plan":
+    def guided(cls, guide: Guide, stiffness: NDArray[np.floating], period_s: float, phase: ForcePhase) -> "Plan":
         """Return the plan whose only point the guide writes anew each tick."""
-        return cls(guide.points, guide.points, Mode.TELEOPERATION, stiffness, period_s, guide)
+        return cls(guide.points, guide.points, Mode.TELEOPERATION, stiffness, period_s, guide, phase)
+
+    @property
+    def widest_phase(self) -> ForcePhase:
+        """The phase of the largest forces: what the robots' own thresholds have to let pass, which do not change."""
+        return self.phase if self.impact_s is None else ForcePhase.IMPACT
 
     @property
     def ticks(self) -> int:
@@ -146,6 +156,8 @@ class Session:
         for judge, (sample, _), residual in zip(judges, self._records, self._residuals, strict=True):
             judge.bind(sample, residual)
         self._last_index = plan.ticks
+        self._phase = plan.phase
+        self._impact_ns, self._impact_end_ns = (round(t_s * 1e9) for t_s in plan.impact_s or (0.0, 0.0))
         self._own_clocks = cell.own_clocks
         self._time = Timeline(publisher.timing, cell.own_clocks, cell.waits)
         self._compute_us = publisher.timing["compute_us"]
@@ -340,7 +352,11 @@ class Session:
         demand = _COMMANDED if stopping else _NO_REASON
         if status > _SOLVED and not stopping:
             demand = _CONTROLLER
+        phase = self._phase
+        if self._impact_ns <= self._time.now_ns < self._impact_end_ns:
+            phase = _CONTACT if self._machine.impact_s < 0.0 else _IMPACT
         for k in sides:
+            self._judges[k].expect(phase)
             self._judges[k].judge(self._records[k][0], demand, self._residuals[k])
             self._echoes[k].sent()
 

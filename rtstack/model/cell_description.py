@@ -4,6 +4,7 @@ import datetime
 import re
 from collections.abc import Collection
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,6 +18,7 @@ from hal.robots import DEFAULT, RobotModel, reference_in, robot
 from rtstack.model.rotation import rotation_from_quaternion
 from rtstack.safety.body import Base, Tool
 from rtstack.safety.limits import hardware_limits
+from rtstack.samples import Reaction
 
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 Friction = Annotated[float, Field(gt=0.0, le=2.0, allow_inf_nan=False)]
@@ -156,10 +158,19 @@ class Calibration:
     rms_mm: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] | None = None
 
 
+class LoadPolicy(StrEnum):
+    """What becomes of an object that is still held after a stop: rtstack.trials.load."""
+
+    HOLD = "hold"
+    LOWER = "lower"
+    RELEASE = "release"
+
+
 @checked(frozen=True, slots=True, config=STRICT)
 class CellDescription:
     """A cell, as its TOML describes it (deploy/cells). safety: the limits that it tightens (rtstack.safety.limits).
 
+    unexpected_impact: what a trial does about one that asks for nothing; by default it stops where the arms are real.
     enforce_realtime: real arms, not those on this machine, are refused on a kernel that is not real-time. calibration:
     needed for real arms (rtstack.cells.metal). contact_friction: what plans count on. joint_friction: the file that
     `rtstack identify-friction` wrote on this cell; in the TOML relative to its folder.
@@ -179,8 +190,15 @@ class CellDescription:
     gains: Gains = field(default_factory=Gains)
     calibration: Calibration | None = None
     enforce_realtime: bool = True
+    unexpected_impact: Reaction | None = None
+    load_after_stop: LoadPolicy = LoadPolicy.HOLD
     safety: dict[str, Any] = field(default_factory=dict)
     joint_friction: Path | None = None
+
+    @property
+    def reaction(self) -> Reaction:
+        """What a trial does about an unexpected impact where it asks for nothing else."""
+        return self.unexpected_impact or (Reaction.CONTINUE if self.simulated else Reaction.STOP)
 
     @property
     def robots(self) -> tuple[RobotModel, RobotModel]:

@@ -20,7 +20,7 @@ from rtstack.playback.limits import check_playback, check_speed, fastest
 from rtstack.playback.motion import LoggedMotion, load_motion
 from rtstack.playback.pace import pace
 from rtstack.playback.path import ArmPath, arm_path
-from rtstack.safety.limits import PairLimits
+from rtstack.safety.limits import ForcePhase, PairLimits
 from rtstack.samples import SIDES
 from rtstack.trials.assembly import Parameters, arm_controllers, cell_parameters, following
 from rtstack.trials.errors import TrialError
@@ -143,7 +143,7 @@ def run_playback(
     """
     specification, control = prepared.specification, prepared.parameters.control
     guide = PlaybackGuide(prepared.stations, pace(prepared.duration_s, specification.speed), soft_stop)
-    plan = Plan.guided(guide, control.stiffness, control.period_s)
+    plan = Plan.guided(guide, control.stiffness, control.period_s, ForcePhase.APPROACH)
     context = context.with_watchdog(guide)
     with Run(prepared.description, prepared.parameters, plan, prepared.limits, context, way) as run:
         run.share = lambda: guide.share

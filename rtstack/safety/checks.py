@@ -21,6 +21,7 @@ STATE_GAP = int(Reason.STATE_GAP)
 STATE_AGE = int(Reason.STATE_AGE)
 TIME_BACKWARDS = int(Reason.TIME_BACKWARDS)
 PAIR_SKEW = int(Reason.PAIR_SKEW)
+FORCE = int(Reason.FORCE)
 WHOLE_ARM = -1
 TICK_NS = 1_000_000
 S = 1e-9
@@ -100,7 +101,8 @@ def find_not_finite(sample, residual, memory):
 
 @compiled
 def find_joint(sample, residual, rule, memory):
-    """Return the first reason to stop that a joint of a finite state gives, else 0."""
+    """Return the first reason to stop that a joint of a finite state gives, or the pad's force, else 0."""
+    phase = memory["phase"]
     for i in range(7):
         q, dq = sample["q"][i], sample["dq"][i]
         lower, upper = rule["q_lower"][i], rule["q_upper"][i]
@@ -122,12 +124,17 @@ def find_joint(sample, residual, rule, memory):
         if abs(sample["tau_J"][i]) > rule["tau_J_max"][i]:
             note(memory, i, sample["tau_J"][i], rule["tau_J_max"][i])
             return MEASURED_TORQUE
-        if abs(sample["tau_ext_hat_filtered"][i]) > rule["tau_ext_max"][i]:
-            note(memory, i, sample["tau_ext_hat_filtered"][i], rule["tau_ext_max"][i])
+        if abs(sample["tau_ext_hat_filtered"][i]) > rule["tau_ext_max"][phase, i]:
+            note(memory, i, sample["tau_ext_hat_filtered"][i], rule["tau_ext_max"][phase, i])
             return EXTERNAL_TORQUE
-        if abs(residual[i]) > rule["tau_ext_max"][i]:
-            note(memory, i, residual[i], rule["tau_ext_max"][i])
+        if abs(residual[i]) > rule["tau_ext_max"][phase, i]:
+            note(memory, i, residual[i], rule["tau_ext_max"][phase, i])
             return RESIDUAL
+    x, y, z = sample["O_F_ext_hat_K"][0], sample["O_F_ext_hat_K"][1], sample["O_F_ext_hat_K"][2]
+    force = math.sqrt(x * x + y * y + z * z)
+    if force > rule["force_max"][phase]:
+        note(memory, WHOLE_ARM, force, rule["force_max"][phase])
+        return FORCE
     return 0
 
 

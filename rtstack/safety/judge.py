@@ -13,12 +13,12 @@ from hal.compilation import bound, compiled
 from rtstack.safety.body import Base, Tool, arm_body
 from rtstack.safety.checks import find_arm, find_joint, find_not_finite, take_time
 from rtstack.safety.geometry import place_arm
-from rtstack.safety.limits import HARDWARE, PairLimits, SafetyLimits
+from rtstack.safety.limits import HARDWARE, ForcePhase, PairLimits, SafetyLimits
 from rtstack.safety.reasons import NO_INTERVENTION, Reason, Verdict
 from rtstack.safety.records import StopProfile, empty_memory, rules
 from rtstack.safety.stop import begin_stop, braking_torque, clip
 
-__all__ = ["Base", "Reason", "SafetyJudge", "SafetyLimits", "Tool", "Verdict", "pair_of_judges"]
+__all__ = ["Base", "ForcePhase", "Reason", "SafetyJudge", "SafetyLimits", "Tool", "Verdict", "pair_of_judges"]
 
 OTHER_ARM = int(Reason.OTHER_ARM)
 # A controller that keeps inside its limits may be limited once, by rounding or by chance; one that goes on wanting what
@@ -101,6 +101,7 @@ class SafetyJudge:
         self._sample = self._residual = None
         self._judge: Callable[[int], tuple[int, int]] = lambda _demand: (0, 0)
         self._stopping, self._reason = self.memory["stopping"], self.memory["reason"]
+        self._phase = self.memory["phase"]
         self._stale_ns, self._gap_max_ns = self.memory["stale_ns"], int(self._rules["gap_max_ns"][0])
         self.interventions = 0
         self.limited = 0
@@ -155,6 +156,10 @@ class SafetyJudge:
         if not was_stopping and reason not in NO_INTERVENTION:
             self.interventions += 1
         return Verdict.STOPPING
+
+    def expect(self, phase: ForcePhase) -> None:
+        """Judge by the forces of this phase from now on. Never raises."""
+        self._phase[0] = phase
 
     def bind(self, sample: NDArray[np.void], residual: NDArray[np.float64]) -> None:
         """Look up where sample (1,) and residual (7,) are, before a clock runs: a loop shows the same each tick."""

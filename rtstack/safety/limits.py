@@ -7,13 +7,15 @@ so that what it asks for at a limit of its own passes the judge. All margins sta
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from enum import IntEnum
 from math import inf, isfinite
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.limits import COLLISION_TORQUES, CONTROL_PERIOD_S, ArmLimits
+from hal.collisions import CollisionBehaviour
+from hal.limits import COLLISION_TORQUES, CONTROL_PERIOD_S, ArmLimits, OwnLimits
 from hal.robots import FR3, RobotModel
 
 Seven = tuple[float, float, float, float, float, float, float]
@@ -40,7 +42,32 @@ APPROACH_S = 0.02
 # 100 N push joint 2 with 14 rad/s^2
 PUSH_SHARE = 2.0
 LARGEST_GAP_S = 0.02  # source FCI: 20 packets lost in a row abort the motion
+SAME = 1e-4  # rad, rad/s, Nm: a file rounds
 SMALLEST_DISTANCE_M = 0.02  # ours: between the capsules of the two arms
+# What may be felt by phase, where a cell's file says nothing else. Approach: torques of the vendor's examples
+# (libfranka, generate_joint_position_motion.cpp); 50 N with which the robot's own line, REFLEX_SHARE further out, is at
+# the 65 N that are the smallest quasi-static value of ISO/TS 15066:2016, Table A.2 (face). Contact: 140 N, hand and
+# chest in the same table, and as much at joints 1 to 4 as 116 N, the hardest hit of a demonstration, give there
+CONTACT_FORCE_N = 140.0
+FORCES_BY_PHASE = {
+    "tau_ext_approach_max": (20.0, 20.0, 18.0, 18.0, 16.0, 14.0, 12.0),
+    "force_approach_max": 50.0,
+    "tau_ext_contact_max": (60.0, 60.0, 60.0, 60.0, 30.0, 30.0, 30.0),
+    "force_contact_max": CONTACT_FORCE_N,
+}
+REFLEX_SHARE = 1.3  # of the judge's bound: the robot's threshold, so that the judge, whose stop is softer, comes first
+
+
+class ForcePhase(IntEnum):
+    """What the pads are about to do, and with that how hard they may push: a row of SafetyLimits.tau_ext_by_phase.
+
+    IMPACT: what follows the impact of a trial. CONTACT: contact on purpose: motion by hand, demonstrations, a load that
+    is put down, a trial that awaits its impact. APPROACH: nothing is to be met.
+    """
+
+    IMPACT = 0
+    CONTACT = 1
+    APPROACH = 2
 
 
 class LimitWidened(ValueError):
@@ -53,8 +80,10 @@ class SafetyLimits:
 
     Names that end in lower or min bound from below, upper and max from above. tau_J_max bounds the measured torque
     (it swings above the command after an impact), tau_ext_max both the robot's estimate of the external torque and the
-    controller's momentum residual, power_max the sum of |tau_J dq|'s balance, state_gap_max_s the robot's time between
-    two states that differ, pair_skew_max_s the time for which one arm is answered without a new state of the other.
+    controller's momentum residual, force_max the size of the robot's estimate of the pad's force; those with contact or
+    approach in their name bound the same in these phases (ForcePhase), where they are smaller. power_max bounds the sum
+    of |tau_J dq|'s balance, state_gap_max_s the robot's time between two states that differ, pair_skew_max_s the time
+    for which one arm is answered without a new state of the other.
     arm: the model's own, for what cannot be tightened: braking and the velocity limit near a position limit.
     """
 
@@ -67,6 +96,11 @@ class SafetyLimits:
     tau_rate_max: float
     power_max: float
     ee_speed_max: float
+    force_max: float = CollisionBehaviour().collision_forces[0]
+    tau_ext_contact_max: Seven = COLLISION_TORQUES
+    force_contact_max: float = CollisionBehaviour().collision_forces[0]
+    tau_ext_approach_max: Seven = COLLISION_TORQUES
+    force_approach_max: float = CollisionBehaviour().collision_forces[0]
     ee_lower: Three = (-inf, -inf, -inf)
     ee_upper: Three = (inf, inf, inf)
     arm_distance_min: float = SMALLEST_DISTANCE_M
@@ -79,6 +113,31 @@ class SafetyLimits:
         """What a joint brakes with, (7,), rad/s^2: the arm's acceleration limit, or the deceleration of its
         position-dependent velocity limit where that is larger: from inside it a joint comes to rest in its range."""
         return np.maximum(self.arm.ddq_max, self.arm.deceleration)
+
+    @property
+    def tau_ext_by_phase(self) -> Array:
+        """The bounds (3, 7), Nm, of the external torque by ForcePhase; no phase is wider than the one before."""
+        rows = (self.tau_ext_max, self.tau_ext_contact_max, self.tau_ext_approach_max)
+        return np.minimum.accumulate(np.array(rows), axis=0)
+
+    @property
+    def force_by_phase(self) -> Array:
+        """The bounds (3,), N, of the pad's force by ForcePhase; no phase is wider than the one before."""
+        return np.minimum.accumulate(np.array((self.force_max, self.force_contact_max, self.force_approach_max)))
+
+    def collisions(self, phase: ForcePhase) -> CollisionBehaviour:
+        """Return the robot's own thresholds for a motion of this phase: REFLEX_SHARE further out than the judge's, and
+        never beyond those of an impact."""
+        widest = CollisionBehaviour()
+        torques = np.minimum(REFLEX_SHARE * self.tau_ext_by_phase[phase], widest.collision_torques)
+        force = min(REFLEX_SHARE * float(self.force_by_phase[phase]), widest.collision_forces[0])
+        moment = min(force, widest.collision_forces[3])  # Nm: that of the force at an arm of 1 m
+        return CollisionBehaviour(
+            contact_torques=tuple(np.minimum(widest.contact_torques, torques).tolist()),
+            collision_torques=tuple(torques.tolist()),
+            contact_forces=tuple(np.minimum(widest.contact_forces, force).tolist()),
+            collision_forces=(force,) * 3 + (moment,) * 3,
+        )
 
     def dq_upper(self, q: Array) -> Array:
         """Return the largest velocity allowed at q (..., 7), rad/s."""
@@ -192,6 +251,36 @@ def control_limits(limits: SafetyLimits, period_s: float = CONTROL_PERIOD_S) -> 
     table["tau_step"] = limits.tau_rate_max * period_s * CONTROL_RATE_FRACTION
     table["approach_s"] = APPROACH_S
     return record
+
+
+def within_own(limits: SafetyLimits, own: OwnLimits) -> tuple[SafetyLimits, tuple[str, ...]]:
+    """Return limits inside those that a robot says it has, the judge's margins inside, and in words what differs.
+
+    Named is what differs from the model's description, in both directions: the tighter one holds.
+    """
+    described = limits.arm
+    differs = []
+    for name, unit in (("q_lower", "rad"), ("q_upper", "rad"), ("dq_max", "rad/s"), ("tau_max", "Nm")):
+        for joint, (mine, its) in enumerate(zip(getattr(described, name), getattr(own, name), strict=True), 1):
+            if abs(mine - its) > SAME:
+                differs.append(f"{name} of joint {joint} is {its:g} {unit}, described as {mine:g}")
+    if not differs:
+        return limits, ()
+
+    def seven(values: Array) -> Seven:
+        a, b, c, d, e, f, g = values.tolist()
+        return a, b, c, d, e, f, g
+
+    tau_max = np.minimum(limits.tau_max, own.tau_max)
+    inside = replace(
+        limits,
+        q_lower=seven(np.maximum(limits.q_lower, own.q_lower + POSITION_MARGIN_RAD)),
+        q_upper=seven(np.minimum(limits.q_upper, own.q_upper - POSITION_MARGIN_RAD)),
+        dq_max=seven(np.minimum(limits.dq_max, VELOCITY_FRACTION * own.dq_max)),
+        tau_max=seven(tau_max),
+        tau_J_max=seven(np.minimum(limits.tau_J_max, own.tau_max)),
+    )
+    return inside, tuple(differs)
 
 
 HARDWARE = hardware_limits()

@@ -44,6 +44,7 @@ class Reason(IntEnum):
     TIME_BACKWARDS = 17, "the robot's time ran backwards", "s"
     PAIR_SKEW = 18, "the other arm has shown no new state", "s"
     OTHER_ARM = 19, "the other arm is stopping"  # not an intervention of its own
+    FORCE = 20, "the pad pushes harder than this phase allows", "N"
 
 
 # a stop for one of these was not the judge's own idea

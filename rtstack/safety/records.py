@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from hal.limits import CONTROL_PERIOD_S
 from rtstack.safety.body import BODY, CAPSULES, LINKS
-from rtstack.safety.limits import RATE_FRACTION, SafetyLimits
+from rtstack.safety.limits import RATE_FRACTION, ForcePhase, SafetyLimits
 
 RULES = np.dtype(
     [
@@ -18,7 +18,8 @@ RULES = np.dtype(
         ("deceleration", "f8", 7),
         ("tau_max", "f8", 7),
         ("tau_J_max", "f8", 7),
-        ("tau_ext_max", "f8", 7),
+        ("tau_ext_max", "f8", (len(ForcePhase), 7)),
+        ("force_max", "f8", len(ForcePhase)),
         ("braking", "f8", 7),
         ("stiffness", "f8", 7),
         ("damping", "f8", 7),
@@ -49,6 +50,7 @@ MEMORY = np.dtype(
         ("tau_hold", "f8", 7),
         ("q_hold", "f8", 7),
         ("dq_hold", "f8", 7),
+        ("phase", "i8"),  # a ForcePhase, which the session writes
         ("stopping", "i8"),
         ("reason", "i8"),
         ("limited", "i8"),  # ticks in a row
@@ -100,10 +102,11 @@ def rules(
     """Return the RULES (1,), read-only. body, other: of this arm and of the other one, by default the same."""
     record = np.zeros(1, RULES)
     rule = record[0]
-    for name in ("q_lower", "q_upper", "dq_max", "tau_max", "tau_J_max", "tau_ext_max", "power_max"):
+    for name in ("q_lower", "q_upper", "dq_max", "tau_max", "tau_J_max", "power_max"):
         rule[name] = getattr(limits, name)
     for name in ("ee_lower", "ee_upper", "ee_speed_max", "arm_distance_min"):
         rule[name] = getattr(limits, name)
+    rule["tau_ext_max"], rule["force_max"] = limits.tau_ext_by_phase, limits.force_by_phase
     rule["velocity_offset"], rule["deceleration"] = limits.arm.velocity_offset, limits.arm.deceleration
     rule["braking"] = limits.braking
     rule["stiffness"], rule["damping"], rule["reaction"] = profile.stiffness, profile.damping, profile.reaction_s

@@ -1,5 +1,7 @@
 """Runs a scripted demonstration on a cell, through the teleoperation path, and writes its log."""
 
+from functools import partial
+
 import numpy as np
 
 from hal.cell import Cell
@@ -7,8 +9,10 @@ from rtstack.control.modes import Strategy
 from rtstack.loop.session import Plan, SessionOutcome
 from rtstack.model.cell_description import CellDescription
 from rtstack.references.demonstration import Grab, grab, scripted_targets
+from rtstack.safety.limits import ForcePhase
 from rtstack.samples import Mode
 from rtstack.trials.assembly import Parameters, arm_controllers, cell_parameters, following
+from rtstack.trials.load import settle_load
 from rtstack.trials.object import check_object
 from rtstack.trials.result import DemonstrationResult
 from rtstack.trials.run import Run
@@ -45,9 +49,11 @@ def run_demonstration(
         description.table,
         period_s,
     )
-    plan = Plan(targets, targets, Mode.TELEOPERATION, parameters.control.stiffness_teleoperation, period_s)
+    stiffness = parameters.control.stiffness_teleoperation
+    plan = Plan(targets, targets, Mode.TELEOPERATION, stiffness, period_s, phase=ForcePhase.CONTACT)
     with Run(description, parameters, plan, limits_of_arms(description), context, way) as run:
-        outcome = run.follow(cell, following(Strategy.PROPOSED), 0.0)
+        settle = partial(settle_load, description, specification.object, context)
+        outcome = run.follow(cell, following(Strategy.PROPOSED), 0.0, settle=settle)
         return run.finished(_result(specification, cell.name, outcome, run))
 
 

@@ -12,7 +12,7 @@ from rtstack.control.modes import Strategy
 from rtstack.loop.session import Plan
 from rtstack.model.cell_description import CellDescription, base_frame
 from rtstack.references.demonstration import end_effector_pose
-from rtstack.safety.limits import PairLimits
+from rtstack.safety.limits import ForcePhase, PairLimits
 from rtstack.teleoperation.mover import Home, Mover
 from rtstack.teleoperation.reach import Reach
 from rtstack.trials.assembly import Parameters, arm_controllers, cell_parameters, following
@@ -40,15 +40,22 @@ class PreparedMove:
     limits: PairLimits
 
 
-def prepare_move(specification: MoveSpecification, description: CellDescription, cell: Cell) -> PreparedMove:
-    """Look at an open cell whether a motion may begin. Raises TrialError with one line, HardwareError from the arms."""
+def prepare_move(
+    specification: MoveSpecification, description: CellDescription, cell: Cell, *, let_fall: bool = False
+) -> PreparedMove:
+    """Look at an open cell whether a motion may begin. let_fall: what is held above the table, too.
+
+    Raises TrialError with one line, HardwareError from the arms.
+    """
     held, above = _held(cell, description), _above_table(cell, description, specification.object)
     match specification.motion:
         case HandMotion.PUT_DOWN if not held:
             raise TrialError("nothing is held between the pads: there is nothing to put down")
         case HandMotion.START if held:
             raise TrialError("the pads hold something: put it down first")
-        case HandMotion.OPEN if held and (above is None or above > ON_TABLE_M):
+        case HandMotion.OPEN if let_fall and not held:
+            raise TrialError("nothing is held between the pads")
+        case HandMotion.OPEN if held and not let_fall and (above is None or above > ON_TABLE_M):
             where = "above the table" if above is None else f"{1e3 * above:.0f} mm above the table"
             raise TrialError(f"what the pads hold is {where}, and would fall: put it down first")
     return PreparedMove(specification, description, cell_parameters(description), limits_of_arms(description))
@@ -62,7 +69,8 @@ def run_move(prepared: PreparedMove, cell: Cell, context: RunContext = NO_CONTEX
     home = _home(description, parameters) if motion is HandMotion.START else None
     reach = Reach.within(prepared.limits[0])
     mover = Mover(reach, float(stiffness[0]), OPENING_M, motion is HandMotion.PUT_DOWN, home)
-    plan = Plan.guided(mover, stiffness, control.period_s)
+    phase = ForcePhase.APPROACH if motion is HandMotion.START else ForcePhase.CONTACT
+    plan = Plan.guided(mover, stiffness, control.period_s, phase)
     with Run(description, parameters, plan, prepared.limits, context.with_watchdog(mover), None) as run:
         run.share = lambda: mover.share
         outcome = run.follow(cell, following(Strategy.PROPOSED), 0.0)

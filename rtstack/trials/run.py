@@ -16,7 +16,7 @@ from rtstack.loop.publisher import Publisher
 from rtstack.loop.session import Plan, Session, SessionOutcome
 from rtstack.loop.watchdogs import WatchdogTrip
 from rtstack.model.cell_description import CellDescription
-from rtstack.safety.limits import PairLimits
+from rtstack.safety.limits import ForcePhase, PairLimits
 from rtstack.samples import Level
 from rtstack.trials.assembly import ControllerFactory, Parameters, Watched, dual_arm_controller, safety_judges
 from rtstack.trials.evidence import evidence_of
@@ -24,6 +24,7 @@ from rtstack.trials.result import Result
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.run_observer import RunEvent
 from rtstack.trials.start_motion import StartMotion
+from rtstack.trials.tightening import limits_of_cell
 from rtstack.trials.unexpected import Unexpected, classify
 
 PROGRESS_TICKS = 50  # how often progress is told
@@ -87,9 +88,12 @@ class Run:
         self._run_events.append(run_event)
 
     def follow(
-        self, cell: Cell, factory: ControllerFactory, nominal_impact_s: float, watched: Watched | None = None
-    ) -> SessionOutcome:
-        """Follow the plan on the cell to its end."""
+        self, cell: Cell, factory: ControllerFactory, nominal_impact_s: float, watched: Watched | None = None,
+        settle: Callable[[Cell, End], str] | None = None,
+    ) -> SessionOutcome:  # fmt: skip
+        """Follow the plan on the cell to its end. settle: does something about a load that is still held, and says what
+        in one line."""
+        self._limits = limits_of_cell(self._limits, cell)
         controller = dual_arm_controller(
             self._description, self._parameters, factory, nominal_impact_s, watched, self._limits
         )
@@ -105,16 +109,23 @@ class Run:
         if self._log is not None:
             self._log.wait_ready()
         with realtime_thread() if cell.own_clocks or cell.paced else nullcontext():
-            outcome = self._go_to_start(cell, publisher) or session.run()
+            outcome = self._make_ready(cell, publisher) or session.run()
         if outcome.fault is not None and self._log is not None:
             self._log.evidence = evidence_of(outcome.fault, self.history.columns(), self._parameters.solver)
         self._say_kind(outcome)
         if controller.first_impact_s >= 0.0:
             self.first_impact_s = controller.first_impact_s
+        if settle is not None and (said := settle(cell, outcome.end)):
+            self.run_event(RunEvent(Level.WARNING, "load", said))
         self._pass_on_run_events()
         if self._context.run_observer is not None:
             self._context.run_observer.ended(outcome.end, outcome.detail)
         return outcome
+
+    def _tell_collisions(self, cell: Cell, phase: ForcePhase) -> None:
+        """Tell both robots, which take it between two motions only. Raises CommandRejected, ConnectionLost."""
+        left, right = (limits.collisions(phase) for limits in self._limits)
+        cell.set_collisions(left, right)
 
     def _say_kind(self, outcome: SessionOutcome) -> None:
         """Say what an unexpected impact was, once all of it has been seen."""
@@ -128,13 +139,13 @@ class Run:
             t_ns = int(columns.arm[0]["t_ns"][-1])
             self._publisher.event(t_ns, Level.WARNING, "verdict", f"probably: {self.kind}")
 
-    def _go_to_start(self, cell: Cell, publisher: Publisher) -> SessionOutcome | None:
-        """Go the way to the start; return the outcome of a run that ended on it, None where the arms are there."""
+    def _make_ready(self, cell: Cell, publisher: Publisher) -> SessionOutcome | None:
+        """Go the way to the start, and tell the robots what forces the session may come to; return the outcome of a run
+        that ended before it, None where the arms are ready."""
         way = self._way
-        if way is None or cell.link is None:
+        if cell.link is None:
             return None
-        t_ns = 0 if cell.waits else cell.left.read().t_ns
-        publisher.event(t_ns, Level.INFO, "start", way.summary)
+        t_ns = 0
         trip = WatchdogTrip(End.STOP_REQUESTED, "on the way to the start pose", Level.WARNING)
         found: list[WatchdogTrip] = []
 
@@ -145,7 +156,14 @@ class Run:
             return bool(found) or (self._context.stop is not None and self._context.stop.stop_requested)
 
         try:
-            if cell.link.move(way.path.goal, way.limit, stop):
+            arrived = True
+            if way is not None:
+                t_ns = 0 if cell.waits else cell.left.read().t_ns
+                publisher.event(t_ns, Level.INFO, "start", way.summary)
+                self._tell_collisions(cell, ForcePhase.APPROACH)
+                arrived = cell.link.move(way.path.goal, way.limit, stop)
+            if arrived:
+                self._tell_collisions(cell, self._plan.widest_phase)
                 return None
             if found:
                 trip = replace(found[0], detail=f"on the way to the start pose: {found[0].detail}")

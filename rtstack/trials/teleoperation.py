@@ -10,6 +10,7 @@ from rtstack.loop.mailbox import Mailbox
 from rtstack.loop.session import Plan
 from rtstack.loop.timeline import TICK_NS
 from rtstack.model.cell_description import CellDescription
+from rtstack.safety.limits import ForcePhase
 from rtstack.teleoperation.guide import TeleoperationGuide
 from rtstack.teleoperation.reach import Reach
 from rtstack.trials.assembly import Parameters, cell_parameters, following
@@ -47,7 +48,7 @@ def run_teleoperation(
     reach = Reach.within(limits[0])
     guide = TeleoperationGuide(mailbox, specification.job, reach, specification.stop_on_release, clock)
     control = parameters.control
-    plan = Plan.guided(guide, control.stiffness_teleoperation, control.period_s)
+    plan = Plan.guided(guide, control.stiffness_teleoperation, control.period_s, ForcePhase.CONTACT)
     with Run(description, parameters, plan, limits, context.with_watchdog(guide), way) as run:
         outcome = run.follow(cell, following(Strategy.PROPOSED), 0.0)
         interventions = outcome.safety_interventions

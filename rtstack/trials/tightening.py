@@ -1,5 +1,7 @@
 """The judge's limits of one trial: the hardware's, tightened by the cell, tightened by the trial, and never widened.
 
+What a cell says nothing of are the forces of the phases without an impact: those of FORCES_BY_PHASE.
+
 They come from files that are named when the program starts. No request that arrives over a socket has a field for them.
 """
 
@@ -8,9 +10,19 @@ from typing import Any
 
 from pydantic.dataclasses import dataclass as checked
 
+from hal.cell import Cell
 from hal.configuration import STRICT, load_toml
+from hal.limits import OwnLimits
 from rtstack.model.cell_description import CellDescription
-from rtstack.safety.limits import LimitWidened, PairLimits, SafetyLimits, hardware_limits
+from rtstack.safety.limits import (
+    FORCES_BY_PHASE,
+    LimitWidened,
+    PairLimits,
+    SafetyLimits,
+    hardware_limits,
+    within_own,
+)
+from rtstack.samples import SIDES
 from rtstack.trials.errors import TrialError
 from rtstack.trials.specification import Tightening
 
@@ -32,11 +44,31 @@ def safety_limits(description: CellDescription, tightening: Tightening = (), sid
     return limits_of_arms(description, tightening)[side]
 
 
+def limits_of_cell(limits: PairLimits, cell: Cell) -> PairLimits:
+    """Return the limits of an open cell's arms: inside those that its robots say they have, where they were asked."""
+    if cell.own_limits is None:
+        return limits
+    left, right = (within_own(one, own)[0] for one, own in zip(limits, cell.own_limits, strict=True))
+    return left, right
+
+
+def difference_of_limits(description: CellDescription, own: tuple[OwnLimits, OwnLimits] | None) -> str:
+    """Return in one line where robots say that they have other limits than their models, "" where they do not."""
+    if own is None:
+        return ""
+    found = [
+        f"{side}: {'; '.join(differs)}"
+        for side, limits, one in zip(SIDES, limits_of_arms(description), own, strict=True)
+        if (differs := within_own(limits, one)[1])
+    ]
+    return f"the robots' own limits differ, and the tighter ones hold: {', '.join(found)}" if found else ""
+
+
 def limits_of_arms(description: CellDescription, tightening: Tightening = ()) -> PairLimits:
     """Return the limits of both arms in a trial on a cell. Raises TrialError with the first one that would be wider."""
     try:
         left, right = (
-            hardware_limits(model).tightened(description.safety).tightened(dict(tightening))
+            hardware_limits(model).tightened(FORCES_BY_PHASE | description.safety).tightened(dict(tightening))
             for model in description.robots
         )
         return left, right

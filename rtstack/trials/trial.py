@@ -1,11 +1,14 @@
 """Runs a trial on a cell: follow a reference through the impact, and score it. One process, one MCAP file."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from hal.cell import Cell
+from rtstack.control.watch import FREE_AFTER_S, UNTIL_BEFORE_S
 from rtstack.loop.session import Plan, SessionOutcome
 from rtstack.model.cell_description import CellDescription
 from rtstack.monitor.pair import PairParameters
@@ -19,6 +22,7 @@ from rtstack.samples import Level, Mode, Reaction
 from rtstack.trials.assembly import Parameters, Watched, arm_controllers, cell_parameters
 from rtstack.trials.controllers import controller_factory
 from rtstack.trials.errors import TrialError
+from rtstack.trials.load import settle_load
 from rtstack.trials.monitoring import tuning_file, tuning_folder, tuning_in, tuning_of
 from rtstack.trials.object import check_object
 from rtstack.trials.result import TrialResult
@@ -96,6 +100,8 @@ def prepare_trial(
         file = None if reference.planned else tuning_file(name)
         tuned_by = file if file is not None and file.parent == tuning_folder() else None
     prepared = PreparedTrial(specification, description, parameters, reference, limits, monitor, tuned_by)
+    if specification.reaction is Reaction.CONTINUE and prepared.unwatched is None:
+        return replace(prepared, specification=replace(specification, reaction=description.reaction))
     if prepared.unwatched is not None and specification.reaction is not Reaction.CONTINUE:
         raise TrialError(f"nothing would start the reaction {specification.reaction}: {prepared.unwatched}")
     return prepared
@@ -112,6 +118,12 @@ def _watched(prepared: PreparedTrial) -> Watched | None:
     return Watched(tuning, reference.impact, prepared.specification.reaction, approach, start)
 
 
+def _impact_window_s(reference: ExtendedReference) -> tuple[float, float]:
+    """Return between which two moments the pads may be hit, s: until they have let go again, of a push to the end."""
+    end_s = reference.release_s + FREE_AFTER_S if reference.motion is Motion.GRAB else math.inf
+    return reference.nominal_impact_s - UNTIL_BEFORE_S, min(end_s, reference.ticks * reference.period_s)
+
+
 def run_trial(
     prepared: PreparedTrial,
     cell: Cell,
@@ -126,14 +138,18 @@ def run_trial(
     """
     specification, reference = prepared.specification, prepared.reference
     control = prepared.parameters.control
-    plan = Plan(reference.ante, reference.post, Mode.ANTE_IMPACT, control.stiffness, reference.period_s)
+    plan = Plan(
+        reference.ante, reference.post, Mode.ANTE_IMPACT, control.stiffness, reference.period_s,
+        impact_s=_impact_window_s(reference),
+    )  # fmt: skip
     with Run(prepared.description, prepared.parameters, plan, prepared.limits, context, way) as run:
         if prepared.unwatched is not None:
             run.run_event(RunEvent(Level.INFO, "verdict", f"not watched: {prepared.unwatched}"))
         elif prepared.tuned_by is not None:
             run.run_event(RunEvent(Level.INFO, "verdict", f"watched as {prepared.tuned_by} says"))
         factory = controller_factory(specification.controller)
-        outcome = run.follow(cell, factory, reference.nominal_impact_s, _watched(prepared))
+        settle = partial(settle_load, prepared.description, specification.object, context)
+        outcome = run.follow(cell, factory, reference.nominal_impact_s, _watched(prepared), settle)
         values = score(
             run.history.columns(), outcome.start_t_ns, reference.nominal_impact_s, reference.release_s,
             run.first_impact_s, criterion or SuccessCriterion(), reference.motion,

@@ -1,5 +1,6 @@
 """`rtstack check` holds the arms and judges whether they stay, whatever their robots compensate."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,8 +10,11 @@ from hal.cell import Cell
 from rtstack.bench.hold import GOOD_RAD, STILL_RAD, STILL_RAD_S, ArmMoved
 from rtstack.bench.link import bench_link
 from rtstack.cli.check import held_findings
+from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
+from rtstack.references.demonstration import end_effector_pose
 from sim_robot.cell import simulated_cell
+from sim_robot.faults.file import faults_in
 from sim_robot.plant_parameters import load_plant_parameters
 from sim_robot.scene import NO_OBJECT
 
@@ -26,16 +30,16 @@ def cell_with(gravity_compensation: float, seed: int) -> Cell:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_arms_whose_weight_is_carried_stay_where_they_are(seed: int) -> None:
-    figures = bench_link(cell_with(0.005, seed), TICKS)
+def test_arms_whose_weight_is_carried_stay_where_they_are(seed: int, cell: CellDescription) -> None:
+    figures = bench_link(cell_with(0.005, seed), TICKS, cell)
     assert max(figures.hold_rad) < 0.5 * GOOD_RAD
     assert max(figures.hold_rad_s) < 0.1 * STILL_RAD_S
-    hold, link = held_findings(cell_with(0.005, seed), TICKS)
+    hold, link = held_findings(cell_with(0.005, seed), TICKS, cell)[:2]
     assert (hold.name, hold.verdict, link.name) == ("hold", "pass", "link")
 
 
-def test_arms_whose_weight_is_nearly_carried_are_a_warning() -> None:
-    hold, _ = held_findings(cell_with(0.05, 2), TICKS)
+def test_arms_whose_weight_is_nearly_carried_are_a_warning(cell: CellDescription) -> None:
+    hold = held_findings(cell_with(0.05, 2), TICKS, cell)[0]
     assert (hold.name, hold.verdict) == ("hold", "warn")
     assert hold.cost
     assert hold.advice
@@ -43,11 +47,13 @@ def test_arms_whose_weight_is_nearly_carried_are_a_warning() -> None:
 
 @pytest.mark.parametrize("gravity_compensation", [0.5, 1.0])
 @pytest.mark.parametrize("seed", range(5))
-def test_arms_whose_weight_is_not_carried_are_held_stopped_and_told(gravity_compensation: float, seed: int) -> None:
-    cell = cell_with(gravity_compensation, seed)
-    arms = cell.left, cell.right
+def test_arms_whose_weight_is_not_carried_are_held_stopped_and_told(
+    gravity_compensation: float, seed: int, cell: CellDescription
+) -> None:
+    held = cell_with(gravity_compensation, seed)
+    arms = held.left, held.right
     starts = [arm.read().q.copy() for arm in arms]
-    (finding,) = held_findings(cell, TICKS)
+    (finding,) = held_findings(held, TICKS, cell)
     assert (finding.name, finding.verdict) == ("hold", "fail")
     assert finding.value.startswith("joint ")
     assert "although it was held" in finding.value
@@ -59,7 +65,7 @@ def test_arms_whose_weight_is_not_carried_are_held_stopped_and_told(gravity_comp
         assert np.abs(state.q - start).max() < 2.0 * STILL_RAD
         assert np.abs(state.record["dq"]).max() < 2.0 * STILL_RAD_S
     with pytest.raises(ArmMoved):
-        bench_link(cell_with(gravity_compensation, seed), TICKS)
+        bench_link(cell_with(gravity_compensation, seed), TICKS, cell)
 
 
 RESTING = ["left pad", "left torques", "left estimate", "right pad", "right torques", "right estimate"]
@@ -82,3 +88,64 @@ def test_arms_that_carry_another_tool_than_their_cell_is_told_are_a_warning(cell
     assert "O_T_EE is 20.0 mm" in found["left pad"]
     found = lacks(replace(cell, pad=replace(cell.pad, mass=3.0)))
     assert list(found) == ["left torques", "right torques"]
+
+
+# what a held arm feels
+
+
+def biased_cell(bias_Nm: np.ndarray, arm: str = "left") -> Cell:
+    """An empty cell; the torque sensors of one of its arms are off from the start on."""
+    fault = {"kind": "tau_sensor_bias", "arm": arm, "at_s": 0.0, "bias_Nm": bias_Nm.tolist()}
+    faults = faults_in({"fault": [fault]}, "")
+    return simulated_cell(NO_OBJECT, 0.0, 0, faults=faults).as_cell("direct")
+
+
+def payload(cell: CellDescription, kg: float) -> np.ndarray:
+    """The torques (7,), Nm, by which the left arm holds this mass at its pad, where it stands."""
+    model = ArmModel(cell.left, cell.pad)
+    place, _ = end_effector_pose(model, np.array(cell.left.home))
+    rising = model.J0[2] + model.J0[3] * place[1] - model.J0[4] * place[0]
+    return 9.81 * kg * rising
+
+
+@pytest.mark.parametrize("kg", [0.35, -0.5])
+def test_a_payload_that_is_off_is_found_in_kilograms(cell: CellDescription, kg: float) -> None:
+    found = {one.name: one for one in held_findings(biased_cell(payload(cell, kg)), TICKS, cell)}
+    estimate = found["left estimate"]
+    assert estimate.verdict == "fail"
+    said = re.search(r"force (\S+) N; a payload that is off by (\S+) kg would leave (\S+) Nm of them", estimate.value)
+    assert said is not None
+    force, mass, left = map(float, said.groups())
+    assert force == pytest.approx(9.81 * abs(kg), abs=0.5)
+    assert mass == pytest.approx(kg, abs=0.03)
+    assert left < 0.2
+    assert "\n" not in estimate.value
+    assert found["right estimate"].verdict == "pass"
+
+
+@pytest.mark.parametrize(("torque", "verdict"), [(0.8, "pass"), (1.2, "fail")])
+def test_one_newton_metre_at_rest_is_the_bound(cell: CellDescription, torque: float, verdict: str) -> None:
+    bias = np.zeros(7)
+    bias[3] = torque
+    found = {one.name: one for one in held_findings(biased_cell(bias, "right"), 1000, cell)}
+    assert found["right estimate"].verdict == verdict
+    assert f"{torque:.2f}+-0.0" in found["right estimate"].value
+
+
+def test_the_judge_of_the_hold_has_the_small_forces(cell: CellDescription) -> None:
+    bias = np.zeros(7)
+    bias[1] = 25.0
+    (finding,) = held_findings(biased_cell(bias), TICKS, cell)
+    assert (finding.name, finding.verdict) == ("hold", "fail")
+    assert "the left arm was stopped by its judge: joint 2: the estimated external torque is too large" in finding.value
+
+
+class Stop:
+    """A stop that was asked for."""
+
+    stop_requested = True
+
+
+def test_a_key_that_is_let_go_ends_the_hold(cell: CellDescription) -> None:
+    (finding,) = held_findings(cell_with(0.005, 0), TICKS, cell, Stop())
+    assert (finding.verdict, "before its time" in finding.value) == ("fail", True)

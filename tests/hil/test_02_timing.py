@@ -14,7 +14,7 @@ def test_answers_come_in_time(robot, open_arms, cell: CellDescription, record_pr
     with open_arms("") as arms:
         ticks = TICKS if robot.simulated else MARK_TICKS
         # each arm answered by itself, as two control boxes have to be
-        figures = bench_link(arms if robot.simulated else replace(arms, own_clocks=True), ticks)
+        figures = bench_link(arms if robot.simulated else replace(arms, own_clocks=True), ticks, cell)
     for name, value in figures.as_dict().items():
         if name not in ("cell",):
             record_property(name, value)

@@ -1,8 +1,5 @@
 """03 limits: the robot has the limits that we count on, and refuses what breaks them."""
 
-import socket
-import struct
-import xml.etree.ElementTree as xml
 from collections.abc import Callable
 
 import numpy as np
@@ -10,44 +7,22 @@ import pytest
 
 from hal.cell import LEFT, RIGHT
 from hal.errors import CommandRejected
-from hal.fci import FciPair
+from hal.fci import FciPair, ask_for_urdf, limits_in
 from hal.robots import FR3
 from hal.state import RobotMode
 from tests.support.hil.robot import Robot
 
-PORT, VERSION = 1337, 10
-HEADER = struct.Struct("<III")
-CONNECT, GET_ROBOT_MODEL = 0, 11
 STEP_NM = 40.0  # in one tick, where the robot takes 1
 TICKS = 20
 
 
-def model_of(address: str) -> xml.Element:
-    """Ask an arm for its model, as libfranka does, which keeps it to itself."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as states, socket.create_connection((address, PORT)) as arm:
-        states.bind(("0.0.0.0", 0))
-        for command, body in ((CONNECT, struct.pack("<HH", VERSION, states.getsockname()[1])), (GET_ROBOT_MODEL, b"")):
-            arm.sendall(HEADER.pack(command, command + 1, HEADER.size + len(body)) + body)
-            head = HEADER.unpack(arm.recv(HEADER.size, socket.MSG_WAITALL))
-            answer = arm.recv(head[2] - HEADER.size, socket.MSG_WAITALL)
-        return xml.fromstring(answer[1:].rstrip(b"\0").decode())
-
-
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_the_robots_limits_are_those_we_keep(robot, side, record_property) -> None:
-    joints = [joint for joint in model_of(getattr(robot, side)).iter("joint") if joint.find("limit") is not None][:7]
-    found = {
-        name: np.array([float(joint.find("limit").attrib[name]) for joint in joints])
-        for name in ("lower", "upper", "velocity", "effort")
-    }
-    ours = {
-        "lower": FR3.limits.q_lower,
-        "upper": FR3.limits.q_upper,
-        "velocity": FR3.limits.dq_max,
-        "effort": FR3.limits.tau_max,
-    }
+    own = limits_in(ask_for_urdf(getattr(robot, side)), side)
+    found = {name: getattr(own, name) for name in ("q_lower", "q_upper", "dq_max", "tau_max")}
+    ours = {name: getattr(FR3.limits, name) for name in found}
     # stricter than the robot is safe, the other way round is a reflex
-    spare = {name: (found[name] - ours[name]) * (-1 if name == "lower" else 1) for name in ours}
+    spare = {name: (found[name] - ours[name]) * (-1 if name == "q_lower" else 1) for name in ours}
     for name, values in spare.items():
         record_property(f"{name} to spare", float(values.min()))
         assert values.min() >= -1e-6, (name, values)

@@ -134,7 +134,7 @@ def judged(trial: Recorded, cell: CellDescription) -> dict[str, Any]:
         return {"again": f"{good.reason.text}, at tick {good.tick}", "ticks": good.tick, "cases": [], "furthest": {}}
     found = []
     for case in cases(trial, places, stock):
-        seen = replay(case.trial, judges(case.limits))
+        seen = case.seen(judges)
         name, tick = (seen.reason.name, seen.tick) if seen else ("nothing", -1)
         found.append((case.limit, case.detail, name, tick, case.reached_by(seen)))
     return {"again": None, "ticks": trial.arms.shape[1], "cases": found, "furthest": furthest(trial, places)}

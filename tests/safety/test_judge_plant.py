@@ -42,7 +42,7 @@ def test_no_intervention_in_a_good_trial_and_with_each_limit_in_reach_one_in_eve
         assert replay(trial, judges(stock), places) is None
         reached = {}
         for case in cases(trial, places, stock):
-            seen = replay(case.trial, judges(case.limits))
+            seen = case.seen(judges)
             assert case.reached_by(seen), (case.limit, case.detail, seen)
             assert not case.reached_by(None)
             reached[case.limit] = reached.get(case.limit, 0) + 1

@@ -114,6 +114,8 @@ def joint_reason(sample: np.ndarray, residual: np.ndarray, limits: SafetyLimits)
             return Reason.EXTERNAL_TORQUE, i + 1
         if not -limits.tau_ext_max[i] <= residual[i] <= limits.tau_ext_max[i]:
             return Reason.RESIDUAL, i + 1
+    if np.linalg.norm(sample["O_F_ext_hat_K"][0, :3]) > limits.force_max:
+        return Reason.FORCE, 0
     return Reason.NONE, 0
 
 

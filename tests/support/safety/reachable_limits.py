@@ -8,15 +8,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rtstack.safety.judge import Reason, SafetyLimits
-from tests.support.safety.recorded_trial import Intervention, Places, Recorded
+from rtstack.safety.judge import ForcePhase, Reason, SafetyLimits
+from tests.support.safety.recorded_trial import Intervention, Judges, Places, Recorded, replay
 
 INSIDE = 0.1  # of the range: how far inside the furthest value the line is drawn
 
 # the names of the cases: each has to be reached in every trial
 LIMITS = (
     "q_lower", "q_upper", "dq_max", "tau_max", "tau_rate_max", "tau_J_max", "tau_ext_max, robot's estimate",
-    "tau_ext_max, residual", "power_max", "ee_lower", "ee_upper", "ee_speed_max", "arm_distance_min",
+    "tau_ext_max, residual", "tau_ext_contact_max", "tau_ext_approach_max", "force_max", "force_contact_max",
+    "force_approach_max", "power_max", "ee_lower", "ee_upper", "ee_speed_max", "arm_distance_min",
     "state_gap_max_s", "state_gap_max_s, repeated state", "pair_skew_max_s", "clock", "finite values",
 )  # fmt: skip
 # a joint that approaches its line is stopped by what the line allows as a velocity before it is beyond
@@ -34,6 +35,14 @@ class Case:
     limits: SafetyLimits
     trial: Recorded
     expected: frozenset[Reason]
+    phase: ForcePhase = ForcePhase.IMPACT
+
+    def seen(self, judges: Judges) -> Intervention | None:
+        """Judge the trial with the limits, all of it as this phase."""
+        pair = judges(self.limits)
+        for one in pair:
+            one.expect(self.phase)
+        return replay(self.trial, pair)
 
     def reached_by(self, seen: Intervention | None) -> bool:
         """Whether this is the intervention that the limit calls for: a stop of both arms, or a torque that is less."""
@@ -43,9 +52,13 @@ class Case:
 def cases(trial: Recorded, places: Places, stock: SafetyLimits) -> Iterator[Case]:
     """Yield every limit that this trial can reach. Where one is missing, the trial does not reach it."""
     for limit, detail, table, reasons in _tables(trial, places, stock):
-        yield Case(limit, detail, stock.tightened(table), trial, frozenset(reasons))
+        yield Case(limit, detail, stock.tightened(table), trial, frozenset(reasons), _phase(limit))
     for limit, detail, table, changed, reason in _changes(trial):
         yield Case(limit, detail, stock.tightened(table), changed, frozenset([reason]))
+
+
+def _phase(limit: str) -> ForcePhase:
+    return next((phase for phase in ForcePhase if phase.name.lower() in limit), ForcePhase.IMPACT)
 
 
 Table = tuple[str, str, dict[str, object], frozenset[Reason] | tuple[Reason]]
@@ -73,6 +86,14 @@ def _tables(trial: Recorded, places: Places, stock: SafetyLimits) -> Iterator[Ta
             line = _line_before(mine.max(axis=0), others.max(axis=0))
             if line is not None:
                 yield f"tau_ext_max, {what}", joint, _one(stock, "tau_ext_max", j, line), (reason,)
+    for phase in ("contact", "approach"):
+        name = f"tau_ext_{phase}_max"
+        both = np.maximum(np.abs(arms["tau_ext_hat_filtered"][..., 0]), np.abs(trial.residuals[..., 0]))
+        table = _one(stock, name, 0, (1.0 - INSIDE) * float(both.max()))
+        yield name, "joint 1", table, (Reason.EXTERNAL_TORQUE, Reason.RESIDUAL)
+    force = (1.0 - INSIDE) * float(np.linalg.norm(arms["O_F_ext_hat_K"][..., :3], axis=-1).max())
+    for name in ("force_max", "force_contact_max", "force_approach_max"):
+        yield name, "", {name: force}, (Reason.FORCE,)
     for a, axis in enumerate("xyz"):
         low, high = float(places.face[..., a].min()), float(places.face[..., a].max())
         margin = INSIDE * (high - low)

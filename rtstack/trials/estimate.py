@@ -1,0 +1,60 @@
+"""What the robots estimate as force while nothing touches the pads: the offset that a detector has to cope with.
+
+On metal it reads 2 N without a tool, changes with the pose, and grows by 9.8 N with each kg that the payload is off.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hal.cell import Cell
+from rtstack.control.parameters import DetectorParameters
+from rtstack.model.cell_description import CellDescription, base_frame
+from rtstack.samples import SIDES
+from rtstack.trials.errors import TrialError
+
+LOOKS = 50  # states: 50 ms
+# of the largest tare: what is left is for how much the offset changes on the way from here to the object
+REST_SHARE = 0.75
+
+
+def resting_force(cell: Cell, description: CellDescription, looks: int = LOOKS) -> NDArray[np.float64]:
+    """Return the mean force (2, 3) of both pads on their surroundings along the world's axes, N. Raises
+    HardwareError."""
+    forces = np.zeros((2, 3))
+    for _ in range(looks):
+        for side, arm in enumerate((cell.left, cell.right)):
+            forces[side] += arm.read().O_F_ext_hat_K[:3] / looks
+    return np.stack([
+        base_frame(mounting).rotation @ force
+        for mounting, force in zip((description.left, description.right), forces, strict=True)
+    ])  # fmt: skip
+
+
+def check_estimate(cell: Cell, description: CellDescription, detector: DetectorParameters) -> str:
+    """Look at the arms of an open cell, at rest, before a trial: return in one line what is to be known, "" for
+    nothing.
+
+    The plant in this process begins with its first tick, and is not asked. Raises TrialError where an impact cannot be
+    detected, HardwareError from the arms.
+    """
+    if cell.link is None:
+        return ""
+    said = []
+    largest = REST_SHARE * detector.largest_tare_n
+    for side, force in zip(SIDES, resting_force(cell, description), strict=True):
+        size = float(np.linalg.norm(force))
+        if size == 0.0:
+            raise TrialError(
+                f"the {side} arm estimates no force at all (O_F_ext_hat_K is zero): no impact would be detected; "
+                "play, by hand and free motions need no estimate"
+            )
+        kg = force[2] / 9.81
+        if size > largest:
+            raise TrialError(
+                f"the {side} arm feels {size:.1f} N with nothing at its pad, more than {largest:g} N: an impact cannot "
+                f"be told from it. A payload that is off by {kg:+.2f} kg would explain {abs(force[2]):.1f} N of it: "
+                "clear the pad, then correct the tool (Desk, [pad]); rtstack check says more"
+            )
+        if size >= detector.tare_n:
+            said.append(f"{side} {size:.1f} N (payload off by {kg:+.2f} kg?)")
+    return f"the force estimate is biased at rest, and the detector counts from it: {', '.join(said)}" if said else ""

@@ -1,0 +1,110 @@
+"""Trials on robots whose estimate of the force is biased: detected all the same, refused where that is impossible, and
+what a missed impact may push with."""
+
+from dataclasses import replace
+from math import inf
+
+import numpy as np
+import pytest
+
+from hal.cell import Cell
+from rtstack.cells import load_description
+from rtstack.control.parameters import DetectorParameters
+from rtstack.loop.history import Columns
+from rtstack.model.arm_model import ArmModel
+from rtstack.references.demonstration import end_effector_pose
+from rtstack.safety.limits import CONTACT_FORCE_N
+from rtstack.trials.assembly import cell_parameters
+from rtstack.trials.errors import TrialError
+from rtstack.trials.estimate import check_estimate, resting_force
+from rtstack.trials.run_context import RunContext
+from rtstack.trials.specification import TrialSpecification
+from rtstack.trials.trial import prepare_trial, run_trial
+from sim_robot.cell import simulated_cell
+from sim_robot.faults.file import faults_in
+from sim_robot.scene import NO_OBJECT
+
+DIRECTIONS = {"up": (0.0, 0.0, 1.0), "outwards": (0.0, 1.0, 0.0), "inwards": (0.0, -1.0, 0.0)}
+
+
+def biased(object_name: str, force_n: np.ndarray):
+    """A cell whose left arm's torque sensors are off by what this force at its pad would be, where the arm begins."""
+    cell = load_description(None)[0]
+    model = ArmModel(cell.left, cell.pad)
+    place, _ = end_effector_pose(model, np.array(cell.left.home))
+    J = model.J0[:3] + np.cross(model.J0[3:].T, place).T
+    bias = {"kind": "tau_sensor_bias", "arm": "left", "at_s": 0.0, "bias_Nm": (J.T @ force_n).tolist()}
+    return simulated_cell(object_name, 0.0, 0, faults=faults_in({"fault": [bias]}, ""))
+
+
+@pytest.fixture
+def trial(cell, demonstration):
+    """Run a trial with a biased left arm; give the result."""
+
+    def run(force_n: np.ndarray, tare: bool = True):
+        parameters = cell_parameters(cell)
+        detector = DetectorParameters() if tare else DetectorParameters(tare_n=inf)
+        parameters = replace(parameters, detector=detector)
+        # the recording is a good robot's
+        prepared = prepare_trial(TrialSpecification(str(demonstration.path)), cell, parameters)
+        arms = biased("rice_box", force_n).as_cell("direct")
+        try:
+            return run_trial(prepared, arms, RunContext())
+        finally:
+            arms.close()
+
+    return run
+
+
+@pytest.mark.parametrize("direction", DIRECTIONS.values(), ids=DIRECTIONS)
+@pytest.mark.parametrize("newtons", [2.0, 5.0, 8.0])
+def test_an_impact_is_detected_when_it_comes_whatever_the_bias(trial, newtons, direction):
+    good = trial(np.zeros(3))
+    result = trial(newtons * np.array(direction))
+    assert result.detected_impact_time_s == pytest.approx(good.detected_impact_time_s, abs=3e-3)
+    assert result.success, result.failure_reason
+
+
+class Still:
+    """A link, for arms that are asked for their states and do not move."""
+
+
+def with_link(plant) -> Cell:
+    return replace(plant.as_cell("direct"), link=Still())
+
+
+@pytest.mark.parametrize(("newtons", "says"), [(0.0, ""), (3.0, "left 3.0 N (payload off by +0.31 kg?)")])
+def test_what_is_felt_at_rest_is_said_before_a_trial(cell, newtons, says):
+    plant = biased(NO_OBJECT, np.array([0.0, 0.0, newtons]))
+    for _ in range(300):
+        plant.next_state()  # the estimate's low-pass
+    said = check_estimate(with_link(plant), cell, DetectorParameters())
+    assert bool(said) == bool(says)
+    assert said.endswith(says)
+    assert resting_force(with_link(plant), cell)[1] == pytest.approx([0.0] * 3, abs=0.3)
+
+
+def test_a_trial_is_refused_where_no_impact_could_be_told(cell):
+    plant = biased(NO_OBJECT, np.array([0.0, 0.0, 10.0]))
+    for _ in range(300):
+        plant.next_state()
+    with pytest.raises(TrialError, match=r"the left arm feels 10\.\d N with nothing at its pad") as refused:
+        check_estimate(with_link(plant), cell, DetectorParameters())
+    assert "\n" not in str(refused.value)
+    plant.states["O_F_ext_hat_K"] = 0.0
+    plant.sensors.sense = lambda: None
+    with pytest.raises(TrialError, match="estimates no force at all"):
+        check_estimate(with_link(plant), cell, DetectorParameters())
+
+
+def largest_force(columns: Columns) -> float:
+    return float(np.linalg.norm(columns.arm["O_F_ext_hat_K"][..., :3], axis=-1).max())
+
+
+def test_a_missed_impact_pushes_with_no_more_than_contact_allows(trial):
+    """By the paper's law a bias of 8 N is a missed impact: the judge's bound is what is left."""
+    result = trial(np.array([0.0, 0.0, 8.0]), tare=False)
+    print(result.failure_reason)
+    assert not result.success
+    assert result.detected_impact_time_s is None
+    assert result.peak_force_norm is None or result.peak_force_norm < 2.0 * CONTACT_FORCE_N

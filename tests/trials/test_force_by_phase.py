@@ -1,0 +1,256 @@
+"""A push in every phase: up to the phase's bound the run goes on, beyond it the judge stops in that very tick."""
+
+import re
+import socket
+import struct
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hal.cell import Cell
+from hal.collisions import CollisionBehaviour
+from rtstack.cells import default_cell_file, open_cell
+from rtstack.cells.simulator import Simulator
+from rtstack.identification.sweep import sweep
+from rtstack.log.reader import Log, read_log
+from rtstack.model.cell_description import CellDescription
+from rtstack.playback.run import prepare_playback, run_playback
+from rtstack.references.source import load_reference
+from rtstack.safety.limits import FORCES_BY_PHASE, ForcePhase
+from rtstack.samples import Mode
+from rtstack.trials.assembly import arm_controllers, cell_parameters
+from rtstack.trials.demonstration import run_demonstration
+from rtstack.trials.motion import run_motion
+from rtstack.trials.move import prepare_move, run_move
+from rtstack.trials.record import open_log
+from rtstack.trials.run_context import RunContext
+from rtstack.trials.specification import (
+    DemonstrationSpecification,
+    HandMotion,
+    MoveSpecification,
+    PlaybackSpecification,
+    SweepSpecification,
+    TrialSpecification,
+)
+from rtstack.trials.start_motion import start_motion
+from rtstack.trials.tightening import limits_of_arms
+from rtstack.trials.trial import prepare_trial, run_trial
+from sim_robot.cell import simulated_cell
+from sim_robot.faults.file import faults_in
+
+APPROACH_N, CONTACT_N = FORCES_BY_PHASE["force_approach_max"], FORCES_BY_PHASE["force_contact_max"]
+PUSH_S = 0.025  # the robot's estimate has a low-pass of 30 Hz: it shows 99 % by then, and the arm has gone 5 mm
+
+Pushed = Callable[[float, float], Cell]  # at, s, with how many N
+
+
+def pushed(object_name: str, at_s: float, force_n: float) -> Cell:
+    """A cell whose left pad is pushed along x, across its way."""
+    push = {"kind": "push", "arm": "left", "force_N": [force_n, 0.0, 0.0], "at_s": at_s, "duration_s": PUSH_S}
+    return simulated_cell(object_name, 0.0, 0, faults=faults_in({"fault": [push]}, "")).as_cell("direct")
+
+
+Run = Callable[[CellDescription, Path, Cell, RunContext], object]
+
+
+def a_trial(cell: CellDescription, reference: Path, arms: Cell, context: RunContext) -> object:
+    return run_trial(prepare_trial(TrialSpecification(str(reference)), cell), arms, context)
+
+
+def a_demonstration(cell: CellDescription, _reference: Path, arms: Cell, context: RunContext) -> object:
+    return run_demonstration(DemonstrationSpecification(), cell, arms, context)
+
+
+def a_playback(cell: CellDescription, reference: Path, arms: Cell, context: RunContext) -> object:
+    return run_playback(prepare_playback(PlaybackSpecification(str(reference)), cell), arms, context)
+
+
+def a_sweep(cell: CellDescription, _reference: Path, arms: Cell, context: RunContext) -> object:
+    parameters = cell_parameters(cell)
+    return run_motion(sweep(cell, arm_controllers(cell, parameters), 6).plan, cell, parameters, arms, context)
+
+
+def to_the_start(cell: CellDescription, _reference: Path, arms: Cell, context: RunContext) -> object:
+    return run_move(prepare_move(MoveSpecification(HandMotion.START), cell, arms), arms, context)
+
+
+def opening(cell: CellDescription, _reference: Path, arms: Cell, context: RunContext) -> object:
+    return run_move(prepare_move(MoveSpecification(HandMotion.OPEN), cell, arms), arms, context)
+
+
+# what runs, with which object in the cell, when the push comes (s since the first motion), and what it may reach
+PHASES: dict[str, tuple[Run, str, float, float]] = {
+    "trial, on its way": (a_trial, "rice_box", 0.6, APPROACH_N),
+    "trial, shortly before its impact": (a_trial, "rice_box", 1.2, CONTACT_N),
+    "trial, after its release": (a_trial, "rice_box", -0.6, APPROACH_N),
+    "demonstration": (a_demonstration, "rice_box", 0.6, CONTACT_N),
+    "playback": (a_playback, "", 0.6, APPROACH_N),
+    "sweep of a friction identification": (a_sweep, "", 0.6, APPROACH_N),
+    "motion to the start": (to_the_start, "", 0.2, APPROACH_N),
+    "opening of the pads": (opening, "", 0.2, CONTACT_N),
+}
+KINDS = {a_demonstration: DemonstrationSpecification(), a_trial: TrialSpecification("")}
+
+
+@pytest.fixture
+def run(cell, demonstration, tmp_path) -> Callable[[str, float], Log]:
+    """Run a phase with a push of so many newtons; return the log."""
+    parameters = cell_parameters(cell)
+    reference = load_reference(demonstration.path, arm_controllers(cell, parameters), parameters.detector)
+
+    def go(phase: str, force_n: float) -> Log:
+        what, object_name, at_s, _ = PHASES[phase]
+        at_s = at_s if at_s > 0.0 else reference.ticks * reference.period_s + at_s
+        assert what is not a_trial or not 0.0 < reference.nominal_impact_s - at_s < 0.05
+        arms = pushed(object_name or "none", at_s, force_n)
+        path = tmp_path / f"{force_n:.0f}.mcap"
+        specification = SweepSpecification("rice_box", 7, 0)
+        log = open_log(path, specification, cell, "direct", default_cell_file(), cell=arms)
+        try:
+            what(cell, demonstration.path, arms, RunContext(log))
+        finally:
+            arms.close()
+        return read_log(path)
+
+    return go
+
+
+def felt(log: Log) -> tuple[np.ndarray, int]:
+    """The size of the left pad's estimated force in each tick, N, and the tick in which the stop begins (-1: never)."""
+    arm, control = log.topic("/left/arm"), log.topic("/left/control")
+    force = np.linalg.norm(arm["O_F_ext_hat_K"][:, :3], axis=1)
+    stopping = np.flatnonzero(control["mode"] == Mode.STOPPING)
+    return force, int(stopping[0]) if len(stopping) else -1
+
+
+@pytest.mark.parametrize("phase", PHASES)
+def test_a_push_beyond_the_bound_stops_in_the_tick_that_shows_it(run, phase, record_property):
+    bound = PHASES[phase][3]
+    force, tick = felt(run(phase, 3.0 * bound))
+    record_property("peak_force_n", float(force.max()))
+    print(f"{phase}: bound {bound:g} N, felt {force[tick]:.1f} N in the tick of the stop, {force.max():.1f} N at most")
+    assert force[:tick].max() <= bound
+    log = run(phase, 3.0 * bound)
+    said = [event.text for event in log.events if event.name == "safety"]
+    assert len(said) == 1
+    assert re.match(
+        r"safety stop: left: (joint \d: the (momentum residual|estimated external torque) is too large"
+        r"|the pad pushes harder than this phase allows \()",
+        said[0],
+    ), said
+
+
+@pytest.mark.parametrize("phase", PHASES)
+def test_a_push_of_two_thirds_of_the_bound_stops_nothing(run, phase):
+    log = run(phase, 0.35 * PHASES[phase][3])
+    assert [event.text for event in log.events if event.name == "safety"] == []
+    force, _ = felt(log)
+    assert force.max() > 0.3 * PHASES[phase][3]
+
+
+# on the wire
+
+
+class Relay:
+    """Stands between a client and an arm's requests (TCP), and keeps the thresholds that pass. States go past it."""
+
+    COMMAND, HEADER, THRESHOLDS = 3, struct.Struct("<III"), struct.Struct("<52d")
+
+    def __init__(self, arm: str) -> None:
+        self.address = self._free(arm)
+        self.thresholds: list[tuple[float, ...]] = []
+        self._arm = arm
+        self._server = socket.create_server((self.address, 1337))
+        threading.Thread(target=self._serve, daemon=True).start()
+
+    @staticmethod
+    def _free(arm: str) -> str:
+        first, second, third, last = arm.split(".")
+        return f"{first}.{second}.{third}.{int(last) % 100 + 150}"
+
+    def _serve(self) -> None:
+        while True:
+            try:
+                client, _ = self._server.accept()
+            except OSError:
+                return
+            arm = socket.create_connection((self._arm, 1337), source_address=(client.getpeername()[0], 0))
+            for source, sink, look in ((client, arm, True), (arm, client, False)):
+                threading.Thread(target=self._pass_on, args=(source, sink, look), daemon=True).start()
+
+    def _pass_on(self, source: socket.socket, sink: socket.socket, look: bool) -> None:
+        seen = b""
+        while data := self._received(source):
+            sink.sendall(data)
+            seen += data if look else b""
+            while len(seen) >= self.HEADER.size:
+                command, _, size = self.HEADER.unpack_from(seen)
+                if len(seen) < size:
+                    break
+                if command == self.COMMAND:
+                    self.thresholds.append(self.THRESHOLDS.unpack_from(seen, self.HEADER.size))
+                seen = seen[size:]
+        for end in (source, sink):
+            end.close()
+
+    @staticmethod
+    def _received(source: socket.socket) -> bytes:
+        try:
+            return source.recv(4096)
+        except OSError:
+            return b""
+
+    def close(self) -> None:
+        self._server.close()
+
+
+@pytest.fixture
+def relays() -> Iterator[tuple[Simulator, Relay, Relay]]:
+    """A simulated robot in lockstep, behind two relays."""
+    simulator = Simulator("rice_box", 0.0, 0, lockstep=True)
+    both = Relay(simulator.left), Relay(simulator.right)
+    yield simulator, *both
+    for relay in both:
+        relay.close()
+    simulator.close()
+
+
+def upper(thresholds: tuple[float, ...]) -> tuple[list[float], list[float]]:
+    """What stops: of 52 numbers lower and upper torques while accelerating and at constant velocity, then forces."""
+    torques, forces = np.array(thresholds[:28]).reshape(4, 7), np.array(thresholds[28:]).reshape(4, 6)
+    assert (torques[1] == torques[3]).all()
+    assert (forces[1] == forces[3]).all()
+    return torques[1].tolist(), forces[1].tolist()
+
+
+def as_told(behaviour: CollisionBehaviour) -> tuple[list[float], list[float]]:
+    return list(behaviour.collision_torques), list(behaviour.collision_forces)
+
+
+def test_the_thresholds_on_the_wire_are_those_of_the_next_motion(cell, demonstration, relays):
+    simulator, *both = relays
+    host, port = simulator.tracker.address
+    simulator.tracker.close()
+    described = replace(cell, tracker=replace(cell.tracker, address=f"{host}:{port}"))
+    for side, relay in zip(("left", "right"), both, strict=True):
+        described = replace(described, **{side: replace(getattr(described, side), address=relay.address)})
+    prepared = prepare_trial(TrialSpecification(str(demonstration.path)), described)
+    arms = open_cell(f"fci:{both[0].address},{both[1].address}", "rice_box", 0.0, 0, described)
+    try:
+        way = start_motion(arms, described, "rice_box", 0.0, prepared.reference.ante[:, 0])
+        assert way is None or way.path.duration_s < 5.0
+        result = run_trial(prepared, arms, way=way)
+        assert run_move(prepare_move(MoveSpecification(HandMotion.START), described, arms), arms).success
+        assert run_move(prepare_move(MoveSpecification(HandMotion.OPEN), described, arms), arms).success
+    finally:
+        arms.close()
+    assert result.success, result.failure_reason
+    limits = limits_of_arms(described)[0]
+    phases = (ForcePhase.APPROACH, ForcePhase.IMPACT, ForcePhase.APPROACH, ForcePhase.CONTACT)
+    for relay in both:
+        seen = [upper(one) for one in relay.thresholds]
+        assert seen == [as_told(limits.collisions(phase)) for phase in phases]

@@ -1,0 +1,91 @@
+"""The limits that a robot tells of itself: compared with its model, and the tighter ones hold."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hal.errors import HardwareError
+from hal.fci import ask_for_urdf, limits_in
+from hal.limits import OwnLimits
+from hal.robots import FR3
+from rtstack.cells import open_cell
+from rtstack.cells.simulator import Simulator
+from rtstack.safety.limits import HARDWARE, within_own
+from rtstack.trials.tightening import difference_of_limits, limits_of_arms, limits_of_cell
+from sim_robot.cell import simulated_cell
+from sim_robot.scene import NO_OBJECT
+
+
+def own(**changes: tuple[int, float]) -> OwnLimits:
+    """The model's own limits, with changes: name = (joint 1 to 7, by how much)."""
+    values = {name: getattr(FR3.limits, name).copy() for name in ("q_lower", "q_upper", "dq_max", "tau_max")}
+    for name, (joint, by) in changes.items():
+        values[name][joint - 1] += by
+    return OwnLimits(**values)
+
+
+def test_a_robot_as_described_changes_nothing(cell):
+    assert within_own(HARDWARE, own()) == (HARDWARE, ())
+    assert difference_of_limits(cell, (own(), own())) == ""
+    assert difference_of_limits(cell, None) == ""
+
+
+@pytest.mark.parametrize(
+    ("name", "by", "holds"),
+    [
+        ("q_lower", 0.1, True), ("q_lower", -0.1, False), ("q_upper", -0.1, True), ("q_upper", 0.1, False),
+        ("dq_max", -0.2, True), ("dq_max", 0.2, False), ("tau_max", -7.0, True), ("tau_max", 7.0, False),
+    ],
+)  # fmt: skip
+def test_the_tighter_one_holds_and_what_differs_is_said(cell, name, by, holds):
+    limits, said = within_own(HARDWARE, own(**{name: (3, by)}))
+    assert len(said) == 1
+    assert said[0].startswith(f"{name} of joint 3 is ")
+    before, now = np.array(getattr(HARDWARE, name)), np.array(getattr(limits, name))
+    changed = by * (0.98 if name == "dq_max" else 1.0)
+    np.testing.assert_allclose(now - before, [0.0, 0.0, changed if holds else 0.0, 0.0, 0.0, 0.0, 0.0], atol=1e-9)
+    line = difference_of_limits(cell, (own(), own(**{name: (3, by)})))
+    assert line.startswith("the robots' own limits differ, and the tighter ones hold: right: ")
+    assert "\n" not in line
+
+
+def test_the_limits_of_a_run_are_inside_the_robots(cell):
+    arms = replace(simulated_cell(NO_OBJECT, 0.0, 0).as_cell("direct"), own_limits=(own(), own(q_upper=(4, -0.3))))
+    left, right = limits_of_cell(limits_of_arms(cell), arms)
+    assert left == limits_of_arms(cell)[0]
+    assert right.q_upper[3] == pytest.approx(left.q_upper[3] - 0.3)
+
+
+@pytest.fixture
+def robot():
+    simulator = Simulator("rice_box", 0.0, 0, lockstep=True)
+    yield simulator
+    simulator.close()
+
+
+def test_a_robot_is_asked_when_it_is_connected_to(cell, robot):
+    host, port = robot.tracker.address
+    robot.tracker.close()
+    described = replace(cell, tracker=replace(cell.tracker, address=f"{host}:{port}"))
+    urdf = ask_for_urdf(robot.left)
+    np.testing.assert_allclose(limits_in(urdf, "it").q_upper, FR3.limits.q_upper, atol=1e-9)
+    arms = open_cell(f"fci:{robot.left},{robot.right}", "rice_box", 0.0, 0, described)
+    try:
+        assert arms.warning == ""
+        assert arms.own_limits is not None
+        np.testing.assert_allclose(arms.own_limits[1].dq_max, FR3.limits.dq_max, atol=1e-9)
+        assert np.isfinite(arms.left.read().q).all()
+    finally:
+        arms.close()
+
+
+def test_nonsense_is_one_line():
+    urdf = FR3.urdf
+    for bad in ("<robot", "<robot/>", re.sub('upper="', 'upper="x', urdf), urdf.replace("velocity=", "speed=")):
+        with pytest.raises(HardwareError, match="the model that it tells") as refused:
+            limits_in(bad, "it")
+        assert "\n" not in str(refused.value)
+    with pytest.raises(HardwareError, match="does not answer"):
+        ask_for_urdf("127.0.99.96")
