@@ -20,6 +20,7 @@ from rtstack.live.idle import IdleView
 from rtstack.log.errors import LogError
 from rtstack.log.ring import Rings
 from rtstack.loop.end import End
+from rtstack.safety.limits import ForcePhase
 from rtstack.samples import Mode
 from rtstack.trials import record
 from rtstack.trials.demonstration import run_demonstration
@@ -251,7 +252,9 @@ class Case:
             return
         reacted = stage.tick if stage.stopped_at is None else stage.stopped_at
         if self._fault.physical and evidence is not None:
-            seen = first_violation(evidence, self._ground.prepared.description, onset)
+            hit = self._moment in (Moment.INTERIM, Moment.POST)
+            phase = ForcePhase.IMPACT if hit else ForcePhase.CONTACT
+            seen = first_violation(evidence, self._ground.prepared.description, onset, phase)
             onset = min(reacted, reacted if seen is None else seen)
         self._result.latency_ticks = reacted - onset
         self._result.allowed_ticks = self._expected.sees_after + MOST_TICKS

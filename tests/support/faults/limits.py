@@ -4,16 +4,21 @@ import numpy as np
 
 from rtstack.model.cell_description import CellDescription
 from rtstack.safety.judge import Base, Reason
-from rtstack.safety.limits import HARDWARE
+from rtstack.safety.limits import ForcePhase
+from rtstack.trials.tightening import limits_of_arms
 from tests.support.faults.evidence import Evidence
 from tests.support.safety.judge_oracle import arm_reason, joint_reason
 
 OTHERS = {"tau_desired": np.zeros((1, 7)), "O_F_ext_hat_K": np.zeros((1, 6)), "O_T_EE": np.zeros((1, 4, 4))}
 
 
-def first_violation(evidence: Evidence, description: CellDescription, begin: int) -> int | None:
-    """Return the first tick from `begin` on in which a state or a residual is beyond a limit, None where none is."""
-    limits = HARDWARE.tightened(description.safety)
+def first_violation(evidence: Evidence, description: CellDescription, begin: int, phase: ForcePhase) -> int | None:
+    """Return the first tick from `begin` on in which a state or a residual is beyond a limit, None where none is.
+
+    phase: of the forces; the pad's is not looked at.
+    """
+    limits = limits_of_arms(description)[0]
+    limits = limits.tightened({"tau_ext_max": limits.tau_ext_by_phase[phase].tolist()})
     found = []
     for side, mounting in (("left", description.left), ("right", description.right)):
         base = Base(mounting.base_position, mounting.base_orientation_wxyz)
