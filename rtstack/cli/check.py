@@ -100,7 +100,7 @@ def link_findings(
             for _ in range(bool(cell.warning))
         ]
     except TrialError as error:
-        return [Finding("cell for these arms", str(error), "fail", "correct the cell's file", "nothing is connected")]
+        return [Finding("cell for these arms", str(error), "fail", "do what it says", "nothing is connected")]
     except HardwareError as error:
         return [Finding("link", "broken", "fail", str(error), "no motion")]
     finally:

@@ -135,3 +135,19 @@ def test_they_move_while_the_space_bar_is_held_and_stop_when_it_is_let_go(real, 
     status, said = at_a_terminal(command("c.mcap"), lambda _: log.exists() and log.stat().st_size > 500_000)
     assert status == 1, said  # before the demonstration's end
     assert "the operator" in said
+
+
+@pytest.mark.alone
+def test_check_holds_them_while_the_space_bar_is_held(real):
+    path, kind = real
+    left, right = kind.removeprefix("fci:").split(",")
+    command = [str(Path(sys.executable).with_name("rtstack")), "check", "--left", left, "--right", right]
+    command += ["--cell-file", str(path)]
+    refused = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False)
+    assert refused.returncode == 1
+    assert "fail  cell for these arms" in refused.stdout
+    assert "space bar" in refused.stdout
+    looks = iter(range(75))  # 1.5 s of a held key
+    status, said = at_a_terminal(command, lambda said: "Hold the space bar" in said and next(looks, None) is None)
+    assert status == 1
+    assert "the hold was ended before its time" in said
