@@ -14,6 +14,7 @@ from rtstack.loop.watchdogs import WatchdogTrip
 from rtstack.model.cell_description import CellDescription
 from rtstack.safety.body import Tool
 from rtstack.safety.guided import Standing, beyond, beyond_limits, guided_limits, outside_robot, standing
+from rtstack.safety.limits import ForcePhase
 from rtstack.samples import Level
 from rtstack.trials.assembly import ControllerRequest, cell_parameters
 from rtstack.trials.errors import TrialError
@@ -74,7 +75,8 @@ def run_guide(
         raise TrialError(f"{stuck}: no program may move it there; move it on its Desk page, with the enabling device")
     before = beyond(limits, where)
     hand, parameters = _Hand(seconds), cell_parameters(description)
-    plan = Plan.guided(hand, parameters.control.stiffness_teleoperation, parameters.control.period_s)
+    control = parameters.control
+    plan = Plan.guided(hand, control.stiffness_teleoperation, control.period_s, ForcePhase.CONTACT)
 
     def controller(request: ControllerRequest) -> DualArmController:
         left, right = (
