@@ -15,6 +15,7 @@ from hal.cell import Cell
 from hal.collisions import CollisionBehaviour
 from rtstack.cells import default_cell_file, open_cell
 from rtstack.cells.simulator import Simulator
+from rtstack.control.watch import FREE_AFTER_S
 from rtstack.identification.sweep import sweep
 from rtstack.log.reader import Log, read_log
 from rtstack.model.cell_description import CellDescription
@@ -44,13 +45,13 @@ from sim_robot.faults.file import faults_in
 
 APPROACH_N, CONTACT_N = FORCES_BY_PHASE["force_approach_max"], FORCES_BY_PHASE["force_contact_max"]
 PUSH_S = 0.025  # the robot's estimate has a low-pass of 30 Hz: it shows 99 % by then, and the arm has gone 5 mm
-
-Pushed = Callable[[float, float], Cell]  # at, s, with how many N
+# of the bound: more than the estimate needs, and less than a wrist's sensor can take; and what joint torques let pass
+HARD, SOFT = 1.15, 0.35
 
 
 def pushed(object_name: str, at_s: float, force_n: float) -> Cell:
-    """A cell whose left pad is pushed along x, across its way."""
-    push = {"kind": "push", "arm": "left", "force_N": [force_n, 0.0, 0.0], "at_s": at_s, "duration_s": PUSH_S}
+    """A cell whose left pad is pulled on, along y: a push back is an impact, and across it the wrist gives in first."""
+    push = {"kind": "push", "arm": "left", "force_N": [0.0, -force_n, 0.0], "at_s": at_s, "duration_s": PUSH_S}
     return simulated_cell(object_name, 0.0, 0, faults=faults_in({"fault": [push]}, "")).as_cell("direct")
 
 
@@ -86,7 +87,7 @@ def opening(cell: CellDescription, _reference: Path, arms: Cell, context: RunCon
 PHASES: dict[str, tuple[Run, str, float, float]] = {
     "trial, on its way": (a_trial, "rice_box", 0.6, APPROACH_N),
     "trial, shortly before its impact": (a_trial, "rice_box", 1.2, CONTACT_N),
-    "trial, after its release": (a_trial, "rice_box", -0.6, APPROACH_N),
+    "trial, after its release": (a_trial, "rice_box", -0.02, APPROACH_N),
     "demonstration": (a_demonstration, "rice_box", 0.6, CONTACT_N),
     "playback": (a_playback, "", 0.6, APPROACH_N),
     "sweep of a friction identification": (a_sweep, "", 0.6, APPROACH_N),
@@ -97,14 +98,15 @@ KINDS = {a_demonstration: DemonstrationSpecification(), a_trial: TrialSpecificat
 
 
 @pytest.fixture
-def run(cell, demonstration, tmp_path) -> Callable[[str, float], Log]:
-    """Run a phase with a push of so many newtons; return the log."""
+def run(cell, demonstration, tmp_path) -> Callable[[str, float], tuple[Log, int]]:
+    """Run a phase with a push of so many newtons; return the log, and the tick from which on it pushes."""
     parameters = cell_parameters(cell)
     reference = load_reference(demonstration.path, arm_controllers(cell, parameters), parameters.detector)
 
-    def go(phase: str, force_n: float) -> Log:
+    def go(phase: str, force_n: float) -> tuple[Log, int]:
         what, object_name, at_s, _ = PHASES[phase]
-        at_s = at_s if at_s > 0.0 else reference.ticks * reference.period_s + at_s
+        at_s = at_s if at_s > 0.0 else reference.release_s + FREE_AFTER_S - at_s
+        assert at_s < reference.ticks * reference.period_s - 0.05
         assert what is not a_trial or not 0.0 < reference.nominal_impact_s - at_s < 0.05
         arms = pushed(object_name or "none", at_s, force_n)
         path = tmp_path / f"{force_n:.0f}.mcap"
@@ -114,7 +116,7 @@ def run(cell, demonstration, tmp_path) -> Callable[[str, float], Log]:
             what(cell, demonstration.path, arms, RunContext(log))
         finally:
             arms.close()
-        return read_log(path)
+        return read_log(path), round(1e3 * at_s)
 
     return go
 
@@ -124,17 +126,19 @@ def felt(log: Log) -> tuple[np.ndarray, int]:
     arm, control = log.topic("/left/arm"), log.topic("/left/control")
     force = np.linalg.norm(arm["O_F_ext_hat_K"][:, :3], axis=1)
     stopping = np.flatnonzero(control["mode"] == Mode.STOPPING)
-    return force, int(stopping[0]) if len(stopping) else -1
+    return force, int(stopping[0]) - 1 if len(stopping) else -1  # the mode follows the judge, a tick later
 
 
 @pytest.mark.parametrize("phase", PHASES)
 def test_a_push_beyond_the_bound_stops_in_the_tick_that_shows_it(run, phase, record_property):
     bound = PHASES[phase][3]
-    force, tick = felt(run(phase, 3.0 * bound))
-    record_property("peak_force_n", float(force.max()))
-    print(f"{phase}: bound {bound:g} N, felt {force[tick]:.1f} N in the tick of the stop, {force.max():.1f} N at most")
-    assert force[:tick].max() <= bound
-    log = run(phase, 3.0 * bound)
+    log, push_tick = run(phase, HARD * bound)
+    force, tick = felt(log)
+    record_property("peak_force_n", float(force[push_tick:].max()))
+    print(f"{phase}: bound {bound:g} N, {force[tick]:.1f} N at the stop, {force[push_tick:].max():.1f} N at most")
+    assert push_tick <= tick <= push_tick + PUSH_S * 1e3
+    assert force[push_tick:tick].max() <= bound
+    assert force[push_tick:].max() <= HARD * bound
     said = [event.text for event in log.events if event.name == "safety"]
     assert len(said) == 1
     assert re.match(
@@ -145,11 +149,11 @@ def test_a_push_beyond_the_bound_stops_in_the_tick_that_shows_it(run, phase, rec
 
 
 @pytest.mark.parametrize("phase", PHASES)
-def test_a_push_of_two_thirds_of_the_bound_stops_nothing(run, phase):
-    log = run(phase, 0.35 * PHASES[phase][3])
+def test_a_push_of_a_third_of_the_bound_stops_nothing(run, phase):
+    log, push_tick = run(phase, SOFT * PHASES[phase][3])
     assert [event.text for event in log.events if event.name == "safety"] == []
     force, _ = felt(log)
-    assert force.max() > 0.3 * PHASES[phase][3]
+    assert force[push_tick : push_tick + 40].max() > 0.9 * SOFT * PHASES[phase][3]
 
 
 # on the wire
