@@ -14,6 +14,7 @@ class DeskGate:
 
     def __init__(self, flags: np.void, arm_server: ArmServer) -> None:
         self._flags, self._arm_server = flags, arm_server
+        self._locked = False  # by Desk: a scripted fault shows the same mode
 
     def look(self) -> None:
         """Follow what Desk was told, and tell it what the arm does."""
@@ -27,5 +28,8 @@ class DeskGate:
         if flags["locked"] and mode in (RobotMode.IDLE, RobotMode.MOVE):
             server.preempt()
             server.lock_brakes()
-        elif not flags["locked"] and mode == RobotMode.OTHER:
-            server.unlock_brakes()
+            self._locked = True
+        elif self._locked and not flags["locked"]:
+            self._locked = False
+            if mode == RobotMode.OTHER:
+                server.unlock_brakes()

@@ -8,12 +8,15 @@ from importlib.util import find_spec, module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pylibfranka
 import pytest
 
+from hal.desk import DeskError, Trust
+from hal.desk.power import start
 from hal.errors import CommandRejected, ConnectionLost, RecoveryRefused
 from hal.fci.arm import FciArm
-from tests.support.desk import SIGN_IN, desk_address
+from tests.support.desk import SIGN_IN, desk_address, desk_of
 from tests.support.fci.server import Served, serve
 
 
@@ -114,3 +117,25 @@ def test_one_program_at_a_time_has_control(boxes, franky):
     other.take_control(wait_timeout=1)
     assert other.has_control
     other.close()
+
+
+def test_a_stop_that_is_pressed_shows_on_desk_and_lets_nothing_be_unlocked(tmp_path):
+    script = tmp_path / "stop.toml"
+    script.write_text('[[fault]]\nkind = "user_stop"\narm = "left"\nat_s = 0.05\nduration_s = 600.0\n')
+    trust = Trust(tmp_path)
+    with serve("--desk", "--lockstep", f"--faults={script}") as served:
+        address = desk_address(served.left)
+        with contextlib.closing(desk_of(served.left, trust)) as desk:
+            list(start(desk, trust, address))
+            arm = connected(served.left)
+            with pytest.raises(CommandRejected):  # noqa: PT012
+                while True:
+                    arm.read()
+                    arm.write(np.zeros(7))
+            until(lambda: desk.state().operating_mode == "SafetyRecovery")
+            with pytest.raises(DeskError, match="its stop is pressed: look why, then release it"):
+                list(start(desk, trust, address))
+            desk.lock()
+            with pytest.raises(DeskError, match=r"EmergencyStopPressed: the stop is pressed.*: release it first"):
+                desk.unlock()
+            arm.close()
