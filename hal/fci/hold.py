@@ -9,6 +9,8 @@ libfranka takes the newest state that it finds, and finds a later one afterwards
 
 import threading
 import time
+from collections.abc import Callable
+from queue import SimpleQueue
 from typing import Protocol
 
 import numpy as np
@@ -92,11 +94,33 @@ class Held(Protocol):
         ...
 
 
-class Hold:
-    """A context in which an arm is answered with its last command. `answers` of its states, afterwards."""
+class HoldThread:
+    """The thread that answers: there from the beginning, since a busy host starts a new one tens of ms late."""
 
-    def __init__(self, arm: Held) -> None:
+    def __init__(self) -> None:
+        self._work: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
+        threading.Thread(target=self._run, daemon=True, name="hold").start()
+
+    def _run(self) -> None:
+        beside_realtime()
+        while (work := self._work.get()) is not None:
+            work()
+
+    def hold(self, arm: Held) -> "Hold":
+        """Return the context in which an arm is answered with its last command."""
+        return Hold(arm, self._work.put)
+
+    def close(self) -> None:
+        """End the thread."""
+        self._work.put(None)
+
+
+class Hold:
+    """A context in which an arm is answered. `answers` of its states, afterwards."""
+
+    def __init__(self, arm: Held, begin: Callable[[Callable[[], None]], None]) -> None:
         self.answers = 0
+        self._begin, self._ended = begin, threading.Event()
         self._words = np.zeros(3, dtype=np.int64)
         command, state = np.zeros(1, COMMAND), np.zeros(1, STATE)
         q, tau = arm.last_command()
@@ -106,18 +130,17 @@ class Hold:
         if tau is not None:
             command["tau_J_d"] = tau
         watched = np.array([arm.socket, 1], dtype=np.int32)  # struct pollfd: the descriptor, POLLIN in the lower half
-        self._work = bound(
+        self._answer = bound(
             _answer, self._words, watched, state, command, from_q_d, np.zeros(_ADDRESS_BYTES, dtype=np.uint8),
             np.zeros(1, dtype=np.uint32), arm.socket, LONGEST_NS // 1_000_000, GRACE_NS // 1_000_000,
         )  # fmt: skip
-        self._thread = threading.Thread(target=self._run, daemon=True, name="hold")
 
     def _run(self) -> None:
-        beside_realtime()
-        self._work()
+        self._answer()
+        self._ended.set()
 
     def __enter__(self) -> "Hold":
-        self._thread.start()
+        self._begin(self._run)
         # the next call keeps Python's lock, which that thread needs to begin; asleep, for its priority may be the lower
         while not self._words[_RUNNING]:
             time.sleep(20e-6)
@@ -125,5 +148,5 @@ class Hold:
 
     def __exit__(self, *_: object) -> None:
         self._words[_STOP] = 1
-        self._thread.join()
+        self._ended.wait()
         self.answers = int(self._words[_ANSWERS])

@@ -15,7 +15,7 @@ from hal.cell import LEFT, RIGHT
 from hal.collisions import CollisionBehaviour
 from hal.errors import ConnectionLost, HardwareError, RecoveryRefused
 from hal.fci.arm import FciArm
-from hal.fci.hold import Hold
+from hal.fci.hold import HoldThread
 from hal.fci.motion import move
 from hal.fci.setup import Tool
 from hal.fci.watch import StateWatch
@@ -42,8 +42,9 @@ class FciPair:
         self._watch: StateWatch | None = None  # of the arms' present sockets, by the next `wait`
         self._sides: dict[int, int] = {}
         self._silent_s = {LEFT: 0.0, RIGHT: 0.0}  # how long we have waited without a state of that arm
+        self._hold_thread = HoldThread()
         for arm in (left, right):
-            Hold(arm)  # compiled, or loaded from the cache, before an arm moves
+            self._hold_thread.hold(arm)  # compiled, or loaded from the cache, before an arm moves
             arm.reconnected = self._forget_sockets
         self._watch_sockets()
 
@@ -62,7 +63,7 @@ class FciPair:
         its last command. A robot that waits for its answer (lockstep) needs no help.
         """
         other = self.right if arm is self.left else self.left
-        return nullcontext() if self._shared_clock or not other.in_motion else Hold(other)
+        return nullcontext() if self._shared_clock or not other.in_motion else self._hold_thread.hold(other)
 
     def start(self) -> None:
         """Take torque control of both, one right after the other. Raises CommandRejected, ConnectionLost."""
@@ -174,6 +175,7 @@ class FciPair:
     def close(self) -> None:
         """Stop both arms and disconnect."""
         self._forget_sockets()
+        self._hold_thread.close()
         self.left.close()
         self.right.close()
 

@@ -1,6 +1,6 @@
 """Boxes that take their time: neither arm starves while the process waits for the other one.
 
-In slow motion, so that 20 lost packets are 80 ms of a host that may be busy.
+In slow motion, so that 20 lost packets are 160 ms of a host that may be busy.
 """
 
 from contextlib import nullcontext
@@ -18,7 +18,7 @@ from tests.support.fci.raw import RawClient
 from tests.support.fci.server import serve
 
 COMMUNICATION = "communication_constraints_violation"
-SLOWER, TICKS = 4, 30
+SLOWER, TICKS = 8, 20
 
 
 def _hold(pair: FciPair) -> None:

@@ -19,6 +19,6 @@ def simulator() -> Iterator[Simulator]:
 @pytest.fixture
 def pair(simulator: Simulator) -> Iterator[FciPair]:
     """Both arms of that server, idle."""
-    pair = open_pair(simulator.left, simulator.right)
+    pair = open_pair(simulator.left, simulator.right, shared_clock=True)
     yield pair
     pair.close()

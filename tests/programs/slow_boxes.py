@@ -103,11 +103,13 @@ def measure(profile: str, times: int, slower: float, recoveries: int, held: bool
                         pair.move(home, JointSpeed(0.4, 1.0), lambda: False)
                         figures.timed("start motion", began)
                 except CommandRejected as error:
+                    print(f"{number}: {error}", flush=True)
                     figures.errors.update(error.errors or (str(error),))
                     pair.stop()
                     _recover(pair, figures)
                     continue
                 if names := (*pair.left.reflex(), *pair.right.reflex()):
+                    print(f"{number}: after the stop: {names}", flush=True)
                     figures.errors.update(names)
                     _recover(pair, figures)
         finally:
