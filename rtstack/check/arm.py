@@ -21,7 +21,7 @@ GRAVITY = 9.81  # m/s^2
 PLACE_M = 5e-3
 TURN_RAD = 0.02
 TORQUE_NM = 5.0
-# of the mean external torque of a held arm: as much is an offset of some 2 N at the pad, or 0.2 kg not told to the robot
+# of the mean external torque of a held arm: as much is an offset of some 2 N at the pad, or 0.2 kg not told to it
 RESTING_NM = 1.0
 _TOOL = "set the tool in Desk as the cell's file has it ([pad])"
 
