@@ -12,7 +12,6 @@ from hal.cell import LEFT, RIGHT
 from hal.fci import FciPair, open_pair
 from hal.joint_path import JointSpeed
 from hal.state import RobotMode
-from rtstack.bench.hold import Hold
 from sim_robot.fci.protocol import Command, RecoveryStatus
 from tests.support.fci.raw import RawClient
 from tests.support.fci.server import serve
@@ -24,12 +23,13 @@ SLOWER, TICKS = 8, 20
 def _hold(pair: FciPair) -> None:
     """Start both, and answer each of them for some ms."""
     pair.start()
-    arms, holds, ticks = (pair.left, pair.right), (Hold("left"), Hold("right")), [0, 0]
+    arms, ticks = (pair.left, pair.right), [0, 0]
     while min(ticks) < TICKS:
         mask = pair.wait()
         for k, side in enumerate((LEFT, RIGHT)):
             if mask & side:
-                arms[k].write(holds[k].torque(arms[k].read()))
+                arms[k].read()
+                arms[k].write(np.zeros(7))
                 ticks[k] += 1
 
 
