@@ -1,9 +1,8 @@
 """A push in every phase: up to the phase's bound the run goes on, beyond it the judge stops in that very tick."""
 
 import re
-import socket
-import struct
-import threading
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -44,6 +43,7 @@ from sim_robot.cell import simulated_cell
 from sim_robot.faults.file import faults_in
 
 APPROACH_N, CONTACT_N = FORCES_BY_PHASE["force_approach_max"], FORCES_BY_PHASE["force_contact_max"]
+ROOT = Path(__file__).resolve().parents[2]
 PUSH_S = 0.025  # the robot's estimate has a low-pass of 30 Hz: it shows 99 % by then, and the arm has gone 5 mm
 # of the bound: more than the estimate needs, and less than a wrist's sensor can take; and what joint torques let pass
 HARD, SOFT = 1.15, 0.35
@@ -160,72 +160,40 @@ def test_a_push_of_a_third_of_the_bound_stops_nothing(run, phase):
 
 
 class Relay:
-    """Stands between a client and an arm's requests (TCP), and keeps the thresholds that pass. States go past it."""
+    """A relay in a process of its own, and what it has seen."""
 
-    COMMAND, HEADER, THRESHOLDS = 3, struct.Struct("<III"), struct.Struct("<52d")
-
-    def __init__(self, arm: str) -> None:
-        self.address = self._free(arm)
-        self.thresholds: list[tuple[float, ...]] = []
-        self._arm = arm
-        self._server = socket.create_server((self.address, 1337))
-        threading.Thread(target=self._serve, daemon=True).start()
-
-    @staticmethod
-    def _free(arm: str) -> str:
+    def __init__(self, arm: str, file: Path) -> None:
         first, second, third, last = arm.split(".")
-        return f"{first}.{second}.{third}.{int(last) % 100 + 150}"
+        self.address = f"{first}.{second}.{third}.{int(last) % 100 + 150}"
+        self._file = file
+        command = [sys.executable, "-m", "tests.support.fci.threshold_relay", arm, self.address, str(file)]
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=ROOT)
+        assert self._process.stdout is not None
+        assert self._process.stdout.readline() == b"listening\n"
 
-    def _serve(self) -> None:
-        while True:
-            try:
-                client, _ = self._server.accept()
-            except OSError:
-                return
-            arm = socket.create_connection((self._arm, 1337), source_address=(client.getpeername()[0], 0))
-            for source, sink, look in ((client, arm, True), (arm, client, False)):
-                threading.Thread(target=self._pass_on, args=(source, sink, look), daemon=True).start()
-
-    def _pass_on(self, source: socket.socket, sink: socket.socket, look: bool) -> None:
-        seen = b""
-        while data := self._received(source):
-            sink.sendall(data)
-            seen += data if look else b""
-            while len(seen) >= self.HEADER.size:
-                command, _, size = self.HEADER.unpack_from(seen)
-                if len(seen) < size:
-                    break
-                if command == self.COMMAND:
-                    self.thresholds.append(self.THRESHOLDS.unpack_from(seen, self.HEADER.size))
-                seen = seen[size:]
-        for end in (source, sink):
-            end.close()
-
-    @staticmethod
-    def _received(source: socket.socket) -> bytes:
-        try:
-            return source.recv(4096)
-        except OSError:
-            return b""
+    @property
+    def thresholds(self) -> np.ndarray:
+        """(n, 52), in the order in which they came."""
+        return np.frombuffer(self._file.read_bytes()).reshape(-1, 52)
 
     def close(self) -> None:
-        self._server.close()
+        self._process.communicate()
 
 
 @pytest.fixture
-def relays() -> Iterator[tuple[Simulator, Relay, Relay]]:
+def relays(tmp_path: Path) -> Iterator[tuple[Simulator, Relay, Relay]]:
     """A simulated robot in lockstep, behind two relays."""
     simulator = Simulator("rice_box", 0.0, 0, lockstep=True)
-    both = Relay(simulator.left), Relay(simulator.right)
+    both = Relay(simulator.left, tmp_path / "left"), Relay(simulator.right, tmp_path / "right")
     yield simulator, *both
     for relay in both:
         relay.close()
     simulator.close()
 
 
-def upper(thresholds: tuple[float, ...]) -> tuple[list[float], list[float]]:
+def upper(thresholds: np.ndarray) -> tuple[list[float], list[float]]:
     """What stops: of 52 numbers lower and upper torques while accelerating and at constant velocity, then forces."""
-    torques, forces = np.array(thresholds[:28]).reshape(4, 7), np.array(thresholds[28:]).reshape(4, 6)
+    torques, forces = thresholds[:28].reshape(4, 7), thresholds[28:].reshape(4, 6)
     assert (torques[1] == torques[3]).all()
     assert (forces[1] == forces[3]).all()
     return torques[1].tolist(), forces[1].tolist()
