@@ -2,8 +2,8 @@
 
     threshold_relay.py ARM ADDRESS FILE
 
-Prints a line once it listens, and ends with its standard input. States and commands (UDP) go past it. It is a process of
-its own, because pylibfranka keeps Python's lock while it connects.
+Prints a line once it listens, and ends with its standard input. States and commands (UDP) go past it. It is a process
+of its own, because pylibfranka keeps Python's lock while it connects.
 """
 
 import socket
