@@ -186,5 +186,5 @@ def _single_trials(rows: list[Row], archive: Archive, description: CellDescripti
 
 
 def _words(values: Mapping[str, Any]) -> str:
-    shown = {name: value if isinstance(value, str) else f"{value:g}" for name, value in values.items() if value is not None}
-    return ", ".join(f"{name} {value}" for name, value in shown.items())
+    known = {name: value for name, value in values.items() if value is not None}
+    return ", ".join(f"{name} {value if isinstance(value, str) else f'{value:g}'}" for name, value in known.items())
