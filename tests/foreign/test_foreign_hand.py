@@ -20,4 +20,4 @@ def test_a_robot_that_was_told_a_wrong_hand_fails_the_check(cell: CellDescriptio
         found = {finding.name: finding for finding in link_findings(robot.kind, described, TICKS)}
     assert found.keys() - {"limits"} == {"hold"}  # its own limits differ from the description's, which is said too
     assert found["hold"].verdict == "fail"
-    assert "although it was held" in found["hold"].value
+    assert "stopped by its judge: joint 2: the estimated external torque is too large" in found["hold"].value
