@@ -5,7 +5,6 @@ from typing import Annotated
 
 import typer
 
-from rtstack.cells.kinds import with_profile
 from rtstack.cli.commands.options import (
     CellFile,
     CellKind,
@@ -42,6 +41,7 @@ def teach(
     json: Json = False,
 ) -> None:
     """Record a scripted demonstration through the teleoperation path."""
+    from rtstack.cells import with_profile
     from rtstack.cli.trials import teach as run
 
     run(output, object_name, variation, seed, speed, with_profile(cell, profile), cell_file, json)
@@ -81,6 +81,7 @@ def trial(
     json: Json = False,
 ) -> None:
     """Run one trial: follow a recording through the impact."""
+    from rtstack.cells import with_profile
     from rtstack.cli.trials import trial as run
 
     run(
@@ -101,6 +102,7 @@ def play(
     json: Json = False,
 ) -> None:
     """Play a log on the arms themselves, with a soft start and a soft stop; Ctrl-C brakes along the path."""
+    from rtstack.cells import with_profile
     from rtstack.cli.playback import play as run
 
     run(source, speed, seed, log, with_profile(cell, profile), cell_file, json)
@@ -116,6 +118,7 @@ def identify_friction(
     cell_file: CellFile = None,
 ) -> None:
     """Move one joint after the other, with the object out of the way, and write both arms' friction."""
+    from rtstack.cells import with_profile
     from rtstack.cli.friction import identify_friction as run
 
     run(output, with_profile(cell, profile), seed, cell_file, runs)
@@ -130,6 +133,7 @@ def guide(
     json: Json = False,
 ) -> None:
     """Let a person move both arms by hand, also back from beyond a limit, until Ctrl-C or the key that is let go."""
+    from rtstack.cells import with_profile
     from rtstack.cli.guide import guide as run
 
     run(with_profile(cell, profile), seconds, cell_file, json)
