@@ -10,6 +10,7 @@ from rtstack.loop.end import End
 from rtstack.loop.publisher import Publisher
 from rtstack.loop.session import Plan, Session
 from rtstack.model.cell_description import CellDescription
+from rtstack.safety.limits import ForcePhase
 from rtstack.samples import Mode
 from rtstack.trials.assembly import default_parameters, dual_arm_controller, following, safety_judges
 
@@ -28,8 +29,9 @@ def hold(cell: Cell, description: CellDescription) -> None:
         points[side]["position"], points[side]["rotation"] = work["position"], work["rotation"]
         points[side]["xi"] = arm.sample["q"][0, parameters.control.posture_joint]
     plan = Plan(
-        points, points, Mode.TELEOPERATION, parameters.control.stiffness_teleoperation, parameters.control.period_s
-    )
+        points, points, Mode.TELEOPERATION, parameters.control.stiffness_teleoperation, parameters.control.period_s,
+        phase=ForcePhase.CONTACT,  # after a fault in a grab the pads still press on the object
+    )  # fmt: skip
     outcome = Session(cell, controller, safety_judges(description), Publisher([], None), plan).run()
     if outcome.end is not End.COMPLETED:
         raise HardwareError(f"{outcome.end}: {outcome.detail}")
