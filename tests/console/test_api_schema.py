@@ -19,7 +19,7 @@ from rtstack.live.protocol import JobState
 from tests.support.console.review_log import read, write_log
 
 SECONDS = int(os.environ.get("RTSTACK_FUZZ_SECONDS", "0"))  # for each way of asking; 0: a number of examples instead,
-FEW = ("--generation-deterministic", "--max-examples", "5")  # so that every machine asks the same
+FEW = ("--generation-deterministic", "--max-examples", "3")  # so that every machine asks the same
 COVERAGE_SECONDS = 12  # what of it a machine has time for; a quiet one does all in 85
 REVOKE = "/api/tokens/{token_id}"
 COMPUTES = ("campaigns_start", "campaigns_resume", "jobs_begin_preview")  # for hours, or a trial's time

@@ -10,6 +10,7 @@ import threading
 from socket import create_connection
 
 import httpx
+import pytest
 from websockets.exceptions import ConnectionClosed
 
 import console.server
@@ -112,6 +113,7 @@ def closed(page):
     return False
 
 
+@pytest.mark.long
 def test_clients_that_never_finish_are_cut_off_and_hold_nobody_up(served, monkeypatch):
     monkeypatch.setattr(console.server, "PATIENCE_S", 3.0)
     with (

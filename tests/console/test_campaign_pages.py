@@ -92,6 +92,7 @@ def test_a_campaign_is_cancelled_resumed_and_shown_with_its_figures_report_resul
         assert len(client.get("/api/logs").json()) == before + 1
 
 
+@pytest.mark.long
 def test_one_that_was_cancelled_at_once_is_begun_again_in_the_same_second(plan, tmp_path, monkeypatch):
     monkeypatch.setattr(campaigns.time, "strftime", lambda layout: "20261123-050000")
     kept = campaigns.Campaigns(tmp_path)
@@ -108,6 +109,7 @@ def test_one_that_was_cancelled_at_once_is_begun_again_in_the_same_second(plan, 
         kept.close()
 
 
+@pytest.mark.long
 def test_a_campaign_ends_with_the_console_however_that_ends(plan, tmp_path):
     """A console that is killed lets go of the pipe: the campaign ends, and so does everything that it started."""
     program = (

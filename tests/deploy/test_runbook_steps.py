@@ -20,6 +20,8 @@ EXECUTED = re.compile(r"(?:^|/|sudo )rtstack ((?:desk [a-z]+|check|guide)(?: --[
 MORE = {"guide": ("--seconds=0.3",)}
 # what a page takes for granted: it begins with arms that are unlocked
 BEGINS_READY = ("calibration.md", "recovery.md", "upgrade.md")
+# whose commands stand on the other pages too
+LONG = ("calibration.md", "daily.md", "upgrade.md")
 
 
 def commands(page: Path) -> list[str]:
@@ -56,7 +58,12 @@ def test_the_pages_have_commands_that_are_executed_here():
 
 
 @pytest.mark.parametrize(
-    "page", [page for page in sorted(RUNBOOK.glob("*.md")) if commands(page)], ids=lambda p: p.name
+    "page",
+    [
+        pytest.param(page, marks=[pytest.mark.long] if page.name in LONG else [], id=page.name)
+        for page in sorted(RUNBOOK.glob("*.md"))
+        if commands(page)
+    ],
 )
 def test_the_steps_of_a_page_can_be_done(page: Path, boxes: Served, cell_file: Path, tmp_path: Path):
     environment = {

@@ -24,6 +24,8 @@ NOT_RUN = {
     "while rtstack up runs": 4,
     "on a desktop": 1,
 }
+# whose commands take long, and are those of tests/cli and tests/deploy too
+LONG = ("docs/howto/cell.md", "docs/howto/desk.md", "docs/howto/robot.md")
 
 
 def _uses(page: Path) -> list[Block]:
@@ -34,7 +36,14 @@ def _name(page: Path) -> str:
     return str(page.relative_to(ROOT))
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if _uses(page)], ids=_name)
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, marks=[pytest.mark.long] if _name(page) in LONG else [], id=_name(page))
+        for page in PAGES
+        if _uses(page)
+    ],
+)
 def test_what_a_page_says_works(page, tmp_path, monkeypatch, command_line):
     folder = tmp_path / "page"
     folder.mkdir()

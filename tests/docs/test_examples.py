@@ -44,6 +44,7 @@ def test_one_to_seven_run_without_a_robot(folder, monkeypatch, capsys):
     assert "refused: squeeze" in said["07"]
 
 
+@pytest.mark.long
 def test_eight_runs_four_trials_on_a_scheduler(folder):
     done = _as_program(folder, "08_campaign_on_a_scheduler.py")
     assert done.returncode == 0, done.stdout + done.stderr

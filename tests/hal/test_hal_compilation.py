@@ -62,7 +62,7 @@ def outside(tmp_path: Path) -> Outside:
         pytest.param("numbers_", "10.0", "20.0", "42.5", marks=pytest.mark.long),
         ("below", "x +", "x -", "-17.5"),
         pytest.param("inner", "FACTOR *", "FACTOR +", "13.5", marks=pytest.mark.long),
-        ("outer", "made(0.5)", "made(1.5)", "23.5"),
+        pytest.param("outer", "made(0.5)", "made(1.5)", "23.5", marks=pytest.mark.long),
     ],
 )
 def test_an_edit_is_never_answered_by_old_machine_code(
