@@ -26,35 +26,38 @@ INTERRUPTED = FAILED = 1
 def campaign(
     name: str, out: Path, quick: bool, workers: int | None, scheduler: str | None, resume: bool,
     logs: str | None = None, cell_file: Path | None = None, profile: str | None = None,
+    data: Path | None = None,
 ) -> None:  # fmt: skip
     """Run the campaign `name` in the folder `out`, or what is missing of it, and write its report.
 
     logs: where recordings and logs go, if not to `out`: an address that fsspec knows, such as s3://BUCKET/PREFIX.
     cell_file: of a lab, with objects of its own. profile: of the simulated robot, under all conditions of the plan.
+    data: measurements of others, a folder.
     """
     if scheduler is not None and workers is not None:
         raise TrialError("--workers starts processes here, --scheduler has workers of its own: give one of them")
     if logs is not None and "://" not in logs:
         raise TrialError(f"--logs {logs} is no address such as s3://BUCKET/PREFIX; for a folder give --out alone")
     request = Request(
-        plan_file(name), out.resolve(), logs, cell_file.resolve() if cell_file is not None else None, profile
-    )
+        plan_file(name), out.resolve(), logs, cell_file.resolve() if cell_file is not None else None, profile,
+        data.resolve() if data is not None else None,
+    )  # fmt: skip
     experiment = _opened(name, request, quick)
     check_folder(experiment, resume)
     again = f"rtstack campaign {name} --out {request.out}{' --quick' * quick} --resume"
     again += (f" --logs {logs}" if logs else "") + (f" --cell-file {request.cell_file}" if request.cell_file else "")
-    again += f" --profile {profile}" if profile else ""
+    again += (f" --profile {profile}" if profile else "") + (f" --data {data}" if data else "")
     with _resumable(again):
         _run(experiment, workers or len(os.sched_getaffinity(0)), scheduler)
 
 
 def _opened(name: str, request: Request, quick: bool) -> Experiment[Any, Any]:
     kind = kind_named(kind_of(request.file.path))
-    for option, given in (("logs", request.logs), ("cell_file", request.cell_file), ("profile", request.profile)):
+    for option, given in (("logs", request.logs), ("cell_file", request.cell_file), ("profile", request.profile),
+                          ("data", request.data)):  # fmt: skip
         if given is not None and option not in kind.options:
-            raise TrialError(
-                f"--{option.replace('_', '-')}: {name} takes none: it is for campaigns that compare controllers"
-            )
+            what = "the campaign reality" if option == "data" else "campaigns that compare controllers"
+            raise TrialError(f"--{option.replace('_', '-')}: {name} takes none: it is for {what}")
     return kind(kind.read(request.file.path, quick), request)
 
 

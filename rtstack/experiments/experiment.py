@@ -69,7 +69,7 @@ Stages = Generator[Stage, dict[str, str], None]
 class Request:
     """What was asked for on the command line. out: the campaign's folder, absolute; logs: an address that fsspec knows,
     for recordings and logs, where they are not to be in the folder; cell_file: a cell's description that is not the
-    default one; profile: of the simulated robot, where it is not the plan's.
+    default one; profile: of the simulated robot, where it is not the plan's; data: a folder of measurements of others.
     """
 
     file: PlanFile
@@ -77,6 +77,7 @@ class Request:
     logs: str | None = None
     cell_file: Path | None = None
     profile: str | None = None
+    data: Path | None = None
 
 
 @dataclass(frozen=True, slots=True)

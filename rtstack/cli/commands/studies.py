@@ -28,11 +28,14 @@ def campaign(
     ] = None,
     cell_file: CellFile = None,
     profile: Profile = None,
+    data: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Measurements of others, for the campaign reality.")
+    ] = None,
 ) -> None:
     """Run many trials and write what they show: figures, tables, and each claim with a verdict."""
     from rtstack.cli.campaign import campaign as run
 
-    run(name, out, quick, workers, scheduler, resume, logs, cell_file, profile)
+    run(name, out, quick, workers, scheduler, resume, logs, cell_file, profile, data)
 
 
 @commands.command("tune-monitor")
