@@ -37,6 +37,17 @@ def review(
 
 
 @commands.command()
+def replay(
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG.mcap...", help="Trials, demonstrations, teleoperations.")],
+    json: Json = False,
+) -> None:
+    """Give a log's states to the present controller: does it make the same of them, bit by bit? No arm moves."""
+    from rtstack.cli.replay import run
+
+    run(logs, json)
+
+
+@commands.command()
 def plot(
     words: Annotated[
         list[str],
