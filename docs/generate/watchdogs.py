@@ -12,7 +12,7 @@ from rtstack.loop.watchdogs import CLUTCH_S, CONSOLE_S, OPERATOR_S, OVERRUN_TICK
 from rtstack.safety.arming import LEASE_S
 from rtstack.safety.judge import LIMITED_TICKS
 from rtstack.safety.limits import LARGEST_GAP_S
-from rtstack.safety.reasons import Reason
+from rtstack.safety.reasons import Cause
 from rtstack.trials.record import FULL_SHARE, HANG_S
 from rtstack.trials.run import ROOM_TICKS
 
@@ -45,16 +45,16 @@ WATCHDOGS = (
           "the trial's `--reaction`, then the judge's stop; with `continue` a mark in log and result", "loop"),
     Entry("QP not solved", "INFEASIBLE, ITERATIONS_EXHAUSTED, WRONG_ANSWER (KKT residual)", 1, "tick", End.QP, _STOP,
           "loop"),
-    Entry("not a number", "state, residual and desired torque", 1, "tick", Reason.NOT_FINITE.text, _STOP, "judge"),
+    Entry("not a number", "state, residual and desired torque", 1, "tick", Cause.NOT_FINITE.text, _STOP, "judge"),
     Entry("tick overrun", "both arms' turns together longer than a period, in a row; clocks of their own only",
           OVERRUN_TICKS, "ticks", End.TICK_OVERRUN, _ALONE, "loop"),
-    Entry("stale state", "a state that does not change", _MS, "ms", Reason.STATE_AGE.text,
+    Entry("stale state", "a state that does not change", _MS, "ms", Cause.STATE_AGE.text,
           f"{_STOP}; then, since the judge cannot brake by such a state, {_ROBOT}", "judge, loop"),
     Entry("impossible torque", "ticks in a row whose torque the judge had to limit", LIMITED_TICKS, "ticks",
-          f"{Reason.TORQUE.text}, {Reason.TORQUE_RATE.text}", _STOP, "judge"),
-    Entry("missing states", "the robot's time between two states", _MS, "ms", Reason.STATE_GAP.text, _STOP, "judge"),
-    Entry("time", "the robot's time goes on", 1, "tick", Reason.TIME_BACKWARDS.text, _STOP, "judge"),
-    Entry("silent arm", "one arm is served and the other one is not", _MS, "ms", Reason.PAIR_SKEW.text, _STOP, "judge"),
+          f"{Cause.TORQUE.text}, {Cause.TORQUE_RATE.text}", _STOP, "judge"),
+    Entry("missing states", "the robot's time between two states", _MS, "ms", Cause.STATE_GAP.text, _STOP, "judge"),
+    Entry("time", "the robot's time goes on", 1, "tick", Cause.TIME_BACKWARDS.text, _STOP, "judge"),
+    Entry("silent arm", "one arm is served and the other one is not", _MS, "ms", Cause.PAIR_SKEW.text, _STOP, "judge"),
     Entry("lost arm", "no state of an arm; clocks of their own only", 1e3 * STALE_S, "ms", End.HARDWARE,
           f"its connection is shut; {_ROBOT}, and so does the other arm", "hal"),
     Entry("simulator gone", "no state of a robot that waits for answers; a connection that closes: at once",

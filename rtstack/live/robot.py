@@ -54,7 +54,7 @@ from rtstack.loop.watchdogs import CONSOLE_S, OPERATOR_S, Heartbeat
 from rtstack.playback.finish import Finish
 from rtstack.playback.run import NO_OBJECT, prepare_playback, run_playback, way_to_start
 from rtstack.references.spreading import ExtendedReference
-from rtstack.safety.judge import Reason
+from rtstack.safety.judge import Cause
 from rtstack.samples import ARM_SAMPLE, SIDES, Level
 from rtstack.trials.assembly import safety_judges
 from rtstack.trials.demonstration import run_demonstration
@@ -183,7 +183,7 @@ class Robot:
             for name in ARM_STATE.names or ():
                 sample[name] = state[name]
             reason = judge.recover(sample)
-            if reason is not Reason.NONE:
+            if reason is not Cause.NONE:
                 raise RecoveryRefused(
                     f"{side} arm: {reason.text}: the cause persists; end the stack, and move the arm out of "
                     "it by hand: `rtstack guide`"

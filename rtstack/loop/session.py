@@ -26,13 +26,13 @@ from rtstack.loop.publisher import Publisher
 from rtstack.loop.standstill import REST_DQ, STOP_TICKS, StandstillDetector
 from rtstack.loop.timeline import TICK_NS, Timeline
 from rtstack.loop.watchdogs import TickOverrun, Watchdog, WatchdogTrip
-from rtstack.safety.judge import ForcePhase, Reason, SafetyJudge
+from rtstack.safety.judge import Cause, ForcePhase, SafetyJudge
 from rtstack.samples import ARM_SAMPLE, SIDES, Mode, QpStatus
 
-_OF_THE_OTHER = (Reason.PAIR_SKEW, Reason.OTHER_ARM)  # the other arm's own reason says more
+_OF_THE_OTHER = (Cause.PAIR_SKEW, Cause.OTHER_ARM)  # the other arm's own reason says more
 # looked up once: an enumeration's member costs 0.1 us
 _STOPPING, _NOT_USED, _SOLVED = Mode.STOPPING, QpStatus.NOT_USED, QpStatus.SOLVED
-_NO_REASON, _COMMANDED, _CONTROLLER = Reason.NONE, Reason.COMMANDED, Reason.CONTROLLER
+_NO_REASON, _COMMANDED, _CONTROLLER = Cause.NONE, Cause.COMMANDED, Cause.CONTROLLER
 _IMPACT, _CONTACT = ForcePhase.IMPACT, ForcePhase.CONTACT
 _FIRST = ((), (0,), (1,), (0,))  # the arm to serve of a mask of LEFT and RIGHT
 _MASK = {(): 0, (0,): LEFT, (1,): RIGHT, (0, 1): LEFT | RIGHT}  # of the arms that were served
@@ -370,7 +370,7 @@ class Session:
             k = next((k for k in (0, 1) if stopping[k] and self._judges[k].reason not in _OF_THE_OTHER), None)
             k = stopping.index(True) if k is None else k
             judge = self._judges[k]
-            if judge.reason is Reason.CONTROLLER:
+            if judge.reason is Cause.CONTROLLER:
                 trip = WatchdogTrip(End.QP, status.name.lower(), side=SIDES[self._notes.qp_side])
             else:
                 value, bound = float(judge.memory["value"][0]), float(judge.memory["bound"][0])

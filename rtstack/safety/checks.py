@@ -1,27 +1,27 @@
-"""What is wrong with a state and a desired torque: the judge's list, compiled. Each answer is the code of a Reason."""
+"""What is wrong with a state and a desired torque: the judge's list, compiled. Each answer is the code of a Cause."""
 
 import math
 
 from hal.compilation import compiled
 from rtstack.safety.geometry import arm_distance
-from rtstack.safety.reasons import Reason
+from rtstack.safety.reasons import Cause
 
 # plain integers: compiled code has no enumeration with texts
-NOT_FINITE = int(Reason.NOT_FINITE)
-JOINT_POSITION = int(Reason.JOINT_POSITION)
-JOINT_VELOCITY = int(Reason.JOINT_VELOCITY)
-MEASURED_TORQUE = int(Reason.MEASURED_TORQUE)
-EXTERNAL_TORQUE = int(Reason.EXTERNAL_TORQUE)
-RESIDUAL = int(Reason.RESIDUAL)
-WORKSPACE = int(Reason.WORKSPACE)
-SPEED = int(Reason.SPEED)
-POWER = int(Reason.POWER)
-ARM_DISTANCE = int(Reason.ARM_DISTANCE)
-STATE_GAP = int(Reason.STATE_GAP)
-STATE_AGE = int(Reason.STATE_AGE)
-TIME_BACKWARDS = int(Reason.TIME_BACKWARDS)
-PAIR_SKEW = int(Reason.PAIR_SKEW)
-FORCE = int(Reason.FORCE)
+NOT_FINITE = int(Cause.NOT_FINITE)
+JOINT_POSITION = int(Cause.JOINT_POSITION)
+JOINT_VELOCITY = int(Cause.JOINT_VELOCITY)
+MEASURED_TORQUE = int(Cause.MEASURED_TORQUE)
+EXTERNAL_TORQUE = int(Cause.EXTERNAL_TORQUE)
+RESIDUAL = int(Cause.RESIDUAL)
+WORKSPACE = int(Cause.WORKSPACE)
+SPEED = int(Cause.SPEED)
+POWER = int(Cause.POWER)
+ARM_DISTANCE = int(Cause.ARM_DISTANCE)
+STATE_GAP = int(Cause.STATE_GAP)
+STATE_AGE = int(Cause.STATE_AGE)
+TIME_BACKWARDS = int(Cause.TIME_BACKWARDS)
+PAIR_SKEW = int(Cause.PAIR_SKEW)
+FORCE = int(Cause.FORCE)
 WHOLE_ARM = -1
 TICK_NS = 1_000_000
 S = 1e-9

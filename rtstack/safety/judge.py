@@ -14,17 +14,17 @@ from rtstack.safety.body import Base, Tool, arm_body
 from rtstack.safety.checks import find_arm, find_joint, find_not_finite, take_time
 from rtstack.safety.geometry import place_arm
 from rtstack.safety.limits import HARDWARE, ForcePhase, PairLimits, SafetyLimits
-from rtstack.safety.reasons import NO_INTERVENTION, Reason, Verdict
+from rtstack.safety.reasons import NO_INTERVENTION, Cause, Judgement
 from rtstack.safety.records import StopProfile, empty_memory, rules
 from rtstack.safety.stop import begin_stop, braking_torque, clip
 
-__all__ = ["Base", "ForcePhase", "Reason", "SafetyJudge", "SafetyLimits", "Tool", "Verdict", "pair_of_judges"]
+__all__ = ["Base", "Cause", "ForcePhase", "Judgement", "SafetyJudge", "SafetyLimits", "Tool", "pair_of_judges"]
 
-OTHER_ARM = int(Reason.OTHER_ARM)
+OTHER_ARM = int(Cause.OTHER_ARM)
 # A controller that keeps inside its limits may be limited once, by rounding or by chance; one that goes on wanting what
 # is impossible has failed. At the robot's rate its torque is 2 Nm astray by then.
 LIMITED_TICKS = 3
-_PASS, _LIMITED = Verdict.PASS, Verdict.LIMITED
+_PASS, _LIMITED = Judgement.PASS, Judgement.LIMITED
 NEVER_NS = 2**62
 
 
@@ -117,9 +117,9 @@ class SafetyJudge:
         return bool(self._stale_ns[0] > self._gap_max_ns)
 
     @property
-    def reason(self) -> Reason:
+    def reason(self) -> Cause:
         """Why the latched stop was made."""
-        return Reason(int(self._reason[0]))
+        return Cause(int(self._reason[0]))
 
     @property
     def joint(self) -> int:
@@ -135,8 +135,8 @@ class SafetyJudge:
         return f"{where}{reason.text}{found}"
 
     def judge(
-        self, sample: NDArray[np.void], demand: Reason = Reason.NONE, residual: NDArray[np.float64] | None = None
-    ) -> Verdict:
+        self, sample: NDArray[np.void], demand: Cause = Cause.NONE, residual: NDArray[np.float64] | None = None
+    ) -> Judgement:
         """Write tau_applied of the sample (1,) from its state and tau_desired. Never raises.
 
         residual: the controller's momentum residual (7,), Nm, to be judged beside the robot's own estimate. A stop that
@@ -155,7 +155,7 @@ class SafetyJudge:
             return _LIMITED
         if not was_stopping and reason not in NO_INTERVENTION:
             self.interventions += 1
-        return Verdict.STOPPING
+        return Judgement.STOPPING
 
     def expect(self, phase: ForcePhase) -> None:
         """Judge by the forces of this phase from now on. Never raises."""
@@ -166,7 +166,7 @@ class SafetyJudge:
         self._sample, self._residual = sample, residual
         self._judge = bound(judge, sample, residual, self.memory, self._other, self._rules, later=(0,))
 
-    def recover(self, sample: NDArray[np.void], residual: NDArray[np.float64] | None = None) -> Reason:
+    def recover(self, sample: NDArray[np.void], residual: NDArray[np.float64] | None = None) -> Cause:
         """Forget a latched stop and start anew from no torque. Returns NONE, or the reason that persists in the state
         of `sample` (1,): the stop then stays. Of a pair, ask both. Not for the tick; motion needs arming besides."""
         trial = self.memory.copy()
@@ -175,7 +175,7 @@ class SafetyJudge:
         found = find_violation(sample[0], look, self._other.copy()[0], self._rules[0], trial[0])
         if found == 0:
             self.memory[:] = empty_memory(1)
-        return Reason(int(found))
+        return Cause(int(found))
 
 
 def pair_of_judges(

@@ -3,7 +3,7 @@
 from enum import IntEnum
 
 
-class Verdict(IntEnum):
+class Judgement(IntEnum):
     """What became of the desired torque."""
 
     PASS = 0
@@ -11,13 +11,13 @@ class Verdict(IntEnum):
     STOPPING = 2
 
 
-class Reason(IntEnum):
+class Cause(IntEnum):
     """Why the judge limited or stopped. `text` is one line for people, `unit` that of the measured value."""
 
     text: str
     unit: str
 
-    def __new__(cls, code: int, text: str, unit: str = "") -> "Reason":
+    def __new__(cls, code: int, text: str, unit: str = "") -> "Cause":
         """Return the member; its text and unit travel with it."""
         member = int.__new__(cls, code)
         member._value_ = code
@@ -48,4 +48,4 @@ class Reason(IntEnum):
 
 
 # a stop for one of these was not the judge's own idea
-NO_INTERVENTION = frozenset((Reason.NONE, Reason.COMMANDED, Reason.OTHER_ARM))
+NO_INTERVENTION = frozenset((Cause.NONE, Cause.COMMANDED, Cause.OTHER_ARM))

@@ -4,9 +4,9 @@ import math
 
 from hal.compilation import compiled
 from rtstack.safety.checks import note
-from rtstack.safety.reasons import Reason
+from rtstack.safety.reasons import Cause
 
-TORQUE, TORQUE_RATE = int(Reason.TORQUE), int(Reason.TORQUE_RATE)
+TORQUE, TORQUE_RATE = int(Cause.TORQUE), int(Cause.TORQUE_RATE)
 
 
 @compiled

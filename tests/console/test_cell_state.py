@@ -10,7 +10,7 @@ from console.remedies import chapters, remedy_of
 from hal.robot_errors import ROBOT_ERRORS
 from rtstack.live.protocol import Job, JobKind, JobState, Phase, Status
 from rtstack.loop.end import End
-from rtstack.safety.judge import Reason
+from rtstack.safety.judge import Cause
 
 JOB = Job(3, JobKind.TRIAL, JobState.RUNNING, "proposed", 0.5, 0.0)
 STATUS = Status("grab", True, ("box",), "box", None, None, Phase.DISARMED, None, "anna", 0.0, False, "fifo")
@@ -69,7 +69,7 @@ def test_what_both_pads_squeeze_is_held(on_left, on_right, held_n):
     assert squeeze.held_n is None
 
 
-@pytest.mark.parametrize("reason", [*ROBOT_ERRORS, *(one.text for one in Reason if one is not Reason.NONE), *End])
+@pytest.mark.parametrize("reason", [*ROBOT_ERRORS, *(one.text for one in Cause if one is not Cause.NONE), *End])
 def test_every_reason_of_a_fault_has_its_row_of_the_runbook(reason):
     found = remedy_of(f"{reason}: more" if reason in list(End) else f"safety stop: left arm: {reason}: more")
     assert found is not None

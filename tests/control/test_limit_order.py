@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import deploy
 from hal.robots import FR3
 from rtstack.model.cell_description import CellDescription, load_cell_description
-from rtstack.safety.judge import Reason, SafetyJudge, Verdict
+from rtstack.safety.judge import Cause, Judgement, SafetyJudge
 from rtstack.safety.limits import SafetyLimits
 from rtstack.samples import Mode, QpStatus
 from rtstack.trials.assembly import arm_controllers, cell_parameters
@@ -82,7 +82,7 @@ def asked(cell: CellDescription, rng: np.random.Generator) -> QpStatus | None:
     status = arm.command(Mode.ANTE_IMPACT)
     if status > QpStatus.SOLVED:
         return status
-    assert judge.judge(arm.sample) is Verdict.PASS, judge.explanation
+    assert judge.judge(arm.sample) is Judgement.PASS, judge.explanation
     # the torque that the QP asks for, before the torque's rate is limited
     tau = work["M"] @ work["ddq"] + work["coriolis"] + work["friction"]
     assert np.all(np.abs(tau) <= limits.tau_max)
@@ -91,8 +91,8 @@ def asked(cell: CellDescription, rng: np.random.Generator) -> QpStatus | None:
     arm.sample["q"][0] = q + dq * STEP_S + 0.5 * work["ddq"] * STEP_S**2
     arm.sample["dq"][0] = dq + work["ddq"] * STEP_S
     arm.sample["tau_desired"][0] = arm.sample["tau_applied"][0]
-    assert judge.judge(arm.sample) is Verdict.PASS, judge.explanation
-    assert judge.reason is Reason.NONE
+    assert judge.judge(arm.sample) is Judgement.PASS, judge.explanation
+    assert judge.reason is Cause.NONE
     return status
 
 

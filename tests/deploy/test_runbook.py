@@ -13,7 +13,7 @@ from rtstack.cli.app import app
 from rtstack.loop.end import End
 from rtstack.palette import MODE_STYLES
 from rtstack.safety.arming import Phase
-from rtstack.safety.reasons import Reason
+from rtstack.safety.reasons import Cause
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "docs/generate"))
@@ -55,7 +55,7 @@ def rows(page: str) -> dict[str, list[str]]:
 
 @pytest.mark.parametrize(
     "names",
-    [ROBOT_ERRORS, [reason.text for reason in Reason if reason is not Reason.NONE], list(End), sorted(SAID)],
+    [ROBOT_ERRORS, [reason.text for reason in Cause if reason is not Cause.NONE], list(End), sorted(SAID)],
     ids=["robot", "judge", "ends", "watchdogs"],
 )
 def test_every_error_has_a_cause_and_an_answer(names):
@@ -65,7 +65,7 @@ def test_every_error_has_a_cause_and_an_answer(names):
 
 def test_no_error_is_told_that_nobody_can_raise():
     known = set(rows("recovery.md")) - {"name", "reason", "end", "message"}
-    assert known - {*ROBOT_ERRORS, *(reason.text for reason in Reason), *End, *SAID, *REFUSALS, *DESK} == set()
+    assert known - {*ROBOT_ERRORS, *(reason.text for reason in Cause), *End, *SAID, *REFUSALS, *DESK} == set()
 
 
 def test_what_connecting_is_refused_with_are_the_words_of_the_vendor_s_library():

@@ -4,7 +4,7 @@ import sys
 from pathlib import Path
 
 from rtstack.loop.end import End
-from rtstack.safety.reasons import Reason
+from rtstack.safety.reasons import Cause
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "docs/generate"))
 
@@ -14,6 +14,6 @@ from watchdogs import WATCHDOGS
 def test_every_fault_of_a_session_has_its_watchdog():
     reasons = {entry.reason for entry in WATCHDOGS}
     assert {end for end in End if end.is_fault} - {End.SAFETY} <= reasons
-    by_time = (Reason.NOT_FINITE, Reason.STATE_AGE, Reason.STATE_GAP, Reason.TIME_BACKWARDS, Reason.PAIR_SKEW)
+    by_time = (Cause.NOT_FINITE, Cause.STATE_AGE, Cause.STATE_GAP, Cause.TIME_BACKWARDS, Cause.PAIR_SKEW)
     assert {reason.text for reason in by_time} <= reasons
     assert len({entry.name for entry in WATCHDOGS}) == len(WATCHDOGS)

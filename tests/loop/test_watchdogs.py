@@ -23,7 +23,7 @@ from rtstack.log.writer import LogProcess
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox
 from rtstack.loop.watchdogs import CONSOLE_S, OPERATOR_S, OVERRUN_TICKS, Heartbeat, TickOverrun, WatchdogTrip
-from rtstack.safety.judge import Verdict
+from rtstack.safety.judge import Judgement
 from rtstack.samples import Level, QpStatus
 from rtstack.trials.record import TrialLog
 from rtstack.trials.run_context import RunContext
@@ -52,7 +52,7 @@ class Played:
 
     reason: str
     ticks: np.ndarray
-    verdicts: list[list[Verdict]]
+    verdicts: list[list[Judgement]]
     errors: list[tuple[int, str]]
 
     def stops(self, reason: str) -> int:
@@ -62,10 +62,10 @@ class Played:
         assert re.search(reason, self.errors[0][1]), self.errors
         seen = int(np.flatnonzero(self.ticks["t_ns"] == self.errors[0][0])[0])
         for verdicts in self.verdicts:
-            first = verdicts.index(Verdict.STOPPING)
+            first = verdicts.index(Judgement.STOPPING)
             assert 0 <= first - seen <= MOST_TICKS
-            assert set(verdicts[first:]) == {Verdict.STOPPING}
-        first = self.verdicts[0].index(Verdict.STOPPING)
+            assert set(verdicts[first:]) == {Judgement.STOPPING}
+        first = self.verdicts[0].index(Judgement.STOPPING)
         assert np.any(self.ticks["tau_applied"][first] != self.ticks["tau_desired"][first])
         assert np.all(np.isfinite(self.ticks["tau_applied"]))
         assert np.abs(self.ticks["dq"][-1]).max() < rtstack.loop.standstill.REST_DQ
@@ -77,7 +77,7 @@ class Stage:
 
     def __init__(self, monkeypatch, prepared) -> None:
         self._prepared = prepared
-        self.verdicts: list[list[Verdict]] = [[], []]
+        self.verdicts: list[list[Judgement]] = [[], []]
         make_controller, make_judges = rtstack.trials.run.dual_arm_controller, rtstack.trials.run.safety_judges
 
         def controller(*arguments):

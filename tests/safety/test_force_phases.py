@@ -8,7 +8,7 @@ import pytest
 
 from hal.collisions import CollisionBehaviour
 from hal.limits import COLLISION_TORQUES
-from rtstack.safety.judge import ForcePhase, Reason, SafetyJudge, Verdict
+from rtstack.safety.judge import Cause, ForcePhase, Judgement, SafetyJudge
 from rtstack.safety.limits import FORCES_BY_PHASE, HARDWARE, LimitWidened, SafetyLimits
 from rtstack.samples import ARM_SAMPLE
 from rtstack.trials.tightening import limits_of_arms
@@ -32,7 +32,7 @@ def judged(limits: SafetyLimits, phase: ForcePhase, field: str, index: int, valu
 
 @pytest.mark.parametrize("phase", ForcePhase)
 @pytest.mark.parametrize(
-    ("field", "reason"), [("tau_ext_hat_filtered", Reason.EXTERNAL_TORQUE), ("residual", Reason.RESIDUAL)]
+    ("field", "reason"), [("tau_ext_hat_filtered", Cause.EXTERNAL_TORQUE), ("residual", Cause.RESIDUAL)]
 )
 def test_each_joint_may_feel_its_phases_torque_and_not_the_next_number(phase, field, reason):
     for joint, bound in enumerate(CELL.tau_ext_by_phase[phase]):
@@ -47,8 +47,8 @@ def test_a_pad_may_push_with_its_phases_force_and_not_the_next_number(phase):
     assert not judged(CELL, phase, "O_F_ext_hat_K", 1, -bound).stopping
     assert not judged(CELL, phase, "O_F_ext_hat_K", 4, 2.0 * bound).stopping  # a moment is no force
     stopped = judged(CELL, phase, "O_F_ext_hat_K", 1, nextafter(bound, 1e3))
-    assert (stopped.reason, stopped.joint) == (Reason.FORCE, 0)
-    assert stopped.explanation == f"{Reason.FORCE.text} ({bound:.4g} N, allowed {bound:.4g})"
+    assert (stopped.reason, stopped.joint) == (Cause.FORCE, 0)
+    assert stopped.explanation == f"{Cause.FORCE.text} ({bound:.4g} N, allowed {bound:.4g})"
 
 
 def test_a_phase_holds_from_the_tick_in_which_it_is_expected():
@@ -58,8 +58,9 @@ def test_a_phase_holds_from_the_tick_in_which_it_is_expected():
     sample["O_F_ext_hat_K"][0, 0] = 100.0
     judge = SafetyJudge(CELL)
     for phase, verdict in (
-        (ForcePhase.IMPACT, Verdict.PASS), (ForcePhase.CONTACT, Verdict.PASS), (ForcePhase.APPROACH, Verdict.STOPPING),
-        (ForcePhase.IMPACT, Verdict.STOPPING),
+        (ForcePhase.IMPACT, Judgement.PASS), (ForcePhase.CONTACT, Judgement.PASS),
+        (ForcePhase.APPROACH, Judgement.STOPPING),
+        (ForcePhase.IMPACT, Judgement.STOPPING),
     ):  # fmt: skip
         judge.expect(phase)
         sample["t_ns"] += 1_000_000

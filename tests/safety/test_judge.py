@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from hal.limits import CONTROL_PERIOD_S
 from hal.robots import FR3
-from rtstack.safety.judge import Reason, SafetyJudge, Verdict
+from rtstack.safety.judge import Cause, Judgement, SafetyJudge
 from rtstack.samples import ARM_SAMPLE
 
 HOME = np.array([0.0, 0.0, 0.0, -1.6, 0.0, 2.0, 0.0])
@@ -23,7 +23,7 @@ def _sample(q=HOME, dq=0.0, tau_desired=0.0, tau_J=0.0) -> np.ndarray:
 
 def test_an_ordinary_torque_passes_unchanged():
     judge, sample = SafetyJudge(), _sample(tau_desired=0.9)
-    assert judge.judge(sample) is Verdict.PASS
+    assert judge.judge(sample) is Judgement.PASS
     np.testing.assert_array_equal(sample["tau_applied"], sample["tau_desired"])
     assert judge.interventions == 0
 
@@ -33,7 +33,7 @@ def test_an_ordinary_torque_passes_unchanged():
 def test_a_torque_step_is_limited_to_the_rate(joint, sign):
     judge, sample = SafetyJudge(), _sample()
     sample["tau_desired"][0, joint] = sign * (STEP + 0.01)
-    assert judge.judge(sample) is Verdict.LIMITED
+    assert judge.judge(sample) is Judgement.LIMITED
     assert abs(sample["tau_applied"][0, joint]) <= STEP
     assert judge.joint == joint + 1
     assert judge.interventions == 1
@@ -51,27 +51,27 @@ def test_torque_never_exceeds_its_limit(joint):
     assert sample["tau_applied"][0, joint] == FR3.limits.tau_max[joint]
 
 
-def _broken(joint: int, what: str) -> tuple[np.ndarray, Reason]:
+def _broken(joint: int, what: str) -> tuple[np.ndarray, Cause]:
     sample = _sample()
     if what == "position_up":
         sample["q"][0, joint] = FR3.limits.q_upper[joint] - 0.004
-        return sample, Reason.JOINT_POSITION
+        return sample, Cause.JOINT_POSITION
     if what == "position_down":
         sample["q"][0, joint] = FR3.limits.q_lower[joint] + 0.004
-        return sample, Reason.JOINT_POSITION
+        return sample, Cause.JOINT_POSITION
     if what == "velocity":
         sample["dq"][0, joint] = FR3.limits.dq_max[joint] * 0.99
-        return sample, Reason.JOINT_VELOCITY
+        return sample, Cause.JOINT_VELOCITY
     if what == "velocity_near_limit":
         # what the robot itself allows there, without the judge's margin
         sample["q"][0, joint] = FR3.limits.q_lower[joint] + 0.05
         sample["dq"][0, joint] = FR3.limits.dq_lower(sample["q"][0])[joint]
-        return sample, Reason.JOINT_VELOCITY
+        return sample, Cause.JOINT_VELOCITY
     if what == "measured_torque":
         sample["tau_J"][0, joint] = -FR3.limits.tau_max[joint] - 0.01
-        return sample, Reason.MEASURED_TORQUE
+        return sample, Cause.MEASURED_TORQUE
     sample[what][0, joint] = np.nan
-    return sample, Reason.NOT_FINITE
+    return sample, Cause.NOT_FINITE
 
 
 BREAKS = [
@@ -86,18 +86,18 @@ def test_each_violation_stops_and_latches(joint, what):
     judge = SafetyJudge()
     judge.judge(_sample())
     sample, reason = _broken(joint, what)
-    assert judge.judge(sample) is Verdict.STOPPING
+    assert judge.judge(sample) is Judgement.STOPPING
     assert (judge.reason, judge.joint) == (reason, joint + 1)
     assert np.all(np.isfinite(sample["tau_applied"]))
     good = _sample(tau_desired=0.5)
-    assert judge.judge(good) is Verdict.STOPPING
+    assert judge.judge(good) is Judgement.STOPPING
     assert judge.interventions == 1
 
 
 def test_a_commanded_stop_is_no_intervention_but_an_unsolved_qp_is():
-    for demand, count in ((Reason.COMMANDED, 0), (Reason.CONTROLLER, 1)):
+    for demand, count in ((Cause.COMMANDED, 0), (Cause.CONTROLLER, 1)):
         judge = SafetyJudge()
-        assert judge.judge(_sample(), demand) is Verdict.STOPPING
+        assert judge.judge(_sample(), demand) is Judgement.STOPPING
         assert judge.reason is demand
         assert judge.interventions == count
 

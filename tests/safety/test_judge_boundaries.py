@@ -9,7 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from hal.robots import FR3
-from rtstack.safety.judge import Base, Reason, SafetyJudge, Verdict
+from rtstack.safety.judge import Base, Cause, Judgement, SafetyJudge
 from rtstack.safety.judge import judge as compiled
 from rtstack.safety.limits import HARDWARE
 from tests.support.safety.judge_oracle import (
@@ -35,10 +35,10 @@ def _around(bound: float) -> tuple[float, float, float]:
     return nextafter(bound, 0.0), bound, nextafter(bound, inf if bound > 0 else -inf)
 
 
-def _reason(sample, residual=NONE, limits=HARDWARE, base: Base | None = None) -> tuple[Reason, int]:
+def _reason(sample, residual=NONE, limits=HARDWARE, base: Base | None = None) -> tuple[Cause, int]:
     judge = SafetyJudge(limits, base)
     verdict = judge.judge(sample, residual=residual)
-    assert (verdict is Verdict.STOPPING) == judge.stopping
+    assert (verdict is Judgement.STOPPING) == judge.stopping
     return judge.reason, judge.joint if judge.stopping else 0
 
 
@@ -51,16 +51,14 @@ def test_each_joint_line_is_exactly_where_its_definition_says(joint):
         "dq": HARDWARE.dq_max[joint],
     }
     reasons = dict(
-        zip(
-            lines, (Reason.MEASURED_TORQUE, Reason.EXTERNAL_TORQUE, Reason.RESIDUAL, Reason.JOINT_VELOCITY), strict=True
-        )
+        zip(lines, (Cause.MEASURED_TORQUE, Cause.EXTERNAL_TORQUE, Cause.RESIDUAL, Cause.JOINT_VELOCITY), strict=True)
     )
     for name, line in lines.items():
         for sign in (1.0, -1.0):
             for value, wrong in zip(_around(sign * line), (False, False, True), strict=True):
                 sample, residual = arm_sample(q=(FR3.limits.q_lower + FR3.limits.q_upper) / 2), np.zeros(7)
                 (residual if name == "residual" else sample[name][0])[joint] = value
-                expected = (reasons[name], joint + 1) if wrong else (Reason.NONE, 0)
+                expected = (reasons[name], joint + 1) if wrong else (Cause.NONE, 0)
                 assert _reason(sample, residual, replace(HARDWARE, ee_speed_max=99.0)) == expected
 
 
@@ -70,18 +68,18 @@ def test_the_position_line_moves_inwards_with_the_braking_distance(joint):
         line = lines[joint]
         sample = arm_sample()
         sample["q"][0, joint] = line
-        assert _reason(sample) == (Reason.NONE, 0)
+        assert _reason(sample) == (Cause.NONE, 0)
         sample["q"][0, joint] = nextafter(line, sign * 99)
-        assert _reason(sample) == (Reason.JOINT_POSITION, joint + 1)
+        assert _reason(sample) == (Cause.JOINT_POSITION, joint + 1)
         # beyond the line even a joint that comes back is stopped
         sample["dq"][0, joint] = -sign * 0.5
-        assert _reason(sample) == (Reason.JOINT_POSITION, joint + 1)
+        assert _reason(sample) == (Cause.JOINT_POSITION, joint + 1)
         # inside, away from the line: nothing
         sample["q"][0, joint] = nextafter(line, 0.0 if abs(line) > 0.0 else 1.0) - sign * 0.01
-        assert _reason(sample) == (Reason.NONE, 0)
+        assert _reason(sample) == (Cause.NONE, 0)
         dq = sign * 2.0
         travel = dq * REACTION_S + dq * abs(dq) / (2.0 * BRAKING[joint])
-        for nudge, reason in ((1e-9, Reason.JOINT_POSITION), (-1e-9, Reason.JOINT_VELOCITY)):
+        for nudge, reason in ((1e-9, Cause.JOINT_POSITION), (-1e-9, Cause.JOINT_VELOCITY)):
             sample["q"][0, joint], sample["dq"][0, joint] = line - travel + sign * nudge, dq
             assert _reason(sample) == (reason, joint + 1)
 
@@ -98,7 +96,7 @@ def test_the_velocity_line_depends_on_the_position(joint):
             sample["q"][0, joint] = q
             for factor, wrong in ((1.0, False), (1.0 + 1e-12, True)):
                 sample["dq"][0, joint] = sign * allowed * factor + (sign * 1e-12 if allowed == 0.0 and wrong else 0.0)
-                assert _reason(sample) == ((Reason.JOINT_VELOCITY, joint + 1) if wrong else (Reason.NONE, 0))
+                assert _reason(sample) == ((Cause.JOINT_VELOCITY, joint + 1) if wrong else (Cause.NONE, 0))
 
 
 NAMES = ["q", "dq", "tau_J", "tau_ext_hat_filtered", "tau_desired", "O_F_ext_hat_K", "O_T_EE", "residual"]
@@ -112,8 +110,8 @@ def test_a_value_that_is_not_finite_stops_wherever_it_is(name, bad):
         sample, residual = arm_sample(), np.zeros(7)
         (residual if name == "residual" else sample[name].reshape(-1))[index] = bad
         judge = SafetyJudge()
-        assert judge.judge(sample, residual=residual) is Verdict.STOPPING
-        assert (judge.reason, judge.joint) == (Reason.NOT_FINITE, index + 1 if size == 7 else 0)
+        assert judge.judge(sample, residual=residual) is Judgement.STOPPING
+        assert (judge.reason, judge.joint) == (Cause.NOT_FINITE, index + 1 if size == 7 else 0)
         assert np.isfinite(sample["tau_applied"]).all()
         assert "not finite" in judge.explanation
 
@@ -138,7 +136,7 @@ def test_the_box_of_the_end_effector_is_closed(axis):
             corner = list(getattr(HARDWARE, name))
             corner[axis] = line
             limits = replace(HARDWARE, **{name: tuple(corner)})
-            expected = (Reason.WORKSPACE, 0) if wrong else (Reason.NONE, 0)
+            expected = (Cause.WORKSPACE, 0) if wrong else (Cause.NONE, 0)
             assert _reason(arm_sample(q=HOME + 0.3), limits=limits, base=TURNED) == expected
 
 
@@ -151,10 +149,10 @@ def test_the_speed_of_the_end_effector_and_the_power_have_their_lines():
     power = 0.0
     for a, b in zip(tau, dq, strict=True):
         power += float(a * b)
-    for name, line, reason in (("ee_speed_max", speed, Reason.SPEED), ("power_max", abs(power), Reason.POWER)):
+    for name, line, reason in (("ee_speed_max", speed, Cause.SPEED), ("power_max", abs(power), Cause.POWER)):
         for sign in (1.0, -1.0):
             for bound, wrong in ((line, False), (nextafter(line, 0.0), True), (nextafter(line, inf), False)):
-                expected = (reason, 0) if wrong else (Reason.NONE, 0)
+                expected = (reason, 0) if wrong else (Cause.NONE, 0)
                 sample = arm_sample(dq=dq, tau_J=sign * tau)
                 assert _reason(sample, limits=replace(HARDWARE, **{name: bound})) == expected
 
@@ -175,8 +173,8 @@ def test_torque_and_torque_rate_are_limited_exactly(joint, sign):
             verdict = judge.judge(sample)
             expected = limited(desired, last, HARDWARE)
             assert sample["tau_applied"][0].tobytes() == expected.tobytes()
-            assert (verdict is Verdict.LIMITED) == bool(np.any(expected != desired))
-            if verdict is Verdict.LIMITED:
+            assert (verdict is Judgement.LIMITED) == bool(np.any(expected != desired))
+            if verdict is Judgement.LIMITED:
                 assert judge.joint == joint + 1
                 over = abs(wanted) > HARDWARE.tau_max[joint]
                 assert judge.memory["bound"][0] == pytest.approx(HARDWARE.tau_max[joint] if over else step, abs=1e-12)
@@ -185,10 +183,10 @@ def test_torque_and_torque_rate_are_limited_exactly(joint, sign):
 
 def test_the_compiled_judge_answers_with_the_codes_of_verdict_and_reason():
     for field, value, expected in (
-        ("tau_desired", 0.5, (Verdict.PASS, Reason.NONE)),
-        ("tau_desired", 2.0, (Verdict.LIMITED, Reason.TORQUE_RATE)),
-        ("tau_desired", 88.0, (Verdict.LIMITED, Reason.TORQUE)),
-        ("tau_J", -88.0, (Verdict.STOPPING, Reason.MEASURED_TORQUE)),
+        ("tau_desired", 0.5, (Judgement.PASS, Cause.NONE)),
+        ("tau_desired", 2.0, (Judgement.LIMITED, Cause.TORQUE_RATE)),
+        ("tau_desired", 88.0, (Judgement.LIMITED, Cause.TORQUE)),
+        ("tau_J", -88.0, (Judgement.STOPPING, Cause.MEASURED_TORQUE)),
     ):
         judge = SafetyJudge()
         sample = arm_sample(**{field: np.array([0, 0, 0, value, 0, 0, 0])})
@@ -199,7 +197,7 @@ def test_a_limit_of_torque_is_told_before_one_of_its_rate():
     judge = SafetyJudge()
     sample = arm_sample()
     sample["tau_desired"][0, 1], sample["tau_desired"][0, 4] = 88.0, 2.0
-    assert judge.judge(sample) is Verdict.LIMITED
+    assert judge.judge(sample) is Judgement.LIMITED
     assert (judge.joint, judge.memory["value"][0]) == (2, 88.0)
     assert (judge.limited, judge.interventions) == (1, 1)
 
@@ -210,34 +208,34 @@ def test_the_torque_s_bound_comes_first_where_the_robot_was_commanded_more(joint
     for told in (200.0, 1e9, 1.7e308):
         judge, sample = SafetyJudge(), arm_sample()
         judge.memory["tau_applied"][0, joint] = sign * told
-        assert judge.judge(sample) is Verdict.LIMITED
+        assert judge.judge(sample) is Judgement.LIMITED
         assert sample["tau_applied"][0, joint] == sign * (HARDWARE.tau_max[joint] - (1.0 - 1e-4))
 
 
-@pytest.mark.parametrize(("wanted", "reason"), [(200.0, Reason.TORQUE), (60.0, Reason.TORQUE_RATE)])
+@pytest.mark.parametrize(("wanted", "reason"), [(200.0, Cause.TORQUE), (60.0, Cause.TORQUE_RATE)])
 def test_who_wants_the_impossible_for_three_ticks_is_stopped(wanted, reason):
     judge, sample = SafetyJudge(), arm_sample()
     step, ticks = 1.0 - 1e-4, iter(range(1, 100))
 
-    def ask(torque) -> Verdict:
+    def ask(torque) -> Judgement:
         sample["tau_desired"][0, 2] = torque
         sample["t_ns"] = next(ticks) * 1_000_000
         sample["q"][0, 0] += 1e-9  # a state that lives
         return judge.judge(sample)
 
-    assert [ask(wanted) for _ in range(2)] == [Verdict.LIMITED] * 2
-    assert ask(sample["tau_applied"][0, 2]) is Verdict.PASS  # back to its senses: it counts anew
-    assert [ask(wanted) for _ in range(2)] == [Verdict.LIMITED] * 2
+    assert [ask(wanted) for _ in range(2)] == [Judgement.LIMITED] * 2
+    assert ask(sample["tau_applied"][0, 2]) is Judgement.PASS  # back to its senses: it counts anew
+    assert [ask(wanted) for _ in range(2)] == [Judgement.LIMITED] * 2
     assert not judge.stopping
     last = float(sample["tau_applied"][0, 2])
-    assert ask(wanted) is Verdict.STOPPING
+    assert ask(wanted) is Judgement.STOPPING
     assert (judge.reason, judge.joint, judge.memory["value"][0] > 50.0) == (reason, 3, True)
     assert sample["tau_applied"][0, 2] == pytest.approx(last - step)  # no more of it
-    assert ask(0.0) is Verdict.STOPPING
+    assert ask(0.0) is Judgement.STOPPING
     assert (judge.limited, judge.interventions) == (4, 5)
 
 
-@pytest.mark.parametrize("demand", [Reason.NONE, Reason.COMMANDED])
+@pytest.mark.parametrize("demand", [Cause.NONE, Cause.COMMANDED])
 def test_the_judge_is_blind_from_when_a_state_is_stale_whoever_asked_for_the_stop(demand):
     judge, sample = SafetyJudge(), arm_sample()
     gap_ms = round(HARDWARE.state_gap_max_s * 1e3)
@@ -253,7 +251,7 @@ def test_the_judge_is_blind_from_when_a_state_is_stale_whoever_asked_for_the_sto
     assert judge.blind is False
 
 
-def _evidence(sample, reason: Reason, joint: int, residual=NONE, limits=HARDWARE) -> tuple[float, float]:
+def _evidence(sample, reason: Cause, joint: int, residual=NONE, limits=HARDWARE) -> tuple[float, float]:
     """Return what was found and what was allowed."""
     judge = SafetyJudge(limits)
     judge.judge(sample, residual=residual)
@@ -270,24 +268,24 @@ def test_the_evidence_of_a_joint_is_what_was_found_and_what_was_allowed(joint, s
         sample = arm_sample()
         sample["q"][0, joint], sample["dq"][0, joint] = place, dq
         travel = dq * REACTION_S + dq * abs(dq) / (2.0 * BRAKING[joint])
-        found, allowed = _evidence(sample, Reason.JOINT_POSITION, joint + 1)
+        found, allowed = _evidence(sample, Cause.JOINT_POSITION, joint + 1)
         assert found == pytest.approx(place + (travel if dq * sign > 0 else 0.0), abs=1e-12)
         assert allowed == line
     sample = arm_sample(q=middle)
     sample["dq"][0, joint] = sign * HARDWARE.dq_max[joint] * 1.001
-    found = _evidence(sample, Reason.JOINT_VELOCITY, joint + 1)
+    found = _evidence(sample, Cause.JOINT_VELOCITY, joint + 1)
     assert found == (sign * HARDWARE.dq_max[joint] * 1.001, HARDWARE.dq_max[joint])
     for name, reason, lines in (
-        ("tau_J", Reason.MEASURED_TORQUE, HARDWARE.tau_J_max),
-        ("tau_ext_hat_filtered", Reason.EXTERNAL_TORQUE, HARDWARE.tau_ext_max),
-        ("residual", Reason.RESIDUAL, HARDWARE.tau_ext_max),
+        ("tau_J", Cause.MEASURED_TORQUE, HARDWARE.tau_J_max),
+        ("tau_ext_hat_filtered", Cause.EXTERNAL_TORQUE, HARDWARE.tau_ext_max),
+        ("residual", Cause.RESIDUAL, HARDWARE.tau_ext_max),
     ):
         sample, residual = arm_sample(), np.zeros(7)
         (residual if name == "residual" else sample[name][0])[joint] = sign * 200.0
         assert _evidence(sample, reason, joint + 1, residual) == (sign * 200.0, lines[joint])
     sample = arm_sample()
     sample["q"][0, joint] = sign * inf
-    found, allowed = _evidence(sample, Reason.NOT_FINITE, joint + 1)
+    found, allowed = _evidence(sample, Cause.NOT_FINITE, joint + 1)
     assert np.isnan(found)
     assert allowed == 0.0
 
@@ -300,10 +298,10 @@ def test_the_evidence_of_the_whole_arm_is_what_was_found_and_what_was_allowed():
             corner = [-9.0 * sign] * 3
             corner[axis] = place[axis] + 0.125 * sign
             limits = replace(HARDWARE, **{name: tuple(corner)})
-            found, allowed = _evidence(arm_sample(), Reason.WORKSPACE, 0, limits=limits)
+            found, allowed = _evidence(arm_sample(), Cause.WORKSPACE, 0, limits=limits)
             assert found == pytest.approx(place[axis], abs=1e-12)
             assert allowed == corner[axis]
-    for name, reason, value in (("ee_speed_max", Reason.SPEED, speed), ("power_max", Reason.POWER, tau @ dq)):
+    for name, reason, value in (("ee_speed_max", Cause.SPEED, speed), ("power_max", Cause.POWER, tau @ dq)):
         for sign in (1.0, -1.0):
             sample, limits = arm_sample(dq=dq, tau_J=sign * tau), replace(HARDWARE, **{name: abs(value) / 2.0})
             found, allowed = _evidence(sample, reason, 0, limits=limits)
@@ -311,7 +309,7 @@ def test_the_evidence_of_the_whole_arm_is_what_was_found_and_what_was_allowed():
             assert allowed == abs(value) / 2.0
     sample = arm_sample()
     sample["O_F_ext_hat_K"][0, 3] = nan
-    found, allowed = _evidence(sample, Reason.NOT_FINITE, 0)
+    found, allowed = _evidence(sample, Cause.NOT_FINITE, 0)
     assert np.isnan(found)
     assert allowed == 0.0
 
@@ -344,12 +342,12 @@ def test_the_judge_says_what_the_definitions_say(q, dq, tau_J, tau_ext, desired,
     limits = replace(HARDWARE, ee_upper=(0.5, 0.5, 0.9), ee_speed_max=0.8, power_max=60.0)
     sample = arm_sample(q=q, dq=slow * dq, tau_J=tau_J, tau_ext_hat_filtered=tau_ext, tau_desired=desired)
     expected = joint_reason(sample, residual, limits)
-    if expected[0] is Reason.NONE:
+    if expected[0] is Cause.NONE:
         reason, margin = arm_reason(sample, TURNED, limits)
         assume(margin > 1e-6)
         expected = (reason, 0)
     assert _reason(sample, residual, limits, TURNED) == expected
-    if expected[0] is Reason.NONE:
+    if expected[0] is Cause.NONE:
         np.testing.assert_array_equal(sample["tau_applied"][0], limited(desired, np.zeros(7), limits))
     assert np.isfinite(sample["tau_applied"]).all()
     assert np.all(np.abs(sample["tau_applied"][0]) <= 1.0)

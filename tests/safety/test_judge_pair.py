@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from hal.robots import FR3
 from rtstack.safety.geometry import arm_distance, segment_distance
-from rtstack.safety.judge import Base, Reason, SafetyJudge, Tool, Verdict, pair_of_judges
+from rtstack.safety.judge import Base, Cause, Judgement, SafetyJudge, Tool, pair_of_judges
 from rtstack.safety.limits import HARDWARE
 from rtstack.safety.records import StopProfile
 from tests.support.safety.judge_oracle import distance, nearest
@@ -27,7 +27,7 @@ def _pair(limits=HARDWARE, right: Base = RIGHT) -> tuple[SafetyJudge, SafetyJudg
     return pair_of_judges((limits, limits), LEFT, right, Tool())
 
 
-def _both(judges, t_ms: int, **fields) -> tuple[Verdict, Verdict]:
+def _both(judges, t_ms: int, **fields) -> tuple[Judgement, Judgement]:
     left, right = (judge.judge(arm_sample(t_ms, **fields)) for judge in judges)
     return left, right
 
@@ -85,7 +85,7 @@ def test_the_arms_distance_is_that_of_their_capsules():
 
 def test_arms_that_are_too_close_stop_both_of_them():
     judges = _pair()
-    assert _both(judges, 0) == (Verdict.PASS, Verdict.PASS)
+    assert _both(judges, 0) == (Judgement.PASS, Judgement.PASS)
     apart = arm_distance(judges[0].memory[0], judges[1].memory[0], judges[0]._rules[0], 9.0)
     for bound, wrong in ((apart, False), (nextafter(apart, 0.0), False), (nextafter(apart, 9.0), True)):
         judges = _pair(replace(HARDWARE, arm_distance_min=bound))
@@ -94,10 +94,10 @@ def test_arms_that_are_too_close_stop_both_of_them():
         judges[1].judge(arm_sample(0))
         assert judges[1].stopping == wrong
         if wrong:
-            assert judges[1].reason is Reason.ARM_DISTANCE
+            assert judges[1].reason is Cause.ARM_DISTANCE
             assert judges[1].memory["value"][0] == pytest.approx(apart, abs=1e-12)
             judges[0].judge(arm_sample(1))
-            assert judges[0].reason is Reason.ARM_DISTANCE
+            assert judges[0].reason is Cause.ARM_DISTANCE
 
 
 def test_where_one_arm_stops_the_other_one_does_in_its_next_tick():
@@ -105,15 +105,15 @@ def test_where_one_arm_stops_the_other_one_does_in_its_next_tick():
     _both(judges, 0)
     judges[1].judge(arm_sample(1, tau_desired=np.nan))
     assert not judges[0].stopping
-    assert judges[0].judge(arm_sample(2)) is Verdict.STOPPING
-    assert judges[0].reason is Reason.OTHER_ARM
+    assert judges[0].judge(arm_sample(2)) is Judgement.STOPPING
+    assert judges[0].reason is Cause.OTHER_ARM
     assert (judges[0].interventions, judges[1].interventions) == (0, 1)
-    assert judges[0].explanation == Reason.OTHER_ARM.text
+    assert judges[0].explanation == Cause.OTHER_ARM.text
     # what somebody asks for, and what is wrong with the arm itself, come first
-    for dq, reason in ((0.0, Reason.COMMANDED), (9.0, Reason.JOINT_POSITION)):
+    for dq, reason in ((0.0, Cause.COMMANDED), (9.0, Cause.JOINT_POSITION)):
         judges = _pair()
         judges[1].judge(arm_sample(1, tau_desired=np.nan))
-        judges[0].judge(arm_sample(1, dq=dq), Reason.COMMANDED)
+        judges[0].judge(arm_sample(1, dq=dq), Cause.COMMANDED)
         assert judges[0].reason is reason
 
 
@@ -124,13 +124,13 @@ def test_states_may_be_missing_for_twenty_milliseconds_and_no_longer():
     for extra_ns, stops in ((-1, False), (0, False), (1, True)):
         judge = SafetyJudge()
         for t_ms in (0, 7000):  # the first step of the clock may be a long one
-            assert judge.judge(arm_sample(t_ms)) is Verdict.PASS
+            assert judge.judge(arm_sample(t_ms)) is Judgement.PASS
         sample = arm_sample(7020)
         sample["t_ns"] += extra_ns
         judge.judge(sample)
         assert judge.stopping == stops
         if stops:
-            assert (judge.reason, judge.joint) == (Reason.STATE_GAP, 0)
+            assert (judge.reason, judge.joint) == (Cause.STATE_GAP, 0)
             assert judge.memory["value"][0] == pytest.approx(0.020000001)
             assert judge.memory["bound"][0] == pytest.approx(0.02)
 
@@ -138,8 +138,8 @@ def test_states_may_be_missing_for_twenty_milliseconds_and_no_longer():
 def test_a_robot_that_waits_may_show_its_first_state_for_ever():
     judge = SafetyJudge()
     for _ in range(60):
-        assert judge.judge(arm_sample(5)) is Verdict.PASS
-    assert judge.judge(arm_sample(6)) is Verdict.PASS
+        assert judge.judge(arm_sample(5)) is Judgement.PASS
+    assert judge.judge(arm_sample(6)) is Judgement.PASS
 
 
 @pytest.mark.parametrize("changes", ["q", "dq", "tau_J"])
@@ -149,7 +149,7 @@ def test_any_measured_value_that_moves_keeps_a_state_alive(changes):
         sample = arm_sample(t_ms)
         sample["tau_J"] = 0.0
         sample[changes][0, 3] += 1e-9 * t_ms
-        assert judge.judge(sample) is Verdict.PASS
+        assert judge.judge(sample) is Judgement.PASS
 
 
 @pytest.mark.parametrize("clock_runs", [True, False])
@@ -163,7 +163,7 @@ def test_a_state_that_repeats_stops_after_twenty_milliseconds(clock_runs):
             sample["t_ns"] = (1 + k) * MS
         judge.judge(sample)
         assert judge.stopping == (k == 21)
-    assert (judge.reason, judge.joint) == (Reason.STATE_AGE, 0)
+    assert (judge.reason, judge.joint) == (Cause.STATE_AGE, 0)
     assert judge.memory["value"][0] == pytest.approx(0.021)
     assert judge.memory["bound"][0] == pytest.approx(0.02)
 
@@ -173,12 +173,12 @@ def test_values_that_move_under_a_clock_that_stands_are_stale_too_and_a_new_stat
     judge.judge(arm_sample(0))
     judge.judge(arm_sample(1))
     for k in range(20):
-        assert judge.judge(arm_sample(1, tau_J=1e-6 * k)) is Verdict.PASS
+        assert judge.judge(arm_sample(1, tau_J=1e-6 * k)) is Judgement.PASS
     judge.judge(arm_sample(2))
     assert judge.memory["stale_ns"][0] == 0
     for k in range(21):
         judge.judge(arm_sample(2, tau_J=1e-6 * k))
-    assert judge.reason is Reason.STATE_AGE
+    assert judge.reason is Cause.STATE_AGE
     # a repeated state that skips time counts with all of it
     judge = SafetyJudge()
     for t_ms in (0, 1):
@@ -188,7 +188,7 @@ def test_values_that_move_under_a_clock_that_stands_are_stale_too_and_a_new_stat
         sample["t_ns"] = t_ms * MS
         judge.judge(sample)
         assert judge.stopping == (t_ms == 22)
-    assert judge.reason is Reason.STATE_AGE
+    assert judge.reason is Cause.STATE_AGE
 
 
 @pytest.mark.parametrize("seen", [1, 2])
@@ -198,8 +198,8 @@ def test_time_never_runs_backwards(seen):
         judge.judge(arm_sample(t_ms))
     sample = arm_sample(9 + seen)
     sample["t_ns"] -= 1
-    assert judge.judge(sample) is Verdict.STOPPING
-    assert (judge.reason, judge.joint) == (Reason.TIME_BACKWARDS, 0)
+    assert judge.judge(sample) is Judgement.STOPPING
+    assert (judge.reason, judge.joint) == (Cause.TIME_BACKWARDS, 0)
     assert judge.memory["value"][0] == pytest.approx(-1e-9)
     assert judge.memory["bound"][0] == 0.0
 
@@ -209,13 +209,13 @@ def test_a_nanosecond_is_time_that_passes():
     for t_ns in range(60):  # each state is a new one
         sample = arm_sample(t_ns)
         sample["t_ns"] = t_ns
-        assert judge.judge(sample) is Verdict.PASS
+        assert judge.judge(sample) is Judgement.PASS
     judge = SafetyJudge()
     for t_ns in (0, 1, 20 * MS + 2):  # the clock has moved: the gap counts
         sample = arm_sample(t_ns)
         sample["t_ns"] = t_ns
         judge.judge(sample)
-    assert judge.reason is Reason.STATE_GAP
+    assert judge.reason is Cause.STATE_GAP
 
 
 def test_what_is_wrong_with_the_state_is_told_before_its_age():
@@ -223,7 +223,7 @@ def test_what_is_wrong_with_the_state_is_told_before_its_age():
     for t_ms in (0, 1):
         judge.judge(arm_sample(t_ms))
     judge.judge(arm_sample(90, tau_desired=np.nan))
-    assert judge.reason is Reason.NOT_FINITE
+    assert judge.reason is Cause.NOT_FINITE
 
 
 @pytest.mark.parametrize("begun", [True, False])
@@ -240,7 +240,7 @@ def test_an_arm_does_not_go_on_alone_for_more_than_twenty_milliseconds(begun):
             break
         silent += 1
     assert silent == 20
-    assert (judges[0].reason, judges[0].joint) == (Reason.PAIR_SKEW, 0)
+    assert (judges[0].reason, judges[0].joint) == (Cause.PAIR_SKEW, 0)
     assert judges[0].memory["value"][0] == pytest.approx(0.021)
     assert judges[0].memory["bound"][0] == pytest.approx(0.02)
 
@@ -254,7 +254,7 @@ def test_a_state_that_repeats_does_not_pass_for_a_new_one_to_the_other_arm():
         judges[1].judge(arm_sample(2))
         if judges[0].stopping:
             break
-    assert judges[0].reason is Reason.PAIR_SKEW
+    assert judges[0].reason is Cause.PAIR_SKEW
     assert judges[0].memory["value"][0] == pytest.approx(0.011)
 
 
@@ -275,8 +275,8 @@ def test_a_stop_lasts_and_its_evidence_with_it():
     said = judge.explanation
     assert said == "joint 3: the measured torque is beyond the joint's range (88.5 Nm, allowed 87)"
     for t_ms in range(2, 40):
-        assert judge.judge(arm_sample(t_ms, q=HOME + 0.5, dq=9.0 * (t_ms % 2))) is Verdict.STOPPING
-    assert (judge.reason, judge.joint, judge.explanation) == (Reason.MEASURED_TORQUE, 3, said)
+        assert judge.judge(arm_sample(t_ms, q=HOME + 0.5, dq=9.0 * (t_ms % 2))) is Judgement.STOPPING
+    assert (judge.reason, judge.joint, judge.explanation) == (Cause.MEASURED_TORQUE, 3, said)
     assert judge.interventions == 1
 
 
@@ -286,16 +286,16 @@ def test_a_stop_is_recovered_from_when_its_cause_is_gone_and_not_before():
     bad = arm_sample(1, tau_ext_hat_filtered=110.0)
     judges[0].judge(bad)
     judges[1].judge(arm_sample(1))
-    assert judges[0].recover(bad) is Reason.EXTERNAL_TORQUE
-    assert judges[0].recover(arm_sample(2), residual=np.full(7, 99.0)) is Reason.RESIDUAL
+    assert judges[0].recover(bad) is Cause.EXTERNAL_TORQUE
+    assert judges[0].recover(arm_sample(2), residual=np.full(7, 99.0)) is Cause.RESIDUAL
     assert judges[0].stopping
     assert judges[0].memory["q_hold"][0, 3] == HOME[3]
     # a long pause, and a clock that began anew, are no cause
-    assert [j.recover(arm_sample(0)) for j in judges] == [Reason.NONE, Reason.NONE]
+    assert [j.recover(arm_sample(0)) for j in judges] == [Cause.NONE, Cause.NONE]
     assert not any(judge.stopping for judge in judges)
     assert judges[0].memory["tau_applied"][0].tolist() == [0.0] * 7
-    assert _both(judges, 90_000) == (Verdict.PASS, Verdict.PASS)
-    assert _both(judges, 99_000) == (Verdict.PASS, Verdict.PASS)
+    assert _both(judges, 90_000) == (Judgement.PASS, Judgement.PASS)
+    assert _both(judges, 99_000) == (Judgement.PASS, Judgement.PASS)
 
 
 def test_a_recovery_is_of_one_arm_and_one_that_is_refused_changes_nothing():
@@ -307,14 +307,14 @@ def test_a_recovery_is_of_one_arm_and_one_that_is_refused_changes_nothing():
         judges[side].judge(bad)
         judges[1 - side].judge(arm_sample(4))
         mine, others = judges[side].memory.copy(), judges[1 - side].memory.copy()
-        assert judges[side].recover(bad) is Reason.EXTERNAL_TORQUE
+        assert judges[side].recover(bad) is Cause.EXTERNAL_TORQUE
         assert judges[side].memory.tobytes() == mine.tobytes()
-        assert judges[side].recover(arm_sample(5)) is Reason.NONE
+        assert judges[side].recover(arm_sample(5)) is Cause.NONE
         others["silent_ns"] = 0  # it is waited for anew
         assert judges[1 - side].memory.tobytes() == others.tobytes()
         # one arm does not go on while the other one is stopped
-        assert judges[side].judge(arm_sample(6)) is Verdict.STOPPING
-        assert judges[side].reason is Reason.OTHER_ARM
+        assert judges[side].judge(arm_sample(6)) is Judgement.STOPPING
+        assert judges[side].reason is Cause.OTHER_ARM
 
 
 def test_what_is_wrong_with_the_whole_arm_is_said_without_a_joint():
@@ -337,9 +337,9 @@ def test_a_judge_has_the_base_the_tool_and_the_profile_that_it_was_given():
 
 
 def test_every_reason_says_what_is_wrong_in_one_line():
-    texts = [reason.text for reason in Reason]
+    texts = [reason.text for reason in Cause]
     assert len(set(texts)) == len(texts)
     assert all(text and "\n" not in text for text in texts)
-    assert [int(reason) for reason in Reason] == list(range(len(Reason)))
-    assert Reason(14) is Reason.ARM_DISTANCE
-    assert Reason.ARM_DISTANCE.unit == "m"
+    assert [int(reason) for reason in Cause] == list(range(len(Cause)))
+    assert Cause(14) is Cause.ARM_DISTANCE
+    assert Cause.ARM_DISTANCE.unit == "m"

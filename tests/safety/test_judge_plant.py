@@ -6,7 +6,7 @@ import pytest
 from hal.state import ARM_STATE
 from rtstack.model.cell_description import CellDescription
 from rtstack.papers.reference_spreading.controllers import Controller
-from rtstack.safety.judge import Verdict
+from rtstack.safety.judge import Judgement
 from rtstack.safety.limits import HARDWARE, NAMES, SafetyLimits
 from rtstack.samples import ARM_SAMPLE
 from sim_robot.cell import simulated_cell
@@ -73,7 +73,7 @@ def test_a_stop_keeps_hold_of_the_box_without_throwing_it(recorded, cell, stock,
                 samples["tau_desired"][1 if cause == "other arm" else 0, 0, 3] = np.nan
         for side, arm in enumerate(arms):
             verdict = pair[side].judge(samples[side])
-            assert verdict is Verdict.PASS or k >= HELD_TICK
+            assert verdict is Judgement.PASS or k >= HELD_TICK
             arm.write(samples[side]["tau_applied"][0])
         if k >= HELD_TICK:
             heights.append(plant.object_truth()[0][2])

@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from hal.robots import FR3
-from rtstack.safety.judge import Reason, SafetyJudge
+from rtstack.safety.judge import Cause, SafetyJudge
 from rtstack.safety.limits import HARDWARE
 from rtstack.safety.records import StopProfile
 from tests.support.safety.judge_samples import HOME, arm_sample
@@ -44,7 +44,7 @@ def test_from_any_state_inside_the_limits_a_stop_ends_inside_them(joint, where, 
     assume(not judge.stopping)  # the end effector's speed has its own line
     for t_ms in range(1, 700):
         # the torque's rate lets the first braking act a tick later
-        judge.judge(arm_sample(t_ms, q=q, dq=dq), Reason.COMMANDED)
+        judge.judge(arm_sample(t_ms, q=q, dq=dq), Cause.COMMANDED)
         wanted = judge.memory["dq_hold"][0]
         step = np.clip(wanted - dq, -BRAKING * 1e-3, BRAKING * 1e-3)
         q = q + (dq + step / 2) * 1e-3
@@ -69,7 +69,7 @@ def test_the_profile_is_the_one_that_is_stated():
         sample = arm_sample(t_ms, q=q + offset, dq=dq)
         if t_ms == 0:
             place = q + offset
-        judge.judge(sample, Reason.COMMANDED)
+        judge.judge(sample, Cause.COMMANDED)
         velocity = np.sign(velocity) * np.maximum(0.0, np.abs(velocity) - BRAKING * 1e-3)
         place = place + velocity * 1e-3
         wanted = held + np.array(profile.stiffness) * (place - sample["q"][0])
@@ -99,7 +99,7 @@ def test_what_is_held_is_the_mean_of_the_last_torques():
         judge.judge(arm_sample(t_ms, tau_desired=tau))
         expected += 0.05 * (tau - expected)
     np.testing.assert_allclose(judge.memory["tau_hold"][0], expected, atol=1e-12)
-    judge.judge(arm_sample(80, tau_desired=50.0), Reason.COMMANDED)
+    judge.judge(arm_sample(80, tau_desired=50.0), Cause.COMMANDED)
     np.testing.assert_allclose(judge.memory["tau_hold"][0], expected, atol=1e-12)
 
 
@@ -113,7 +113,7 @@ def test_a_profile_ends_at_the_position_limit_and_does_not_pull_back(joint, sign
         q[joint], dq[joint] = line + sign * beyond, sign * 2.0
         for t_ms in range(5):
             judge.judge(arm_sample(t_ms, q=q, dq=dq))
-        assert judge.reason is Reason.JOINT_POSITION
+        assert judge.reason is Cause.JOINT_POSITION
         assert judge.memory["q_hold"][0, joint] == line + sign * max(beyond, 0.0)
         assert judge.memory["dq_hold"][0, joint] == 0.0
         # one that comes back is braked where it comes to rest
@@ -131,7 +131,7 @@ def test_a_profile_that_arrives_exactly_at_the_limit_is_not_beyond_it(joint, sig
     line = HARDWARE.q_upper[joint] if sign > 0 else HARDWARE.q_lower[joint]
     speed = 1.0 - BRAKING[joint] * 1e-3
     judge = SafetyJudge()
-    judge.judge(arm_sample(0), Reason.COMMANDED)
+    judge.judge(arm_sample(0), Cause.COMMANDED)
     place = line - sign * speed * 1e-3
     for candidate in (place, np.nextafter(place, -9.0), np.nextafter(place, 9.0)):
         if candidate + sign * speed * 1e-3 == line:
@@ -148,7 +148,7 @@ def test_an_arm_whose_state_is_lost_brakes_from_where_it_was_last_seen():
     judge = SafetyJudge()
     judge.judge(arm_sample(0, q=HOME + 0.1, dq=0.5))
     judge.judge(arm_sample(1, q=nan, dq=nan))
-    assert judge.reason is Reason.NOT_FINITE
+    assert judge.reason is Cause.NOT_FINITE
     for i in range(7):
         speed = copysign(0.5 - BRAKING[i] * 1e-3, 1.0)
         assert judge.memory["dq_hold"][0, i] == pytest.approx(speed)
@@ -177,7 +177,7 @@ def test_an_arm_that_was_never_seen_is_held_where_it_first_shows():
 def test_a_stop_s_torque_is_a_number_whatever_finite_nonsense_the_state_says(huge, opposed):
     for joint in range(7):
         judge = SafetyJudge()
-        judge.judge(arm_sample(0, tau_desired=0.5), Reason.COMMANDED)
+        judge.judge(arm_sample(0, tau_desired=0.5), Cause.COMMANDED)
         for t_ms in (1, 2, 3):
             sample = arm_sample(t_ms)
             sample["q"][0, joint], sample["dq"][0, joint] = huge, opposed * huge
@@ -195,11 +195,11 @@ def test_masses_that_do_what_they_are_told_stop_in_about_the_ideal_distance():
     q, dq = HOME.copy(), np.full(7, 0.6)
     for t_ms in range(1200):
         sample = arm_sample(t_ms, q=q, dq=dq)
-        judge.judge(sample, Reason.COMMANDED if t_ms == 0 else Reason.NONE)
+        judge.judge(sample, Cause.COMMANDED if t_ms == 0 else Cause.NONE)
         for _ in range(10):
             dq = dq + sample["tau_applied"][0] / inertia * 1e-4
             q = q + dq * 1e-4
-    assert judge.reason is Reason.COMMANDED
+    assert judge.reason is Cause.COMMANDED
     assert np.abs(dq).max() < 1e-3
     ideal = 0.36 / (2.0 * BRAKING)
     assert np.all(q - HOME > 0.5 * ideal)
@@ -212,6 +212,6 @@ def test_the_torque_of_a_stop_goes_on_from_its_own_last_one():
     for tick in range(6):
         sample["t_ns"] = (tick + 1) * 1_000_000
         sample["dq"][0, 0] = 2.0 if tick else 0.0  # pushed: it wants to damp with far more than a tick's step
-        judge.judge(sample, Reason.COMMANDED)
+        judge.judge(sample, Cause.COMMANDED)
         torques.append(float(sample["tau_applied"][0, 0]))
     assert torques == pytest.approx([-(1.0 - 1e-4) * tick for tick in range(6)])

@@ -14,7 +14,7 @@ from hal.robots import FER, FR3, RobotModel
 from rtstack.cells import default_cell_file
 from rtstack.log.reader import read_log
 from rtstack.model.cell_description import CellDescription, load_cell_description
-from rtstack.safety.judge import Reason, SafetyJudge, Verdict
+from rtstack.safety.judge import Cause, Judgement, SafetyJudge
 from rtstack.safety.limits import hardware_limits
 from rtstack.samples import ARM_SAMPLE
 from rtstack.trials.assembly import arm_controllers, cell_parameters, safety_judges
@@ -64,34 +64,34 @@ def test_a_demonstration_and_a_trial_succeed(
     assert review.score.peak_velocity_ratio < 1.0
 
 
-def judged(model: RobotModel, joint: int, q: float, dq: float, cell: CellDescription) -> Reason:
+def judged(model: RobotModel, joint: int, q: float, dq: float, cell: CellDescription) -> Cause:
     """Return why a model's judge stops where this joint (1 to 7) is at q and dq, the others at home and at rest."""
     limits = replace(hardware_limits(model), ee_speed_max=np.inf)
     judge, sample = SafetyJudge(limits, replace(cell.left, model=model.reference).base), np.zeros(1, ARM_SAMPLE)
     sample["q"][0] = cell.left.home
     sample["q"][0, joint - 1], sample["dq"][0, joint - 1] = q, dq
     verdict = judge.judge(sample)
-    assert (verdict == Verdict.STOPPING) == judge.stopping
+    assert (verdict == Judgement.STOPPING) == judge.stopping
     return judge.reason
 
 
 @pytest.mark.parametrize(
     ("joint", "q", "dq", "stopped", "reason"),
     [
-        (1, 0.0, 2.3, FER, Reason.JOINT_VELOCITY),  # 98 % of 2.175 rad/s; the FR3: of 2.62
-        (5, -1.6, 3.0, FER, Reason.JOINT_VELOCITY),
-        (7, 2.9, 0.0, FER, Reason.JOINT_POSITION),  # 2.8973 rad; the FR3: 3.0196
-        (6, 4.0, 0.0, FER, Reason.JOINT_POSITION),
-        (1, 2.85, 0.0, FR3, Reason.JOINT_POSITION),  # 2.7501 rad; the FER: 2.8973
-        (6, 0.3, 0.0, FR3, Reason.JOINT_POSITION),
-        (3, 1.6, 2.4, FER, Reason.JOINT_VELOCITY),
+        (1, 0.0, 2.3, FER, Cause.JOINT_VELOCITY),  # 98 % of 2.175 rad/s; the FR3: of 2.62
+        (5, -1.6, 3.0, FER, Cause.JOINT_VELOCITY),
+        (7, 2.9, 0.0, FER, Cause.JOINT_POSITION),  # 2.8973 rad; the FR3: 3.0196
+        (6, 4.0, 0.0, FER, Cause.JOINT_POSITION),
+        (1, 2.85, 0.0, FR3, Cause.JOINT_POSITION),  # 2.7501 rad; the FER: 2.8973
+        (6, 0.3, 0.0, FR3, Cause.JOINT_POSITION),
+        (3, 1.6, 2.4, FER, Cause.JOINT_VELOCITY),
     ],
 )
 def test_a_judge_stops_at_its_model_s_limits_and_the_other_one_does_not(
-    cell: CellDescription, joint: int, q: float, dq: float, stopped: RobotModel, reason: Reason
+    cell: CellDescription, joint: int, q: float, dq: float, stopped: RobotModel, reason: Cause
 ) -> None:
     assert judged(stopped, joint, q, dq, cell) is reason
-    assert judged(FR3 if stopped is FER else FER, joint, q, dq, cell) is Reason.NONE
+    assert judged(FR3 if stopped is FER else FER, joint, q, dq, cell) is Cause.NONE
 
 
 @pytest.mark.parametrize("model", [FR3, FER])

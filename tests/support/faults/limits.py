@@ -3,7 +3,7 @@
 import numpy as np
 
 from rtstack.model.cell_description import CellDescription
-from rtstack.safety.judge import Base, Reason
+from rtstack.safety.judge import Base, Cause
 from rtstack.safety.limits import ForcePhase
 from rtstack.trials.tightening import limits_of_arms
 from tests.support.faults.evidence import Evidence
@@ -27,7 +27,7 @@ def first_violation(evidence: Evidence, description: CellDescription, begin: int
             sample = {name: arm[name][tick : tick + 1] for name in ("q", "dq", "tau_J", "tau_ext_hat_filtered")}
             sample |= OTHERS
             reason = joint_reason(sample, arm["momentum_residual"][tick], limits)[0]
-            if reason is not Reason.NONE or arm_reason(sample, base, limits)[0] is not Reason.NONE:
+            if reason is not Cause.NONE or arm_reason(sample, base, limits)[0] is not Cause.NONE:
                 found.append(tick)
                 break
     return min(found, default=None)

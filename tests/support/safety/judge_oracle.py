@@ -8,7 +8,7 @@ from math import cos, hypot, isfinite, pi, sin, sqrt
 import numpy as np
 
 from hal.robots import FR3
-from rtstack.safety.judge import Base, Reason, SafetyLimits
+from rtstack.safety.judge import Base, Cause, SafetyLimits
 
 # Craig's convention: a of the previous link, d, alpha of the previous link; the flange last
 DH = [
@@ -89,37 +89,37 @@ def distance(q_left: np.ndarray, q_right: np.ndarray, left: Base, right: Base) -
     return min(nearest(a, b, c, d) - r - s for a, b, r in sets[0] for c, d, s in sets[1])
 
 
-def joint_reason(sample: np.ndarray, residual: np.ndarray, limits: SafetyLimits) -> tuple[Reason, int]:
+def joint_reason(sample: np.ndarray, residual: np.ndarray, limits: SafetyLimits) -> tuple[Cause, int]:
     """Return why a stop is needed by a joint's values, and which joint (1 to 7, 0 the whole arm)."""
     for i in range(7):
         names = ("q", "dq", "tau_J", "tau_ext_hat_filtered", "tau_desired")
         if not all(isfinite(sample[n][0, i]) for n in names) or not isfinite(residual[i]):
-            return Reason.NOT_FINITE, i + 1
+            return Cause.NOT_FINITE, i + 1
     if not np.isfinite(sample["O_F_ext_hat_K"]).all() or not np.isfinite(sample["O_T_EE"]).all():
-        return Reason.NOT_FINITE, 0
+        return Cause.NOT_FINITE, 0
     for i in range(7):
         q, dq = float(sample["q"][0, i]), float(sample["dq"][0, i])
         travel = dq * REACTION_S + dq * abs(dq) / (2.0 * BRAKING[i])
         end = q + travel
         lower, upper = limits.q_lower[i], limits.q_upper[i]
         if not (lower <= q <= upper and lower <= end <= upper):
-            return Reason.JOINT_POSITION, i + 1
+            return Cause.JOINT_POSITION, i + 1
         room = upper - q if dq > 0 else q - lower
         allowed = sqrt(2.0 * FR3.limits.deceleration[i] * room) - FR3.limits.velocity_offset[i]
         if abs(dq) > min(limits.dq_max[i], max(0.0, allowed)):
-            return Reason.JOINT_VELOCITY, i + 1
+            return Cause.JOINT_VELOCITY, i + 1
         if not -limits.tau_J_max[i] <= sample["tau_J"][0, i] <= limits.tau_J_max[i]:
-            return Reason.MEASURED_TORQUE, i + 1
+            return Cause.MEASURED_TORQUE, i + 1
         if not -limits.tau_ext_max[i] <= sample["tau_ext_hat_filtered"][0, i] <= limits.tau_ext_max[i]:
-            return Reason.EXTERNAL_TORQUE, i + 1
+            return Cause.EXTERNAL_TORQUE, i + 1
         if not -limits.tau_ext_max[i] <= residual[i] <= limits.tau_ext_max[i]:
-            return Reason.RESIDUAL, i + 1
+            return Cause.RESIDUAL, i + 1
     if np.linalg.norm(sample["O_F_ext_hat_K"][0, :3]) > limits.force_max:
-        return Reason.FORCE, 0
-    return Reason.NONE, 0
+        return Cause.FORCE, 0
+    return Cause.NONE, 0
 
 
-def arm_reason(sample: np.ndarray, base: Base, limits: SafetyLimits) -> tuple[Reason, float]:
+def arm_reason(sample: np.ndarray, base: Base, limits: SafetyLimits) -> tuple[Cause, float]:
     """Return why the arm as a whole needs a stop, and how far, relatively, the closest of these limits is."""
     place, velocity = face(sample["q"][0], base), face_velocity(sample["q"][0], sample["dq"][0], base)
     speed, power = float(np.linalg.norm(velocity)), abs(float(sample["tau_J"][0] @ sample["dq"][0]))
@@ -127,10 +127,10 @@ def arm_reason(sample: np.ndarray, base: Base, limits: SafetyLimits) -> tuple[Re
     rooms += [limits.ee_speed_max - speed, limits.power_max - power]
     margin = min(abs(room) for room in rooms)
     if min(rooms[:6]) < 0:
-        return Reason.WORKSPACE, margin
+        return Cause.WORKSPACE, margin
     if rooms[6] < 0:
-        return Reason.SPEED, margin
-    return (Reason.POWER if rooms[7] < 0 else Reason.NONE), margin
+        return Cause.SPEED, margin
+    return (Cause.POWER if rooms[7] < 0 else Cause.NONE), margin
 
 
 def limited(desired: np.ndarray, last: np.ndarray, limits: SafetyLimits) -> np.ndarray:

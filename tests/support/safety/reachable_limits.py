@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rtstack.safety.judge import ForcePhase, Reason, SafetyLimits
+from rtstack.safety.judge import Cause, ForcePhase, SafetyLimits
 from tests.support.safety.recorded_trial import Intervention, Judges, Places, Recorded, replay
 
 INSIDE = 0.1  # of the range: how far inside the furthest value the line is drawn
@@ -21,8 +21,8 @@ LIMITS = (
     "state_gap_max_s", "state_gap_max_s, repeated state", "pair_skew_max_s", "clock", "finite values",
 )  # fmt: skip
 # a joint that approaches its line is stopped by what the line allows as a velocity before it is beyond
-POSITION = frozenset((Reason.JOINT_POSITION, Reason.JOINT_VELOCITY))
-ONE_TORQUE = frozenset((Reason.TORQUE, Reason.TORQUE_RATE))  # limited, not stopped
+POSITION = frozenset((Cause.JOINT_POSITION, Cause.JOINT_VELOCITY))
+ONE_TORQUE = frozenset((Cause.TORQUE, Cause.TORQUE_RATE))  # limited, not stopped
 STATE = ("q", "dq", "tau_J")
 
 
@@ -34,7 +34,7 @@ class Case:
     detail: str
     limits: SafetyLimits
     trial: Recorded
-    expected: frozenset[Reason]
+    expected: frozenset[Cause]
     phase: ForcePhase = ForcePhase.IMPACT
 
     def seen(self, judges: Judges) -> Intervention | None:
@@ -61,7 +61,7 @@ def _phase(limit: str) -> ForcePhase:
     return next((phase for phase in ForcePhase if phase.name.lower() in limit), ForcePhase.IMPACT)
 
 
-Table = tuple[str, str, dict[str, object], frozenset[Reason] | tuple[Reason]]
+Table = tuple[str, str, dict[str, object], frozenset[Cause] | tuple[Cause]]
 
 
 def _tables(trial: Recorded, places: Places, stock: SafetyLimits) -> Iterator[Table]:
@@ -72,16 +72,16 @@ def _tables(trial: Recorded, places: Places, stock: SafetyLimits) -> Iterator[Ta
         yield "q_lower", joint, _one(stock, "q_lower", j, low + margin), POSITION
         yield "q_upper", joint, _one(stock, "q_upper", j, high - margin), POSITION
         for name, field, reason in (
-            ("dq_max", "dq", Reason.JOINT_VELOCITY),
-            ("tau_max", "tau_desired", Reason.TORQUE),
-            ("tau_J_max", "tau_J", Reason.MEASURED_TORQUE),
+            ("dq_max", "dq", Cause.JOINT_VELOCITY),
+            ("tau_max", "tau_desired", Cause.TORQUE),
+            ("tau_J_max", "tau_J", Cause.MEASURED_TORQUE),
         ):
             line = (1.0 - INSIDE) * np.abs(arms[field][..., j]).max()
             yield name, joint, _one(stock, name, j, line), (reason,)
         estimate, residual = np.abs(arms["tau_ext_hat_filtered"][..., j]), np.abs(trial.residuals[..., j])
         for what, mine, others, reason in (
-            ("robot's estimate", estimate, residual, Reason.EXTERNAL_TORQUE),
-            ("residual", residual, estimate, Reason.RESIDUAL),
+            ("robot's estimate", estimate, residual, Cause.EXTERNAL_TORQUE),
+            ("residual", residual, estimate, Cause.RESIDUAL),
         ):
             line = _line_before(mine.max(axis=0), others.max(axis=0))
             if line is not None:
@@ -90,43 +90,43 @@ def _tables(trial: Recorded, places: Places, stock: SafetyLimits) -> Iterator[Ta
         name = f"tau_ext_{phase}_max"
         both = np.maximum(np.abs(arms["tau_ext_hat_filtered"][..., 0]), np.abs(trial.residuals[..., 0]))
         table = _one(stock, name, 0, (1.0 - INSIDE) * float(both.max()))
-        yield name, "joint 1", table, (Reason.EXTERNAL_TORQUE, Reason.RESIDUAL)
+        yield name, "joint 1", table, (Cause.EXTERNAL_TORQUE, Cause.RESIDUAL)
     force = (1.0 - INSIDE) * float(np.linalg.norm(arms["O_F_ext_hat_K"][..., :3], axis=-1).max())
     for name in ("force_max", "force_contact_max", "force_approach_max"):
-        yield name, "", {name: force}, (Reason.FORCE,)
+        yield name, "", {name: force}, (Cause.FORCE,)
     for a, axis in enumerate("xyz"):
         low, high = float(places.face[..., a].min()), float(places.face[..., a].max())
         margin = INSIDE * (high - low)
-        yield "ee_lower", axis, _one(stock, "ee_lower", a, low + margin), (Reason.WORKSPACE,)
-        yield "ee_upper", axis, _one(stock, "ee_upper", a, high - margin), (Reason.WORKSPACE,)
+        yield "ee_lower", axis, _one(stock, "ee_lower", a, low + margin), (Cause.WORKSPACE,)
+        yield "ee_upper", axis, _one(stock, "ee_upper", a, high - margin), (Cause.WORKSPACE,)
     share = 1.0 - INSIDE
     closest = float(places.distance.min())
     apart = closest + INSIDE * (float(places.distance.max()) - closest)
     first = np.zeros((2, 1, 7))  # torque control begins at zero
     steps = np.abs(np.diff(np.concatenate([first, arms["tau_desired"]], axis=1), axis=1))
-    yield "ee_speed_max", "", {"ee_speed_max": share * float(places.speed.max())}, (Reason.SPEED,)
-    yield "power_max", "", {"power_max": share * float(places.power.max())}, (Reason.POWER,)
-    yield "arm_distance_min", "", {"arm_distance_min": apart}, (Reason.ARM_DISTANCE,)
-    yield "tau_rate_max", "", {"tau_rate_max": share * float(steps.max()) / 1e-3}, (Reason.TORQUE_RATE,)
+    yield "ee_speed_max", "", {"ee_speed_max": share * float(places.speed.max())}, (Cause.SPEED,)
+    yield "power_max", "", {"power_max": share * float(places.power.max())}, (Cause.POWER,)
+    yield "arm_distance_min", "", {"arm_distance_min": apart}, (Cause.ARM_DISTANCE,)
+    yield "tau_rate_max", "", {"tau_rate_max": share * float(steps.max()) / 1e-3}, (Cause.TORQUE_RATE,)
     gap_s = share * float(np.diff(arms["t_ns"])[:, 1:].max()) * 1e-9
-    yield "state_gap_max_s", "", {"state_gap_max_s": gap_s}, (Reason.STATE_GAP,)
-    yield "pair_skew_max_s", "", {"pair_skew_max_s": gap_s}, (Reason.PAIR_SKEW,)
+    yield "state_gap_max_s", "", {"state_gap_max_s": gap_s}, (Cause.STATE_GAP,)
+    yield "pair_skew_max_s", "", {"pair_skew_max_s": gap_s}, (Cause.PAIR_SKEW,)
 
 
-def _changes(trial: Recorded) -> Iterator[tuple[str, str, dict[str, object], Recorded, Reason]]:
+def _changes(trial: Recorded) -> Iterator[tuple[str, str, dict[str, object], Recorded, Cause]]:
     middle = trial.arms.shape[1] // 2
     changed = trial.changed()
     for name in STATE:
         changed.arms[name][1, middle + 1 : middle + 3] = changed.arms[name][1, middle]
-    yield "state_gap_max_s, repeated state", "", {"state_gap_max_s": 0.0015}, changed, Reason.STATE_AGE
+    yield "state_gap_max_s, repeated state", "", {"state_gap_max_s": 0.0015}, changed, Cause.STATE_AGE
     changed = trial.changed()
     changed.arms["t_ns"][0, middle] -= 2_000_000
-    yield "clock", "back by 2 ms", {}, changed, Reason.TIME_BACKWARDS
+    yield "clock", "back by 2 ms", {}, changed, Cause.TIME_BACKWARDS
     for name in (*STATE, "tau_ext_hat_filtered", "tau_desired", "O_F_ext_hat_K", "O_T_EE", "residual"):
         changed = trial.changed()
         field = changed.residuals if name == "residual" else changed.arms[name]
         field[1, middle].reshape(-1)[middle % field[1, middle].size] = np.nan
-        yield "finite values", name, {}, changed, Reason.NOT_FINITE
+        yield "finite values", name, {}, changed, Cause.NOT_FINITE
 
 
 def _one(stock: SafetyLimits, name: str, index: int, line: float) -> dict[str, object]:

@@ -9,7 +9,7 @@ import numpy as np
 from rtstack.log.reader import read_log
 from rtstack.model.cell_description import CellDescription
 from rtstack.safety.geometry import arm_distance
-from rtstack.safety.judge import Base, Reason, SafetyJudge, SafetyLimits, Tool, judge, pair_of_judges
+from rtstack.safety.judge import Base, Cause, SafetyJudge, SafetyLimits, Tool, judge, pair_of_judges
 from rtstack.samples import ARM_SAMPLE, SIDES, Mode
 
 FAR_M = 9.0
@@ -44,7 +44,7 @@ class Places:
 class Intervention:
     """The first one: why, when, and whether both arms were stopping one tick later (a torque is only limited)."""
 
-    reason: Reason
+    reason: Cause
     tick: int
     both: bool
 
@@ -83,7 +83,7 @@ def replay(trial: Recorded, pair: tuple[SafetyJudge, SafetyJudge], places: Place
                 for other_side, (mine, others, rule) in enumerate(views):
                     sample[0] = trial.arms[other_side, last]
                     judge(sample, trial.residuals[other_side, last], mine, others, rule, 0)
-                return Intervention(Reason(reason), k, all(one.stopping for one in pair))
+                return Intervention(Cause(reason), k, all(one.stopping for one in pair))
             if sample["tau_applied"].tobytes() != trial.arms["tau_applied"][side, k].tobytes():
                 raise ValueError(f"tick {k}: the log's torque is not the one that the judge lets through")
             if places is not None:

@@ -19,7 +19,7 @@ from rtstack.monitor.monitor import Monitor
 from rtstack.monitor.parameters import MonitorParameters
 from rtstack.papers.aim_aware.planar.parameters import NotNegative, Positive
 from rtstack.papers.aim_aware.platform.plan import HitPlan
-from rtstack.safety.judge import Reason, SafetyJudge, Tool
+from rtstack.safety.judge import Cause, SafetyJudge, Tool
 from rtstack.safety.limits import hardware_limits
 from rtstack.samples import Mode, QpStatus
 
@@ -111,7 +111,7 @@ def hit(arm: Arm, hitter: Hitter, plan: HitPlan, monitoring: MonitorParameters, 
             controller.pursue(np.array(gains.pressing), gains.posture)
         controller.choose(k, machine)
         status = controller.command(machine.mode)
-        judge.judge(sample, Reason.CONTROLLER if status > QpStatus.SOLVED else Reason.NONE, residual)
+        judge.judge(sample, Cause.CONTROLLER if status > QpStatus.SOLVED else Cause.NONE, residual)
         if judge.stopping:
             return Hit(ticks[:k], judge.explanation)
         try:
