@@ -8,14 +8,11 @@ when its standard input closes, so that it never outlives its supervisor.
 
 import argparse
 import contextlib
-import ctypes
 import signal
 import sys
-import tempfile
 import threading
-import time
 import traceback
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from concurrent.futures import Future
 from pathlib import Path
 from queue import SimpleQueue
@@ -24,7 +21,6 @@ import numpy as np
 
 from hal.cell import Cell
 from hal.configuration import ConfigurationError
-from hal.displacement import Displacement
 from hal.errors import HardwareError, ObjectOutOfReach, RecoveryRefused, UnknownObject
 from hal.realtime import beside_realtime
 from hal.state import ARM_STATE
@@ -32,17 +28,10 @@ from rtstack.live.audit import FILE_NAME, AuditTrail
 from rtstack.live.client import SOCKET_NAME
 from rtstack.live.idle import IdleView
 from rtstack.live.job_manager import JobManager
+from rtstack.live.jobs import Jobs, free_name, is_practice
 from rtstack.live.notify import Notifier, Pulse
 from rtstack.live.parent_watch import watch_parent
-from rtstack.live.protocol import (
-    DemonstrationRequest,
-    JobRequest,
-    JobState,
-    MoveRequest,
-    PlaybackRequest,
-    TeleoperationRequest,
-    TrialRequest,
-)
+from rtstack.live.protocol import JobRequest, JobState
 from rtstack.live.service import Service
 from rtstack.live.source import CellSource, live_source
 from rtstack.live.standalone import claim, publish_rings, withdraw_rings
@@ -51,27 +40,12 @@ from rtstack.log.ring import Rings
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox, MailboxError
 from rtstack.loop.watchdogs import CONSOLE_S, OPERATOR_S, Heartbeat
-from rtstack.playback.finish import Finish
-from rtstack.playback.run import NO_OBJECT, prepare_playback, run_playback, way_to_start
-from rtstack.references.spreading import ExtendedReference
 from rtstack.safety.judge import Cause
 from rtstack.samples import ARM_SAMPLE, SIDES, Level
 from rtstack.trials.assembly import safety_judges
-from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.errors import TrialError
-from rtstack.trials.estimate import check_estimate
-from rtstack.trials.followed import Followed
-from rtstack.trials.move import prepare_move, run_move
-from rtstack.trials.record import open_log
-from rtstack.trials.result import MoveResult, PlaybackResult, Result
-from rtstack.trials.run_context import RunContext
 from rtstack.trials.run_observer import RunEvent
-from rtstack.trials.specification import DemonstrationSpecification, Specification, TeleoperationSpecification
-from rtstack.trials.start_motion import start_motion
-from rtstack.trials.teleoperation import run_teleoperation
-from rtstack.trials.trial import prepare_trial, run_trial
 
-_libc = ctypes.CDLL(None)
 _RETRY_S = 2.0  # between two attempts to open a cell that was lost
 # what the supervisor says by a signal, and what a session that runs then ends with
 _ENDS: dict[int, tuple[End, str]] = {
@@ -95,24 +69,22 @@ class Robot:
     ) -> None:
         self._source = source
         self._job_manager = job_manager
-        self._rings = rings
         self._mailbox = mailbox
         self._logs = logs
-        self._cell: Cell | None = None
         self._idle = IdleView(rings)
-        self._first_object = next(iter(source.description.objects))
         self._end: End | None = None  # of the last session
         self._pulse = pulse or Pulse(Notifier())
-        self._watchdogs = (
+        watchdogs = (
             job_manager,
             self._pulse,
             Heartbeat(lambda: mailbox.console_beat_ns, CONSOLE_S, End.CONSOLE_GONE),
             Heartbeat(lambda: mailbox.operator_beat_ns, OPERATOR_S, End.OPERATOR_GONE),
         )
+        self._jobs = Jobs(source, job_manager, rings, mailbox, self._idle, watchdogs, run_observer=self)
 
     def run(self) -> None:
         """Work until the job_manager says that it ends; leave both arms stopped."""
-        self._open(self._first_object, Displacement(), 0)
+        self._jobs.try_to_open()
         try:
             while not self._job_manager.ending:
                 self._watch()
@@ -122,7 +94,7 @@ class Robot:
                 if order is not None and not self._job_manager.ending:
                     self._carry_out(order)
         finally:
-            self._close()
+            self._jobs.close()
 
     def run_events(self) -> Iterable[RunEvent]:
         """See RunObserver."""
@@ -136,37 +108,37 @@ class Robot:
             self._job_manager.authority.fault(f"{end}: {detail}" if detail else str(end))
 
     def _watch(self) -> None:
-        if self._cell is None:
+        if self._jobs.cell is None:
             self._job_manager.wait(_RETRY_S)
             self._idle.publish(self.run_events())
             if not self._job_manager.has_news:
                 self._reopen()
             return
+        manager = self._job_manager
         try:
-            self._idle.watch(self._cell, lambda: self._job_manager.has_news, self._job_manager.refused, self.run_events)
+            self._idle.watch(self._jobs.cell, lambda: manager.has_news, manager.refused, self.run_events)
         except HardwareError as error:
-            self._close()
-            self._job_manager.authority.fault(str(error))
+            self._jobs.close()
+            manager.authority.fault(str(error))
 
     def _reopen(self) -> None:
         """Try again to reach a cell that was lost: it is read and shown, and the fault stays until it is recovered."""
         with contextlib.suppress(HardwareError):
-            self._open_or_raise(self._first_object, Displacement(), 0)
+            self._jobs.open_first()
             self._idle.tell(Level.INFO, "the cell answers again")
 
     def _recover(self, recovery: "Future[None]") -> None:
         authority = self._job_manager.authority
         try:
-            cell = self._cell or self._open_or_raise(self._first_object, Displacement(), 0)
+            cell = self._jobs.cell or self._jobs.open_first()
             cell.recover()
             self._look_for_causes(cell)
         except HardwareError as error:
             reason = str(error)
-            if (
-                self._source.kind.partition(":")[0] == "direct" and self._cell is not None
-            ):  # these arms cannot be moved by hand
-                self._close()
-                self._open(self._first_object, Displacement(), 0)
+            # the arms of a plant in this process cannot be moved by hand
+            if self._source.kind.partition(":")[0] == "direct" and self._jobs.cell is not None:
+                self._jobs.close()
+                self._jobs.try_to_open()
                 reason += "; the simulated cell was set up anew: recover once more"
             authority.not_recovered(reason)
             recovery.set_exception(RecoveryRefused(reason))
@@ -190,10 +162,10 @@ class Robot:
                 )
 
     def _carry_out(self, order: JobRequest) -> None:
-        log = _free_name(self._logs, order)
+        log = free_name(self._logs, order)
         self._end = None
         try:
-            result = self._job(order, log)
+            result = self._jobs.run(order, log)
         except (TrialError, LogError, *_NOT_PLACED) as error:
             self._failed(order, str(error), log)
         except HardwareError as error:
@@ -206,142 +178,18 @@ class Robot:
         else:
             reason = result.failure_reason
             state = JobState.STOPPED if self._end is End.STOP_REQUESTED else JobState.DONE
-            if _is_practice(order) and self._end is not None and not self._end.is_fault:
+            if is_practice(order) and self._end is not None and not self._end.is_fault:
                 log.unlink(missing_ok=True)  # what was not meant to be recorded; a fault's evidence stays
             self._job_manager.finished(state, reason, result.success, _name_if_there(log))
             level = Level.INFO if result.success else Level.WARNING
             self._idle.tell(level, f"{order.verb} {state}: {reason or 'success'}")
-        if self._cell is None and not self._job_manager.ending:
-            self._open(self._first_object, Displacement(), 0)
+        if self._jobs.cell is None and not self._job_manager.ending:
+            self._jobs.try_to_open()
 
     def _failed(self, order: JobRequest, reason: str, log: Path) -> None:
         stopped = self._mailbox.stop_requested
         self._job_manager.finished(JobState.STOPPED if stopped else JobState.FAILED, reason, None, _name_if_there(log))
         self._idle.tell(Level.ERROR, f"{order.verb} failed: {reason}")
-
-    def _job(self, order: JobRequest, log: Path) -> Result:
-        """Read the reference, put the object in its place, run. What is refused is refused before an arm moves."""
-        if isinstance(order, PlaybackRequest):
-            return self._playback(order, log)
-        if isinstance(order, MoveRequest):
-            return self._move(order, log)
-        description = self._source.description
-        prepared = prepare_trial(order.specification(), description) if isinstance(order, TrialRequest) else None
-        displacement = order.specification().displacement if isinstance(order, TrialRequest) else Displacement()
-        self._close()
-        faults = order.faults if isinstance(order, DemonstrationRequest) else ""
-        cell = self._open_or_raise(order.object, displacement, order.seed, faults)
-        if prepared is not None and (bias := check_estimate(cell, description, prepared.parameters.detector)):
-            self._idle.tell(Level.WARNING, bias)
-        start = None if prepared is None else prepared.reference.ante[:, 0]
-        way = None if _is_practice(order) else start_motion(cell, description, order.object, displacement, start)
-        if self._mailbox.stop_requested:
-            raise TrialError("stopped by the operator before it began")
-        followed = None if prepared is None else Followed(Path(prepared.specification.reference))
-        reference = prepared.reference if prepared is not None else None
-        by_hand = isinstance(order, TeleoperationRequest)
-        specification = order.specification(self._job_manager.job_number) if by_hand else order.specification()
-        if prepared is not None:
-            specification = prepared.specification
-        context = self._begin(order, log, specification, cell, reference=reference, followed=followed)
-        if prepared is not None:
-            return run_trial(prepared, cell, context, way=way)
-        if isinstance(specification, TeleoperationSpecification):
-            return run_teleoperation(specification, description, cell, self._mailbox, context, way=way)
-        assert isinstance(specification, DemonstrationSpecification)
-        return run_demonstration(specification, description, cell, context, way=way)
-
-    def _playback(self, order: PlaybackRequest, log: Path) -> PlaybackResult:
-        """Read the log, open a cell without an object, play."""
-        description = self._source.description
-        prepared = prepare_playback(order.specification(), description)
-        self._close()
-        cell = self._open_or_raise(NO_OBJECT, Displacement(), order.seed)
-        way = way_to_start(prepared, cell)
-        if self._mailbox.stop_requested:
-            raise TrialError("stopped by the operator before it began")
-        context = self._begin(order, log, prepared.specification, cell)
-        finish = Finish(self._mailbox, self._job_manager.job_number)
-        return run_playback(prepared, cell, context, soft_stop=finish, way=way)
-
-    def _move(self, order: MoveRequest, log: Path) -> MoveResult:
-        """Move the arms of the cell that is open, with what they hold."""
-        description = self._source.description
-        cell = self._cell or self._open_or_raise(self._first_object, Displacement(), 0)
-        specification = order.specification(self._job_manager.object_name)
-        prepared = prepare_move(specification, description, cell)
-        if self._mailbox.stop_requested:
-            raise TrialError("stopped by the operator before it began")
-        return run_move(prepared, cell, self._begin(order, log, specification, cell))
-
-    def _begin(
-        self, order: JobRequest, log: Path, specification: Specification, cell: Cell,
-        reference: ExtendedReference | None = None, followed: Followed | None = None,
-    ) -> RunContext:  # fmt: skip
-        """Begin the log of a job, say so, and return what accompanies its run."""
-        opened = open_log(
-            log, specification, self._source.description, cell.name, self._source.file, reference=reference,
-            followed=followed, cell=cell,
-        )  # fmt: skip
-        self._job_manager.started(log.name)
-        self._idle.tell(Level.INFO, f"{order.verb} started: {log.name}")
-        return RunContext(
-            opened, self._rings, self._mailbox, self._job_manager.progress, self._watchdogs, run_observer=self
-        )
-
-    def _open(self, object_name: str, displacement: Displacement, seed: int) -> None:
-        try:
-            self._open_or_raise(object_name, displacement, seed)
-        except HardwareError as error:
-            self._job_manager.authority.fault(str(error))
-
-    def _open_or_raise(self, object_name: str, displacement: Displacement, seed: int, faults: str = "") -> Cell:
-        """faults: the text of a faults file."""
-        with _script(faults) if faults else contextlib.nullcontext() as path:
-            self._cell = self._source.open_cell(object_name, displacement, seed, path)
-        self._job_manager.opened(object_name)
-        return self._cell
-
-    def _close(self) -> None:
-        if self._cell is not None:
-            self._cell.close()
-            self._cell = None
-            # what cell after cell leaves behind in pieces is locked memory: let go of it, while nothing moves
-            _libc.malloc_trim(0)
-
-
-@contextlib.contextmanager
-def _script(faults: str) -> Iterator[Path]:
-    """Give a faults file with this text, for the time in which a cell is opened."""
-    with tempfile.NamedTemporaryFile("w", suffix=".toml") as script:
-        script.write(faults)
-        script.flush()
-        yield Path(script.name)
-
-
-def _is_practice(order: JobRequest) -> bool:
-    """Whether the arms are moved by hand and nothing is to be kept of it: it begins where the arms are."""
-    return isinstance(order, TeleoperationRequest) and not order.recorded
-
-
-def _free_name(logs: Path, order: JobRequest) -> Path:
-    stamp = time.strftime("%Y%m%d-%H%M%S")
-    match order:
-        case TrialRequest():
-            what = f"trial-{order.controller}"
-        case TeleoperationRequest(recorded=True):
-            what = "recording"
-        case MoveRequest():
-            what = f"move-{order.motion.replace('_', '-')}"
-        case _:
-            what = order.verb
-    stem = f"{stamp}-{what}" if isinstance(order, PlaybackRequest | MoveRequest) else f"{stamp}-{what}-{order.object}"
-    path = logs / f"{stem}.mcap"
-    number = 2
-    while path.exists():
-        path = logs / f"{stem}-{number}.mcap"
-        number += 1
-    return path
 
 
 def _end_by_signal(job_manager: JobManager) -> None:
