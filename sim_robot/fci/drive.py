@@ -4,11 +4,13 @@ import numpy as np
 
 from hal.state import RobotMode
 from sim_robot.control_box import ControlBox
-from sim_robot.fci import generators
+from sim_robot.fci import joint_motion
+from sim_robot.fci.cartesian_motion import CMG_VELOCITY_JUMP, follow_cartesian
+from sim_robot.fci.generators import extrapolate, start_motion
 from sim_robot.fci.impedance import cartesian_impedance
 from sim_robot.fci.protocol import ROBOT_COMMAND, Controller, Generator
 from sim_robot.fci.robot_state import MOTION_RECORD
-from sim_robot.kinematics import KINEMATICS_RECORD
+from sim_robot.kinematics import KINEMATICS_RECORD, forward_kinematics
 from sim_robot.plant import Plant
 from sim_robot.plant_parameters import ReflexParameters
 
@@ -35,15 +37,15 @@ class DrivenBox(ControlBox):
         self._default_stiffness = np.array(setting["K_theta"])
         # compile, or load from the cache, before a clock runs
         body = self._scratch[0]
-        generators.start_motion(motion, body, setting, np.array(state["q"]))
+        start_motion(motion, body, setting, np.array(state["q"]))
         self._torques()
         spare, command = np.zeros(1, MOTION_RECORD)[0], np.zeros(1, ROBOT_COMMAND)[0]
-        generators.follow_joints(spare, command, int(Generator.JOINT_POSITION), setting, state["q"])
-        generators.follow_cartesian(spare, command, int(Generator.CARTESIAN_VELOCITY), body, setting, state["q"])
-        generators.extrapolate(spare, int(Generator.JOINT_POSITION), body, setting)
-        generators.ends_too_fast(spare)
-        generators.take_target(spare, command, setting)
-        generators.approach_target(spare)
+        joint_motion.follow_joints(spare, command, int(Generator.JOINT_POSITION), setting, state["q"])
+        follow_cartesian(spare, command, int(Generator.CARTESIAN_VELOCITY), body, setting, state["q"])
+        extrapolate(spare, int(Generator.JOINT_POSITION), body, setting)
+        joint_motion.ends_too_fast(spare)
+        joint_motion.take_target(spare, command, setting)
+        joint_motion.approach_target(spare)
 
     @property
     def desires_torque(self) -> bool:
@@ -68,7 +70,7 @@ class DrivenBox(ControlBox):
 
     def _begin(self, on_time: bool) -> None:
         if self._motion["asynchronous"] and self.mode == RobotMode.MOVE:  # it needs no command each ms
-            generators.approach_target(self._motion)
+            joint_motion.approach_target(self._motion)
             self._waiting = on_time = True
         super().begin_millisecond(on_time)
 
@@ -80,7 +82,7 @@ class DrivenBox(ControlBox):
     def singular(self) -> bool:
         """True where the robot cannot start a Cartesian motion."""
         body = self._scratch[0]
-        generators.forward_kinematics(body, np.array(self._state["q"]))
+        forward_kinematics(body, np.array(self._state["q"]))
         return bool(np.linalg.svd(body["J"], compute_uv=False).min() < SINGULAR)
 
     def begin(
@@ -91,7 +93,7 @@ class DrivenBox(ControlBox):
         motion = self._motion
         motion["following"] = generator == Generator.NONE
         motion["cartesian"] = generator in CARTESIAN_GENERATORS
-        generators.start_motion(motion, self._scratch[0], self._setting, np.array(motion["q_d"]))
+        start_motion(motion, self._scratch[0], self._setting, np.array(motion["q_d"]))
         motion["asynchronous"] = largest_velocity is not None
         if largest_velocity is not None:
             motion["target"], motion["largest_velocity"] = motion["q_d"], largest_velocity
@@ -104,13 +106,13 @@ class DrivenBox(ControlBox):
         """Take a ROBOT_COMMAND for the next ms; a bad one is a reflex and never reaches the plant."""
         errors = 0
         if self._motion["asynchronous"]:
-            errors = generators.take_target(self._motion, command, self._setting)
+            errors = joint_motion.take_target(self._motion, command, self._setting)
         elif self._generator in JOINT_GENERATORS:
-            errors = generators.follow_joints(
+            errors = joint_motion.follow_joints(
                 self._motion, command, int(self._generator), self._setting, self._state["q"]
             )
         elif self._generator in CARTESIAN_GENERATORS:
-            errors = generators.follow_cartesian(
+            errors = follow_cartesian(
                 self._motion, command, int(self._generator), self._scratch[0], self._setting, self._state["q"]
             )
         if errors:
@@ -122,10 +124,9 @@ class DrivenBox(ControlBox):
 
     def finish(self) -> None:
         """End the motion as asked for; one that ends while it moves is a discontinuity."""
-        joint_motion = self._generator in JOINT_GENERATORS
         commanded = self._generator != Generator.NONE and not self._motion["asynchronous"]
-        if commanded and generators.ends_too_fast(self._motion):
-            self.trip(generators.JMG_VELOCITY_JUMP if joint_motion else generators.CMG_VELOCITY_JUMP)
+        if commanded and joint_motion.ends_too_fast(self._motion):
+            self.trip(joint_motion.JMG_VELOCITY_JUMP if self._generator in JOINT_GENERATORS else CMG_VELOCITY_JUMP)
             return
         self.stop()
         if self._controller == Controller.JOINT_IMPEDANCE:
@@ -141,7 +142,7 @@ class DrivenBox(ControlBox):
 
     def _bridge(self) -> None:
         if self._generator != Generator.NONE:
-            generators.extrapolate(self._motion, int(self._generator), self._scratch[0], self._setting)
+            extrapolate(self._motion, int(self._generator), self._scratch[0], self._setting)
         if self._controller != Controller.EXTERNAL:
             self._apply()
 
