@@ -40,14 +40,3 @@ class TrackerLink:
     def close(self) -> None:
         """Stop listening."""
         self._socket.close()
-
-
-class NoTracker:
-    """An ObjectTracker without a camera: the object is never seen."""
-
-    def __init__(self) -> None:
-        self._pose = ObjectPose.empty()
-
-    def latest(self) -> ObjectPose:
-        """Return a pose with seen = 0."""
-        return self._pose

@@ -149,17 +149,17 @@ class SimulatedCell:
         self._observe()
 
     def next_state(self) -> None:
-        """Advance by 1 ms, or in real time by all that have passed, with the last torques held meanwhile."""
-        milliseconds = self.clock.wait() if self.clock is not None else 1
-        for remaining in range(milliseconds - 1, -1, -1):
-            for box in self.boxes:
-                box.begin_millisecond(on_time=remaining == 0)
-            if self.faults is not None:
-                self.faults.begin_millisecond()
-            self.plant.advance()
-            for hand in self._mounted:
-                hand.advance()
-            self._observe()
+        """Advance by 1 ms, once the clock says so."""
+        if self.clock is not None:
+            self.clock.wait()
+        for box in self.boxes:
+            box.begin_millisecond(on_time=True)
+        if self.faults is not None:
+            self.faults.begin_millisecond()
+        self.plant.advance()
+        for hand in self._mounted:
+            hand.advance()
+        self._observe()
 
     def _observe(self) -> None:
         if self.faults is None:
@@ -265,12 +265,3 @@ def simulated_cell(
     name = next(iter(layout.objects)) if empty else object_name
     plant = Plant(layout, parameters, name, displacement, seed, arms_seed, tilt_of(faults), load_profile(profile))
     return SimulatedCell(plant, layout, parameters, seed, clock, box_kind, faults, empty)
-
-
-def nominal_cell(
-    object_name: str, displacement: Displacement | float = 0.0, parameters: PlantParameters | None = None
-) -> SimulatedCell:
-    """Return a cell without scatter, noise or quantisation, in lockstep. For tests of what is exact."""
-    layout = load_scene()
-    parameters = (load_plant_parameters() if parameters is None else parameters).nominal()
-    return SimulatedCell(Plant.nominal(layout, parameters, object_name, displacement), layout, parameters, seed=0)

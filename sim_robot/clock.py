@@ -6,8 +6,6 @@ from typing import Protocol
 PERIOD_NS = 1_000_000
 # time.sleep wakes up late by the kernel's timer slack; the rest of the wait is this short
 FINAL_WAIT_NS = 60_000
-# after a longer pause (a suspended process) the plant does not catch up, it goes on from where it is
-LONGEST_CATCH_UP_MS = 1000
 LARGEST_DEBT_NS = 20_000_000
 # of the time since the last rest, at most a millisecond: a real-time thread that never sleeps keeps its CPU to itself
 LEAST_REST = 0.1
@@ -16,52 +14,23 @@ LEAST_REST = 0.1
 class Clock(Protocol):
     """Paces the cell: one `wait` for each state that is read."""
 
-    missed: int
-
-    def wait(self) -> int:
-        """Block until the next state is due; return how many ms have passed since the last one, 1 or more."""
+    def wait(self) -> None:
+        """Block until the next state is due."""
         ...
-
-
-class RealtimeClock:
-    """1 kHz by absolute deadlines of the monotonic clock. `missed` counts the ms without an answer."""
-
-    def __init__(self) -> None:
-        self.missed = 0
-        self._deadline_ns: int | None = None
-
-    def wait(self) -> int:
-        """Sleep until the next deadline, or return at once with every ms that has passed. See Clock."""
-        now = time.monotonic_ns()
-        if self._deadline_ns is None:
-            self._deadline_ns = now
-        self._deadline_ns += PERIOD_NS
-        if now < self._deadline_ns:
-            spare = self._deadline_ns - now - FINAL_WAIT_NS
-            if spare > 0:
-                time.sleep(spare * 1e-9)
-            while time.monotonic_ns() < self._deadline_ns:
-                pass
-            return 1
-        late = (now - self._deadline_ns) // PERIOD_NS
-        self.missed += late
-        self._deadline_ns += late * PERIOD_NS
-        return 1 + min(late, LONGEST_CATCH_UP_MS)
 
 
 class PacedLockstep:
     """A clock that never skips a millisecond: the robot waits for its answer, and no state comes before its time.
 
     A busy machine makes the simulation slow, which the loop's period shows, and never makes it wrong: a seed gives the
-    same states as in a run without a clock. `missed` stays 0.
+    same states as in a run without a clock.
     """
 
     def __init__(self) -> None:
-        self.missed = 0
         self._deadline_ns = self._rested_ns = time.monotonic_ns()
 
-    def wait(self) -> int:
-        """Sleep until the next millisecond is due, and a little where it is late. Returns 1, the plant's next ms."""
+    def wait(self) -> None:
+        """Sleep until the next millisecond is due, and a little where it is late."""
         now = time.monotonic_ns()
         # after a longer pause it does not hurry to catch up
         self._deadline_ns = max(self._deadline_ns + PERIOD_NS, now - LARGEST_DEBT_NS)
@@ -71,4 +40,3 @@ class PacedLockstep:
         self._rested_ns = time.monotonic_ns()
         while time.monotonic_ns() < self._deadline_ns:
             pass
-        return 1

@@ -162,10 +162,6 @@ class PlantParameters:
             tracker=replace(self.tracker, position_noise_mm=0.0, orientation_noise_deg=0.0),
         )
 
-    def frictionless(self) -> "PlantParameters":
-        """Return the same plant without joint friction."""
-        return replace(self, joints=replace(self.joints, friction_p1=ZEROS))
-
 
 def load_plant_parameters(path: Path | None = None) -> PlantParameters:
     """Read the plant's parameters, the package's own by default. Raises ConfigurationError, naming the key."""

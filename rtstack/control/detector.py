@@ -78,11 +78,6 @@ class ImpactDetector:
         # for compiled code that updates it itself
         self.memory = DetectorMemory(history, next(whole), next(whole), np.zeros(3), np.zeros(3), next(whole))
 
-    def reset(self) -> None:
-        """Forget everything: nothing is detected before the window is full again."""
-        for array in self.memory:
-            array[...] = 0
-
     def update(self, force: NDArray[np.float64], velocity: NDArray[np.float64]) -> bool:
         """Take the force ON the end effector (3,) N and its velocity (3,) m/s; return whether it was hit."""
         p = self._parameters

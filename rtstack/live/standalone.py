@@ -2,11 +2,10 @@
 
 from pathlib import Path
 
-from rtstack.live.client import SERVICE_SOCKET, SOCKET_NAME, listens
+from rtstack.live.client import SOCKET_NAME, listens
 from rtstack.log.errors import LogError
 from rtstack.loop.mailbox import remove_mailbox
 
-RUN_FOLDER = SERVICE_SOCKET.parent
 MAILBOX = "rtstack-service"
 _RINGS = "rings"
 

@@ -88,11 +88,6 @@ class Catalogue:
             return False
         return path.is_file() and (not path.is_symlink() or path.resolve().is_relative_to(self.directory.resolve()))
 
-    def rebuild(self) -> tuple[LogEntry, ...]:
-        """Forget the cache and read every file."""
-        (self.directory / CACHE).unlink(missing_ok=True)
-        return self.entries()
-
 
 def _open(path: Path, patience_s: float) -> sqlite3.Connection:
     try:

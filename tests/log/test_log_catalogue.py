@@ -75,7 +75,8 @@ def test_the_cache_can_be_lost_or_broken(directory: Path, damage: bytes) -> None
     before = Catalogue(directory).entries()
     (directory / CACHE).write_bytes(damage)
     assert Catalogue(directory).entries() == before
-    assert Catalogue(directory).rebuild() == before
+    (directory / CACHE).unlink()
+    assert Catalogue(directory).entries() == before
     assert (directory / CACHE).stat().st_size > 0
 
 

@@ -12,10 +12,10 @@ import argparse
 import json
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
-from deploy.impacts import impact_file
 from rtstack.impact_map import converged, impact_map, load_scene, problem_of, single_step
 
 EQUATIONS = 36
@@ -24,7 +24,7 @@ WARM_UP = 20
 
 def measured(maps: int) -> dict[str, float]:
     """Return the medians, us, and the ratio."""
-    scene = load_scene(impact_file("grab"))
+    scene = load_scene(Path("deploy/impacts/grab.toml"))
     rng = np.random.default_rng(0)
     matrix = rng.normal(size=(EQUATIONS, EQUATIONS)) + EQUATIONS * np.eye(EQUATIONS)
     right = rng.normal(size=EQUATIONS)

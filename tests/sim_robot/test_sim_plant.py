@@ -11,10 +11,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim_robot.cell import nominal_cell, simulated_cell
+from sim_robot.cell import simulated_cell
 from sim_robot.plant import Plant, SimulationDiverged
 from sim_robot.plant_parameters import ZEROS, load_plant_parameters
 from sim_robot.scene import load_scene
+from tests.support.nominal_cell import frictionless, nominal_cell
 from tests.support.rigid_arm import RigidArm
 
 SCENE = load_scene()
@@ -25,7 +26,7 @@ NO_TORQUE = np.zeros(7)
 @pytest.mark.parametrize("joint", range(7))
 def test_a_torque_step_accelerates_the_arm_as_the_rigid_model_predicts(joint: int) -> None:
     """The slope of dq over 100 to 200 ms, when the joints' oscillation has died out, within 1 %."""
-    plant = Plant.nominal(SCENE, PARAMETERS.frictionless(), "rice_box")
+    plant = Plant.nominal(SCENE, frictionless(PARAMETERS), "rice_box")
     arm, B_theta = RigidArm(SCENE.pad), np.array(PARAMETERS.joints.B_theta)
     tau = np.where(np.arange(7) == joint, 0.2 if joint > 3 else 1.0, 0.0)
     q, dq = np.array(SCENE.left.home), np.zeros(7)
@@ -101,7 +102,7 @@ def test_the_compiled_substeps_equal_a_plain_python_loop_bit_for_bit() -> None:
 
 def test_without_friction_damping_and_gravity_the_energy_stays() -> None:
     """1 s of free motion with ringing joints: kinetic, elastic and motor energy drift below 0.1 %."""
-    joints = replace(PARAMETERS.frictionless().joints, D=ZEROS)
+    joints = replace(frictionless(PARAMETERS).joints, D=ZEROS)
     plant = Plant.nominal(SCENE, replace(PARAMETERS, joints=joints), "rice_box")
     plant.model.opt.gravity[:] = 0.0
     plant.joints["gravity_factor"] = 0.0

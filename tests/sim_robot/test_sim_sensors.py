@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from hal.state import RobotMode
-from sim_robot.cell import SimulatedCell, nominal_cell, simulated_cell
+from sim_robot.cell import SimulatedCell, simulated_cell
 from sim_robot.scene import load_scene
+from tests.support.nominal_cell import nominal_cell
 from tests.support.rigid_arm import RigidArm
 
 
