@@ -5,17 +5,16 @@ World frame. Colours of the modes are the ones of the lights and the bands.
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
 
 from console.scene import add_edges, box_edges, grown
 from console.trial_path import TrialPath
 from console.trial_plan import TrialPlan
+from hal.arrays import Array
 from hal.displacement import Displacement
 from rtstack.model.cell_description import CellDescription
 from rtstack.palette import MODE_STYLES
 from rtstack.samples import SIDES, Mode
 
-Array = NDArray[np.float64]
 _NOMINAL_COLOUR = (139, 148, 158)  # the idle mode's grey
 _PUT_COLOUR = (240, 180, 41)  # amber: it is not where it belongs
 HIT_COLOUR = (240, 228, 66)  # #F0E442, Okabe-Ito: of neither arm

@@ -10,14 +10,13 @@ from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from rtstack.live.protocol import Job, JobKind, JobState, Status
 from rtstack.log.errors import LogError
 from rtstack.log.reader import Log, read_log
 from rtstack.samples import SIDES
 
-Array = NDArray[np.float64]
 AROUND_S = 0.1  # of the first impact, before it and after it
 SLOWLY = 0.05  # of the robot's time: the 200 ms last 4 s
 STAYS_S = 1.5  # at its end

@@ -6,13 +6,12 @@ the arm itself is the measured robot. World frame.
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
 
 from console.teleoperation.quaternion import conjugate, product
 from console.teleoperation.teleop_input import Handles, TeleopInput
+from hal.arrays import Array
 from rtstack.model.cell_description import CellDescription
 
-Array = NDArray[np.float64]
 _SIDES = ("left", "right")
 _REQUEST_COLOUR = (236, 240, 244)
 _REFUSED_COLOUR = (213, 94, 0)  # #D55E00, Okabe-Ito: stopping

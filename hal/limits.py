@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.floating]
+from hal.arrays import Array
 
 # The one place for both. Compiled records, the wire and the log have these sizes: an arm of another kind needs more
 # than a description (docs/howto/robot.md)

@@ -5,12 +5,11 @@ from functools import lru_cache
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from hal.limits import DOF
 from hal.robots import RobotModel
 
-Array = NDArray[np.float64]
 JOINTS = DOF
 
 

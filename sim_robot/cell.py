@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from hal.cell import Cell
 from hal.displacement import Displacement
 from hal.errors import CommandRejected, ConnectionLost, ObjectOutOfReach, RecoveryRefused
@@ -34,7 +34,6 @@ from sim_robot.scene import NO_OBJECT, Scene, load_scene
 from sim_robot.sensors import Sensors
 from sim_robot.tracker import tracker_of
 
-Array = NDArray[np.float64]
 _REFUSING = (RobotMode.REFLEX, *NEEDS_PERSON)
 
 

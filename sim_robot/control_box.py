@@ -1,15 +1,14 @@
 """One arm's control box: idle, moving or in reflex, which torque counts, and how many commands were lost."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from hal.robot_errors import error_names
 from hal.state import RobotMode
 from sim_robot import reflexes
 from sim_robot.plant import Plant
 from sim_robot.plant_parameters import ReflexParameters
 
-Array = NDArray[np.float64]
 RATE_WINDOW = 100  # control_command_success_rate covers the last 100 packets (Franka Control Interface)
 _ALL_ARRIVED = (1 << RATE_WINDOW) - 1
 

@@ -11,14 +11,13 @@ from xml.etree.ElementTree import Element, SubElement
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from sim_robot.arm_description import JOINTS, ArmDescription
 from sim_robot.contact import set_contacts
 from sim_robot.hand_parameters import FINGER_SIZE, PALM_SIZE, TURN_RAD, FrankaHand
 from sim_robot.scene import GraspObject, ObjectPlacement, Platform, Scene
 
-Array = NDArray[np.float64]
 SIDES = ("left", "right")
 SUBSTEPS = 4
 TIMESTEP_S = 0.25e-3  # the vendor's torque loop runs at 4 kHz

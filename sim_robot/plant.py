@@ -2,8 +2,8 @@
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from hal.compilation import bound
 from hal.displacement import Displacement
 from hal.errors import HardwareError
@@ -15,7 +15,6 @@ from sim_robot.scatter import DrawnArm, draw_arm, draw_estimate_error, own_model
 from sim_robot.scene import ArmPlacement, ObjectPlacement, Scene
 from sim_robot.substeps import JOINT_RECORD, MOTOR_RECORD, advance_millisecond
 
-Array = NDArray[np.float64]
 EDGE_RAD = 2e-3
 
 

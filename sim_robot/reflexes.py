@@ -9,14 +9,13 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.arrays import Array
 from hal.compilation import bound, compiled
 from hal.limits import CONTROL_PERIOD_S, ArmLimits
 from hal.robot_errors import error_bit
 from hal.robots import RobotModel
 from sim_robot.arm_description import JOINTS
 from sim_robot.plant_parameters import ReflexParameters
-
-Array = NDArray[np.float64]
 
 TORQUE_DISCONTINUITY = error_bit("controller_torque_discontinuity")
 COMMUNICATION = error_bit("communication_constraints_violation")

@@ -4,14 +4,13 @@ from dataclasses import dataclass, replace
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from hal.robots import RobotModel
 from sim_robot.arm_description import JOINTS, ArmDescription, Link
 from sim_robot.plant_parameters import PlantParameters
 from sim_robot.profile import ForceEstimate, OwnArm
 
-Array = NDArray[np.float64]
 SMALLEST_FACTOR = 0.2  # a draw never leaves a mass or a stiffness at zero or below, however large the scatter
 
 

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from console.teleoperation.pair import Coupling, led
 from console.teleoperation.quaternion import angle_between, conjugate, product, quaternion, rotation_vector
+from hal.arrays import Array
 
-Array = NDArray[np.float64]
 LONGEST_STEP_S = 0.1  # a deflection is worth this long at most: then it must be sent again
 
 

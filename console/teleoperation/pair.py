@@ -3,11 +3,10 @@
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from console.teleoperation.quaternion import product, rotated
+from hal.arrays import Array
 
-Array = NDArray[np.float64]
 _MIRROR = np.array([1.0, -1.0, 1.0])  # the plane between the arms is y = 0
 
 

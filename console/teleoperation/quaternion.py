@@ -4,11 +4,9 @@ from itertools import permutations
 from itertools import product as product_of
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from rtstack.model.rotation import quaternion_from_rotation
-
-Array = NDArray[np.float64]
 
 
 def product(a: Array, b: Array) -> Array:

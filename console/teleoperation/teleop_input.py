@@ -14,12 +14,12 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from console.teleoperation.devices import Deflected, Device, Dragged, Led
 from console.teleoperation.pair import Coupling
 from console.teleoperation.quaternion import angle_between, squared
 from console.watch import Watch
+from hal.arrays import Array
 from rtstack.live.client import RobotRefused
 from rtstack.live.protocol import Job, JobKind, JobState
 from rtstack.loop.mailbox import Mailbox
@@ -37,7 +37,6 @@ from rtstack.teleoperation.reach import (
     TURN_RAD_M,
 )
 
-Array = NDArray[np.float64]
 TOO_FAR = "the request is too far ahead of the arm: it is not followed until it comes nearer"
 NO_CLUTCH = "the clutch is not held, so that nothing moves: hold C while you drag, or let the drag hold the clutch"
 _UNDO_DEPTH = 20  # drags

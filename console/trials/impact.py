@@ -11,6 +11,7 @@ from threading import Lock
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.arrays import Array
 from hal.configuration import ConfigurationError, from_document
 from rtstack.log.catalogue import LogCondition, LogEntry
 from rtstack.log.errors import LogError
@@ -25,8 +26,6 @@ _EARLY_S = 0.02  # a force has risen for some ticks before the impact is detecte
 _CELL = "cell.toml"
 _REMEMBERED = 256
 _MS = 1e3
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,12 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import pylibfranka as franka
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from hal.collisions import CollisionBehaviour
 from hal.errors import HardwareError
-
-Array = NDArray[np.float64]
 
 _EXACT = 1e-6  # m: closer than this a frame of the robot (float32 on the wire) is the one that was asked for
 _MASS_TOLERANCE_KG = 1e-3

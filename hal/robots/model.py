@@ -5,12 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from hal.arrays import Array
 from hal.limits import ArmLimits
 
-Array = NDArray[np.floating]
 Three = tuple[float, float, float]
 
 

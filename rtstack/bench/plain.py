@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from rtstack.control.parameters import (
     ControlParameters,
     DetectorParameters,
@@ -22,8 +22,6 @@ from rtstack.control.parameters import (
 from rtstack.control.program import Program, program
 from rtstack.model.arm_model import ArmModel
 from rtstack.samples import QpSolver, QpStatus
-
-Array = NDArray[np.floating]
 
 
 class PlainLimits:

@@ -9,8 +9,8 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from rtstack.bench.plain import PlainArm, PlainSetpoint, PlainState
 from rtstack.control.modes import ModeMachine, Strategy
 from rtstack.control.records import POINT
@@ -23,7 +23,6 @@ from rtstack.samples import Mode, QpSolver, QpStatus
 from rtstack.trials.assembly import Parameters, arm_controllers, safety_judges
 from rtstack.trials.monitoring import tuning_of
 
-Array = NDArray[np.floating]
 OBJECT = "rice_box"  # whose monitor is timed: all are alike
 WARM_UP = 200  # ticks that are not counted
 

@@ -7,15 +7,14 @@ does where its tool was set otherwise than the cell's file has it.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from hal.state import ArmState
 from rtstack.check.finding import Finding, finding
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import ArmMounting, Pad
 from rtstack.references.demonstration import end_effector_pose
 
-Array = NDArray[np.floating]
 GRAVITY = 9.81  # m/s^2
 # Ours, above what two calibrated arms differ by: kinematics by a millimetre, gravity torques by 1 Nm
 PLACE_M = 5e-3

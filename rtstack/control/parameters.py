@@ -4,11 +4,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from hal.robots import FR3, RobotModel
-
-Array = NDArray[np.floating]
 
 
 def _fixed(*values: float) -> Any:

@@ -11,12 +11,10 @@ from typing import Protocol
 import daqp
 import numpy as np
 import proxsuite
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from hal.compilation import compiled
 from rtstack.samples import QpSolver, QpStatus
-
-Array = NDArray[np.floating]
 
 # Together they cap the time of a problem that ProxQP cannot solve at about half a millisecond; a warm one takes 10 to
 # 20

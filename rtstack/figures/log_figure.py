@@ -10,14 +10,13 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from rtstack.figures.style import COLOURS, STYLE, mode_band, new_figure
 from rtstack.log.signals import Signal
 from rtstack.palette import MODE_STYLES
 from rtstack.samples import SIDES, Mode
 
-Array = NDArray[np.floating]
 # of the logs that lie over the first one: dark to light purple, Color Brewer's RdPu without its pale end
 OVERLAYS = ("#49006a", "#8f1289", "#c51b8a", "#f768a1")
 MOST_LOGS = 1 + len(OVERLAYS)

@@ -9,15 +9,13 @@ that the controller follows is looked at, the six coordinates of the pad and the
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
+from hal.arrays import Array
 from rtstack.control.impedance import task_inertia
 from rtstack.control.tick import ArmController
 from rtstack.loop.history import Columns
 from rtstack.planning.free import FreeMotion
-
-Array = NDArray[np.float64]
 
 WINDOW = 101  # ticks over which it is smoothed, by cubics: friction along a path changes with the path
 FADE_S = 0.1  # at the end of what was run

@@ -11,16 +11,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.signal import savgol_filter
 
+from hal.arrays import Array
 from rtstack.control.parameters import FrictionParameters
 from rtstack.control.tick import ArmController
 from rtstack.identification.sweep import Sweep
 from rtstack.loop.history import Columns
-
-Array = NDArray[np.float64]
 
 WINDOW = 21  # ticks over which velocity and torque are smoothed, by cubics
 EVERY = 10  # ticks: what is smoothed changes no faster

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.arrays import Array
 from rtstack.control.parameters import ControlParameters
 from rtstack.control.records import POINT
 from rtstack.control.tick import ArmController
@@ -14,8 +15,6 @@ from rtstack.references.quintic import ViaPoint, quintic_path
 from rtstack.samples import SIDES, Mode
 from rtstack.trials.errors import TrialError
 from rtstack.trials.start_motion import posture
-
-Array = NDArray[np.float64]
 
 # where the sweeps are: pads apart, over any object, in the middle of what grabs use. m, along the world's y and z
 CENTRE_Y, CENTRE_Z = 0.25, 0.5

@@ -9,8 +9,8 @@ from functools import lru_cache
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from hal.robots import RobotModel, robot
 from rtstack.impact_map.patch import Face, box_face
 from rtstack.impact_map.reflected import ReflectedInertia, joint_inertia
@@ -18,8 +18,6 @@ from rtstack.impact_map.scene import Arm, Box
 from rtstack.model.arm_model import build_model
 from rtstack.model.cell_description import ArmMounting, Pad
 from rtstack.model.rotation import rotation_from_quaternion
-
-Array = NDArray[np.floating]
 
 _LOWER, _DIAGONAL = np.tril_indices(7, -1), np.diag_indices(7)
 

@@ -14,9 +14,8 @@ from dataclasses import asdict, dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.floating]
+from hal.arrays import Array
 
 
 class ContactState(StrEnum):

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.arrays import Array
 from rtstack.impact_map.bodies import moved_to
 from rtstack.impact_map.map import impact_map
 from rtstack.impact_map.reflected import ReflectedInertia
@@ -20,8 +21,6 @@ from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import ArmMounting, CellDescription, Pad
 from rtstack.model.rotation import log_so3
 from rtstack.samples import SIDES
-
-Array = NDArray[np.floating]
 
 POSTURE_JOINT = 0  # the paper's choice
 STEPS = 100

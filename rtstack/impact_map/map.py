@@ -37,13 +37,13 @@ import daqp
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.arrays import Array
 from rtstack.impact_map.coulomb import ContactState, contact_states, law_residuals
 from rtstack.impact_map.problem import Problem, problem_of
 from rtstack.impact_map.result import Impact, ImpactMap, Status
 from rtstack.impact_map.scene import Scene
 from rtstack.impact_map.solvers import Solution, Solver, solve
 
-Array = NDArray[np.floating]
 Mask = NDArray[np.bool_]
 
 SAME = 1e-6  # m/s, rad/s: solvers that agree; they agree to 1e-8 or differ by far

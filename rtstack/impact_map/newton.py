@@ -9,11 +9,9 @@ the equations singular but consistent; a proximal term, 1e-9 of their size, pick
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from hal.compilation import compiled
-
-Array = NDArray[np.floating]
 
 STEPS = 30
 PROXIMAL = 1e-9

@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.floating]
+from hal.arrays import Array
 
 # m: faces further apart than this do not touch, nor corners of a face that is tilted by more
 GAP = 0.01

@@ -9,13 +9,11 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from rtstack.impact_map.bodies import Body, BoxBody, arm_body
 from rtstack.impact_map.patch import Face, Patch, face_on_face, face_on_plane, frame_of
 from rtstack.impact_map.scene import Contact, Scene, SceneError, check_scene
-
-Array = NDArray[np.floating]
 
 JOINTS = 7  # velocities of an arm; a box has 6
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]  # of a cross product

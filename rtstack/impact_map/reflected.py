@@ -3,12 +3,10 @@
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from hal.limits import DOF
 from hal.robots import FR3, RobotModel
-
-Array = NDArray[np.floating]
 
 
 class ReflectedInertia(StrEnum):

@@ -5,12 +5,10 @@ from enum import StrEnum
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from rtstack.impact_map.coulomb import ContactState, LawResiduals
 from rtstack.impact_map.problem import JOINTS, Problem
-
-Array = NDArray[np.floating]
 
 
 class Status(StrEnum):

@@ -12,11 +12,9 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from rtstack.impact_map.newton import refined
-
-Array = NDArray[np.floating]
 
 ACCEPTED = 1e-9  # error of the law's equations, SI: what counts as solved
 COMPLIANCE = 1e-6  # of the mean of G's diagonal: small enough to be rigid, large enough for Newton's method to see

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.arrays import Array
 from hal.record import POSITION, TWIST, Field, record_of
 from hal.topic import Message, Topic
 from rtstack.log.frames import rotation_of
@@ -17,7 +18,6 @@ from rtstack.log.reader import Log
 from rtstack.samples import SIDES
 from rtstack.topics import ARM_TOPICS, CONTROL_TOPICS
 
-Array = NDArray[np.float64]
 VELOCITY_TICKS = 2  # on each side: 2 mm/s of the encoders' noise are left
 LEAST_SPEED_M_S = 0.02  # of a reference: below it a lag in time says nothing
 _FIELDS = (

@@ -12,6 +12,7 @@ import numpy as np
 from foxglove.messages import FrameTransform, FrameTransforms, Quaternion, Timestamp, Vector3
 from numpy.typing import NDArray
 
+from hal.arrays import Array
 from hal.robots import FR3
 from rtstack.log.instants import OBJECT, Instants
 from rtstack.samples import SIDES
@@ -20,8 +21,6 @@ WORLD = "world"
 TABLE = "table"
 BASE_LINK = "link0"  # of the arm's URDF
 _UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

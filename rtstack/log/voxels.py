@@ -16,6 +16,7 @@ from foxglove.messages import (
 )
 from numpy.typing import NDArray
 
+from hal.arrays import Array
 from rtstack.log.cell_urdf import Shape
 from rtstack.log.frames import TABLE, from_rpy, rotation_of
 from rtstack.log.instants import OBJECT
@@ -27,8 +28,6 @@ _LINKS = (*(f"link{k}" for k in range(8)), "pad")
 VOXELS: tuple[str, ...] = tuple(
     f"{PREFIX}/{body}" for body in (*(f"{side}_{link}" for side in SIDES for link in _LINKS), TABLE, OBJECT)
 )
-
-Array = NDArray[np.float64]
 
 
 def voxel_messages(shapes: list[Shape], now: Timestamp) -> dict[str, bytes]:

@@ -5,12 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from hal.robots import RobotModel
 from rtstack.model.cell_description import ArmMounting, Pad, base_frame
-
-Array = NDArray[np.floating]
 
 
 @cache

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.arrays import Array
 from rtstack.impact_map import ImpactMap, Status
 from rtstack.model.cell_description import CellDescription, ObjectDescription
 from rtstack.planning.impact_loads import impact_loads
@@ -20,7 +21,6 @@ from rtstack.safety.limits import HARDWARE, SafetyLimits, hardware_limits
 from rtstack.safety.records import StopProfile, empty_memory, rules
 from rtstack.samples import SIDES
 
-Array = NDArray[np.floating]
 GRAVITY = 9.81
 
 POSITION_MARGIN_RAD = 0.05

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from hal.arrays import Array
 from rtstack.control.parameters import ControlParameters
 from rtstack.control.records import POINT
 from rtstack.loop.session import Plan
@@ -21,8 +22,6 @@ from rtstack.planning.joints import JointMotion, feedforward, joint_motion
 from rtstack.planning.planned import PlannedMotion
 from rtstack.references.quintic import ViaPoint, quintic_motion, quintic_path
 from rtstack.samples import SIDES, Mode
-
-Array = NDArray[np.floating]
 
 STOP_S = 0.4
 STEADY_S = 0.05  # at the velocity after the impact before it: a run-up's jerk is over by then

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.arrays import Array
 from rtstack.impact_map import SceneError
 from rtstack.impact_map.grab import grab_impact, joint_state_near
 from rtstack.model.arm_model import ArmModel
@@ -26,7 +27,6 @@ from rtstack.references.motion import Motion
 from rtstack.references.quintic import ViaPoint
 from rtstack.trials.assembly import cell_parameters
 
-Array = NDArray[np.floating]
 COAST_S = 0.4  # for what the impact leaves of sideways velocity, and of the posture's
 GIVE_S = 0.1  # the squeeze begins with the impact, and the pads have gone in by the end of the interim mode
 FADE_S = 0.1  # how quickly the squeeze is let go

@@ -8,8 +8,8 @@ and a link with a spring between them, whose torque is what the joint measures.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from hal.robots import FR3
 from rtstack.control.parameters import InertiaParameters
 from rtstack.impact_map.problem import JOINTS, Problem
@@ -17,7 +17,6 @@ from rtstack.impact_map.reflected import joint_inertia
 from rtstack.planning.planned import PlannedMotion
 from rtstack.samples import SIDES
 
-Array = NDArray[np.floating]
 GRAVITY = 9.81
 
 IMPACT_S = 0.04  # the largest torques of the wrist come within 5 ms, those of the base within 20 ms

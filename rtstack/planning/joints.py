@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline, interp1d
 
+from hal.arrays import Array
 from rtstack.impact_map import SceneError
 from rtstack.impact_map.grab import joint_state_near
 from rtstack.impact_map.problem import JOINTS
 from rtstack.model.arm_model import ArmModel
 from rtstack.planning.request import PlanError
 
-Array = NDArray[np.floating]
 # inverse kinematics every 10 ms: between them q is within 1e-7 rad, M and J are within 1e-4 of theirs
 NODE_TICKS = 10
 REPAY_TICKS = 30

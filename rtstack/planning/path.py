@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from hal.arrays import Array
 from rtstack.control.records import POINT
 from rtstack.planning.request import PlanError
 from rtstack.references.quintic import ViaPoint, quintic_motion, quintic_path
 
-Array = NDArray[np.floating]
 Vias = list[ViaPoint]
 UNHURRIED_S = 0.8  # for an axis that has no speed to gather
 

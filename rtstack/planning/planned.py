@@ -5,8 +5,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from rtstack.impact_map import Impact, ImpactMap
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
@@ -19,7 +19,6 @@ from rtstack.references.recording import MEASURED, Recording
 from rtstack.references.spreading import ExtendedReference
 from rtstack.samples import SIDES
 
-Array = NDArray[np.floating]
 # times (n,) s and accelerations of both arms (2, n, 3) -> forces of the pads on the object, N (2, n, 3)
 Forces = Callable[[Array, Array], Array]
 

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.arrays import Array
 from rtstack.impact_map import Arm, Box, Contact, ImpactMap, Plane, Scene, SceneError, impact_map
 from rtstack.impact_map.grab import joint_state
 from rtstack.impact_map.scene import Joints
@@ -26,7 +27,6 @@ from rtstack.references.motion import Motion
 from rtstack.references.quintic import ViaPoint
 from rtstack.trials.assembly import cell_parameters
 
-Array = NDArray[np.floating]
 COAST_S = 0.4
 GIVING_WAY_S = 1.2
 STILL_M_S = 1e-3  # slower than this the object is at rest, and friction has no direction

@@ -6,7 +6,6 @@ The margins are those of a plan (rtstack.planning.feasibility): what feedback ne
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rtstack.model.cell_description import CellDescription
 from rtstack.planning.feasibility import POSITION_MARGIN_RAD, TORQUE_SHARE, VELOCITY_SHARE, near_misses
@@ -16,7 +15,6 @@ from rtstack.safety.limits import PairLimits, SafetyLimits
 from rtstack.samples import SIDES
 from rtstack.trials.errors import TrialError
 
-Array = NDArray[np.float64]
 SPEED_STEP = 0.05
 
 

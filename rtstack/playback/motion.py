@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline, make_lsq_spline
 
+from hal.arrays import Array
 from rtstack.log.errors import LogError
 from rtstack.log.reader import Log, read_log
 from rtstack.references.recording import LARGEST_GAP_NS
 from rtstack.samples import SIDES, Mode
 from rtstack.trials.errors import TrialError
 
-Array = NDArray[np.float64]
 DEGREE = 5
 KNOT_S = 0.06  # between two knots: what hands do is slower, and what an impact shakes is not played again
 SHORTEST_S, LONGEST_S = 0.5, 120.0  # the second: 200 MB of points, a minute of preparing

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.arrays import Array
 from rtstack.control.records import POINT
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import ObjectDescription, Table
 from rtstack.references.quintic import ViaPoint, quintic_path
 
-Array = NDArray[np.floating]
 LEAST_RISE_M = 0.05  # room to gather the upward speed in
 
 

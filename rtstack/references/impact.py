@@ -7,11 +7,10 @@ with the velocities of the impact map, and its forces are those that move and ca
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from rtstack.monitor.expected import ExpectedImpact
 
-Array = NDArray[np.float64]
 LIFTED_S = 0.6  # after the impact the object hangs in the air
 CARRIED_SHARE = 0.35  # of its weight: what carrying adds or takes away at most
 EARLIER_S = 0.1  # a trial meets the table earlier, where it has grabbed the object lower

@@ -4,9 +4,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.floating]
+from hal.arrays import Array
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.arrays import Array
 from rtstack.control.detector import ImpactDetector
 from rtstack.control.parameters import DetectorParameters
 from rtstack.control.records import POINT
@@ -19,7 +20,6 @@ from rtstack.references.impact import demonstrated_impact, planned_impact
 from rtstack.references.motion import Motion
 from rtstack.samples import SIDES, Mode
 
-Array = NDArray[np.floating]
 # a robot ends torque control after 20 lost packets: a longer gap is no recording of one motion
 LARGEST_GAP_NS = 21_000_000
 MOVING = 1e-3  # m/s and rad/s: less is no motion of a hand

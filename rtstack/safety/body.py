@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.arrays import Array
 from hal.limits import DOF
 from hal.robots import FR3, RobotModel
 from hal.robots.description import LARGEST_NUMBER_OF_CAPSULES
 
-Array = NDArray[np.float64]
 LINKS = DOF + 1  # link0 to link7
 CAPSULES = LARGEST_NUMBER_OF_CAPSULES + 1  # room for those of the links, and one for the pad
 

@@ -8,8 +8,8 @@ come from the measured state, not from a file or a request, and are made anew ea
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from rtstack.safety.body import Base, Tool, arm_body
 from rtstack.safety.geometry import arm_distance, place_arm
 from rtstack.safety.limits import PairLimits, SafetyLimits
@@ -17,7 +17,6 @@ from rtstack.safety.records import StopProfile, empty_memory, rules
 
 SIDES = ("left", "right")  # as in rtstack.samples, which is above the judge
 
-Array = NDArray[np.float64]
 # all ours. What a hand may move: 0.25 m/s is the reduced speed of ISO 10218-1 for a person beside the robot
 SPEED_M_S = 0.25
 SPEED_RAD_S = 0.6

@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.arrays import Array
 from hal.collisions import CollisionBehaviour
 from hal.limits import COLLISION_TORQUES, CONTROL_PERIOD_S, ArmLimits, OwnLimits
 from hal.robots import FR3, RobotModel
 
 Seven = tuple[float, float, float, float, float, float, float]
 Three = tuple[float, float, float]
-Array = NDArray[np.floating]
 
 # the judge's inside the vendor's: the robot's own reflex trips at its limit; the rate's limit is a strict one, and the
 # wire rounds to single precision

@@ -19,7 +19,6 @@ from rtstack.samples import Level, Mode
 from rtstack.teleoperation.follower import FOLLOWER, advance, begin, coordinates, hold, write_point
 from rtstack.teleoperation.reach import TURN_RAD_M, Reach
 
-Array = NDArray[np.float64]
 SPEED_M_S = 0.12
 LOWER_M_S = 0.06
 CARRIED_M = (

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rtstack.log.errors import LogError
 from rtstack.log.reader import read_log
@@ -16,7 +15,6 @@ from rtstack.references.spreading import ExtendedReference, extend
 from rtstack.samples import SIDES
 from rtstack.trials.assembly import arm_controllers, cell_parameters
 
-Array = NDArray[np.float64]
 AROUND_S = 0.4  # of the impact: what is drawn closely
 _POINTS = 800  # of the whole recording, thinned out
 

@@ -7,13 +7,12 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.arrays import Array
 from hal.robots import FR3
 from rtstack.loop.end import End
 from rtstack.loop.history import Columns
 from rtstack.references.motion import Motion
 from rtstack.samples import Mode
-
-Array = NDArray[np.floating]
 
 
 @dataclass(frozen=True, slots=True)

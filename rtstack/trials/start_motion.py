@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.arrays import Array
 from hal.cell import Cell
 from hal.displacement import Displacement
 from hal.joint_path import JointPath, JointSpeed
@@ -19,7 +20,6 @@ from rtstack.samples import SIDES
 from rtstack.trials.assembly import arm_controllers, cell_parameters
 from rtstack.trials.errors import TrialError
 
-Array = NDArray[np.float64]
 CLEAR_OF_TABLE_M = 0.005  # at home the pads are 10 mm above it
 CLEAR_OF_OBJECT_M = 0.01
 CLEAR_OF_EACH_OTHER_M = 0.05

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
+from hal.arrays import Array
 from rtstack.control.records import WORKSPACE
 from rtstack.control.watch import FREE_AFTER_S, UNTIL_BEFORE_S, TrialMonitor
 from rtstack.loop.history import Columns
@@ -24,7 +25,6 @@ from rtstack.monitor.parameters import MonitorParameters
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE
 from rtstack.trials.errors import TrialError
 
-Array = NDArray[np.float64]
 PERIOD_S = 1e-3
 WINDOW, DECAY_1_S, HORIZON_S, SPACING_S = 13, 19.0, 0.1, 0.1  # Table 2 of the collision-monitoring paper
 DELAYS = range(5, 96, 5)  # ticks, candidates of m_c

@@ -7,13 +7,12 @@ one that a person can check in the log. Not for the tick: it looks at what came 
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from rtstack.control.watch import TrialMonitor
 from rtstack.loop.history import Columns
 from rtstack.monitor.records import Reason, Verdict
 
-Array = NDArray[np.float64]
 ALONG_APPROACH = 0.8  # cosine: what stands in the way pushes against the motion
 AHEAD_S = 0.35  # nothing that the arms aim at can be met earlier
 BEFORE_S = (0.012, 0.002)

@@ -2,15 +2,14 @@
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from sim_robot.arm_description import JOINTS
 from sim_robot.faults.kinds import FrictionChange, JointPush, ObjectLost, ObjectMass, Push, Slip, TauSensorBias
 from sim_robot.faults.schedule import Schedule
 from sim_robot.model import SIDES
 from sim_robot.plant import Plant
 
-Array = NDArray[np.float64]
 # far from everything that collides, beyond what motion capture could see: m along the world's x
 AWAY_M = 10.0
 

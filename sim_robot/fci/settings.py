@@ -1,15 +1,13 @@
 """What a client can set on an arm, with the values that hold until it does, and the limits that it cannot set."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from hal.limits import COLLISION_TORQUES
 from hal.robots import RobotModel
 from sim_robot.arm_description import JOINTS, arm_description
 from sim_robot.hand_parameters import FrankaHand
 from sim_robot.scene import Pad
-
-Array = NDArray[np.float64]
 
 # Transforms are row-major here. thresholds: lower and upper while accelerating, lower and upper at constant velocity.
 SETTINGS_RECORD = np.dtype(

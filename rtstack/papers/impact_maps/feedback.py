@@ -3,13 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from rtstack.control.impedance import task_inertia
 from rtstack.control.tick import ArmController
 from rtstack.loop.history import Columns
-
-Array = NDArray[np.float64]
 
 BEFORE_S, AFTER_S = 0.1, 0.6  # t1 and t2 of (29), around the nominal impact
 SWING_S = 0.25  # a period of the slowest vibration that an impact leaves here, 4 Hz: pads that tilt in their silicone

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.arrays import Array
 from rtstack.control.parameters import CompletionParameters, ControlParameters
 from rtstack.loop.history import Columns
 from rtstack.model.cell_description import CellDescription, base_frame
@@ -16,7 +17,6 @@ from rtstack.papers.reference_spreading.completion import SLOPE, contact_complet
 from rtstack.samples import Mode
 from rtstack.trials.scoring import FORCE_WINDOW_S
 
-Array = NDArray[np.float64]
 STANDING_POSES = 20  # of the tracker before anything moves
 APART_M = 5e-4  # the silicone gives by more than that under any force that holds
 SETTLING_S = 0.5

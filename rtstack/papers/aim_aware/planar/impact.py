@@ -1,9 +1,8 @@
 """The simultaneous inelastic impact map (2)-(4) of the planar arm, frictionless."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.floating]
+from hal.arrays import Array
 
 
 class InfeasibleImpact(ValueError):

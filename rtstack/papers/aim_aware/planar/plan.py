@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.arrays import Array
 from rtstack.papers.aim_aware.planar.dynamics import absolute, coriolis, inertia, tip, weight
 from rtstack.papers.aim_aware.planar.impact import simultaneous_impact
 from rtstack.papers.aim_aware.planar.parameters import Gains, PlanarArm, Task
 from rtstack.references.quintic import ViaPoint, quintic_path
 
-Array = NDArray[np.floating]
 Reference = tuple[Array, Array, Array]  # position, velocity, acceleration, (ticks, 3) each
 
 

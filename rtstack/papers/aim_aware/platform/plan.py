@@ -5,13 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.arrays import Array
 from rtstack.control.records import POINT
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import ArmMounting, Pad
 from rtstack.papers.aim_aware.planar.parameters import Task
 from rtstack.papers.aim_aware.planar.plan import Reference, approach_velocity, impact_references
 
-Array = NDArray[np.float64]
 IN_PLANE = [1, 3, 5]  # joints 2, 4, 6 turn about the y axis while the others are straight
 AXES = [0, 2, 4]  # of a twist: x, z, about y
 PERIOD_S = 1e-3
