@@ -4,12 +4,12 @@ from dataclasses import asdict, dataclass, fields, replace
 from importlib.resources import as_file, files
 from pathlib import Path
 
+from hal.arrays import Seven
 from hal.configuration import from_document, load_toml
 from hal.robots import RobotModel
 
-Joints = tuple[float, float, float, float, float, float, float]
 Vector3 = tuple[float, float, float]
-ZEROS: Joints = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+ZEROS: Seven = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def _check(record: object, positive: tuple[str, ...], not_negative: tuple[str, ...]) -> None:
@@ -24,13 +24,13 @@ def _check(record: object, positive: tuple[str, ...], not_negative: tuple[str, .
 class JointParameters:
     """Seven flexible joints: B, B_theta kg m^2; K Nm/rad; D Nms/rad; friction p1 Nm, p2 s/rad, p3 rad/s."""
 
-    B: Joints
-    B_theta: Joints
-    K: Joints
-    D: Joints
-    friction_p1: Joints
-    friction_p2: Joints
-    friction_p3: Joints
+    B: Seven
+    B_theta: Seven
+    K: Seven
+    D: Seven
+    friction_p1: Seven
+    friction_p2: Seven
+    friction_p3: Seven
 
     def __post_init__(self) -> None:
         _check(self, ("B", "B_theta", "K"), ("D", "friction_p1", "friction_p2"))
@@ -57,7 +57,7 @@ class Scatter:
 class Holding:
     """The robot's own joint impedance, Nm/rad."""
 
-    stiffness: Joints
+    stiffness: Seven
 
     def __post_init__(self) -> None:
         _check(self, ("stiffness",), ())
@@ -72,10 +72,10 @@ class SensorParameters:
     dq_noise: float
     theta_noise: float
     dtheta_noise: float
-    tau_J_noise: Joints
+    tau_J_noise: Seven
     dtau_J_cutoff_hz: float
     tau_ext_cutoff_hz: float
-    tau_ext_noise: Joints
+    tau_ext_noise: Seven
     smallest_singular_value: float
     wrench_damping: float
 

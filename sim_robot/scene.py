@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from hal.arrays import Seven
 from hal.configuration import load_toml
 from hal.displacement import Displacement
 from hal.errors import ObjectOutOfReach, UnknownObject
@@ -19,7 +20,6 @@ FURTHEST_YAW_DEG = 45.0  # beyond it the pads meet other faces
 
 Vector2 = tuple[float, float]
 Quaternion = tuple[float, float, float, float]
-Joints = tuple[float, float, float, float, float, float, float]
 
 
 def _positive(**values: float) -> None:
@@ -37,7 +37,7 @@ class ArmPlacement:
 
     T_world_base_position: Vector3
     T_world_base_wxyz: Quaternion
-    home: Joints
+    home: Seven
     hand: FrankaHand | None = None
     model: str = DEFAULT
 

@@ -1,21 +1,19 @@
 """A robot model from its TOML and URDF, strictly: each key is expected and of its type, each number has a source."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass as checked
 
-from hal.configuration import ConfigurationError, from_document, read_toml
+from hal.configuration import ConfigurationError, Positive, Real, from_document, read_toml
 from hal.limits import CONTROL_RATE_HZ, DOF, ArmLimits
 from hal.robots.description import DescriptionError, described
 from hal.robots.model import Array, CartesianLimits, RobotModel
 
 _STRICT = ConfigDict(extra="forbid")
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-Seven = tuple[Finite, Finite, Finite, Finite, Finite, Finite, Finite]
+Seven = tuple[Real, Real, Real, Real, Real, Real, Real]
 SevenPositive = tuple[Positive, Positive, Positive, Positive, Positive, Positive, Positive]
 Motion = tuple[Positive, Positive, Positive]
 Names = tuple[str, str, str, str, str, str, str]

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.arrays import Array
+from hal.arrays import Array, seven
 from rtstack.impact_map.bodies import moved_to
 from rtstack.impact_map.map import impact_map
 from rtstack.impact_map.reflected import ReflectedInertia
 from rtstack.impact_map.result import ImpactMap
-from rtstack.impact_map.scene import Arm, Box, Contact, Joints, Plane, Scene, SceneError
+from rtstack.impact_map.scene import Arm, Box, Contact, Plane, Scene, SceneError
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import ArmMounting, CellDescription, Pad
 from rtstack.model.rotation import log_so3
@@ -130,9 +130,4 @@ def joint_state_near(model: ArmModel, q: Array, point: NDArray) -> tuple[Array, 
 
 def _arm(mounting: ArmMounting, q: Array, dq: Array) -> Arm:
     place, turn = mounting.base_position, mounting.base_orientation_wxyz
-    return Arm(place, _joints(q), turn, dq=_joints(dq), model=mounting.model)
-
-
-def _joints(values: Array) -> Joints:
-    a, b, c, d, e, f, g = values.tolist()
-    return a, b, c, d, e, f, g
+    return Arm(place, seven(q), turn, dq=seven(dq), model=mounting.model)

@@ -11,16 +11,14 @@ from typing import Annotated, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from hal.configuration import STRICT, ConfigurationError, load_toml
+from hal.configuration import STRICT, ConfigurationError, NotNegative, Positive, Real, load_toml
 from hal.robots import DEFAULT
 from rtstack.impact_map.reflected import ReflectedInertia
 from rtstack.model.cell_description import Pad
 
-Number = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-Vector = tuple[Number, Number, Number]
-Quaternion = tuple[Number, Number, Number, Number]
-Joints = tuple[Number, Number, Number, Number, Number, Number, Number]
+Vector = tuple[Real, Real, Real]
+Quaternion = tuple[Real, Real, Real, Real]
+Joints = tuple[Real, Real, Real, Real, Real, Real, Real]
 
 DEFAULT_PAD = Pad(size=(0.1, 0.1, 0.03), mass=0.35, flange_to_face=0.03)
 UPRIGHT: Quaternion = (1.0, 0.0, 0.0, 0.0)
@@ -37,7 +35,7 @@ class Arm:
     q: Joints
     base_orientation_wxyz: Quaternion = UPRIGHT
     dq: Joints | None = None
-    pad_twist: tuple[Number, Number, Number, Number, Number, Number] | None = None
+    pad_twist: tuple[Real, Real, Real, Real, Real, Real] | None = None
     model: str = DEFAULT
 
 
@@ -78,7 +76,7 @@ class Contact:
     """
 
     between: tuple[str, str]
-    friction: Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+    friction: NotNegative
     maintained: bool | None = None
     points: Annotated[tuple[Vector, ...], Field(min_length=1)] | None = None
     normal: Vector | None = None

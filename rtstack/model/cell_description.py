@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from hal.configuration import STRICT, ConfigurationError, load_toml, place_of
+from hal.configuration import STRICT, ConfigurationError, NotNegative, Positive, load_toml, place_of
 from hal.robots import DEFAULT, RobotModel, reference_in, robot
 from rtstack.model.rotation import rotation_from_quaternion
 from rtstack.safety.body import Base, Tool
 from rtstack.safety.limits import hardware_limits
 from rtstack.samples import Reaction
 
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 Friction = Annotated[float, Field(gt=0.0, le=2.0, allow_inf_nan=False)]
 # at most twice the paper's, N/m and Nm/rad: an untested gain is not accepted for real arms
 Stiffness = Annotated[float, Field(ge=0.0, le=4000.0, allow_inf_nan=False)]
@@ -61,7 +60,7 @@ class Pad:
     """The silicone pad on the flange, a box whose outer face is the end effector's origin. m, kg."""
 
     size: tuple[float, float, float]
-    mass: Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+    mass: NotNegative
     flange_to_face: float
 
 
@@ -155,7 +154,7 @@ class Calibration:
 
     date: datetime.date
     valid_days: Annotated[int, Field(ge=1, le=3650)] = 180
-    rms_mm: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] | None = None
+    rms_mm: NotNegative | None = None
 
 
 class LoadPolicy(StrEnum):

@@ -5,11 +5,8 @@ from typing import Annotated
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from hal.configuration import STRICT
+from hal.configuration import STRICT, NotNegative, Positive
 from rtstack.cells import IDEAL
-
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 
 
 @checked(frozen=True, slots=True, config=STRICT)

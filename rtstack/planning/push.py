@@ -3,10 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.arrays import Array
+from hal.arrays import Array, seven
 from rtstack.impact_map import Arm, Box, Contact, ImpactMap, Plane, Scene, SceneError, impact_map
 from rtstack.impact_map.grab import joint_state
-from rtstack.impact_map.scene import Joints
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
 from rtstack.planning.fastest import feasible
@@ -97,7 +96,7 @@ def _push_impact(description: CellDescription, object_name: str, meeting: NDArra
     """Return the map of the left arm at the object on the table; the right arm touches nothing."""
     thing, top, mounting = description.objects[object_name], description.table.top_z, description.left
     try:
-        q, dq = (_joints(values) for values in joint_state(mounting, description.pad, meeting))
+        q, dq = (seven(values) for values in joint_state(mounting, description.pad, meeting))
         return impact_map(
             Scene(
                 arms={"left": Arm(mounting.base_position, q, mounting.base_orientation_wxyz, dq=dq)},
@@ -113,11 +112,6 @@ def _push_impact(description: CellDescription, object_name: str, meeting: NDArra
         )
     except SceneError as error:
         raise PlanError(f"left arm: {error}; plan another height or posture") from None
-
-
-def _joints(values: Array) -> Joints:
-    a, b, c, d, e, f, g = values.tolist()
-    return a, b, c, d, e, f, g
 
 
 def _post_path(

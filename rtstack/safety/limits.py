@@ -14,12 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.arrays import Array
+from hal.arrays import Array, Seven, seven
 from hal.collisions import CollisionBehaviour
 from hal.limits import COLLISION_TORQUES, CONTROL_PERIOD_S, ArmLimits, OwnLimits
 from hal.robots import FR3, RobotModel
 
-Seven = tuple[float, float, float, float, float, float, float]
 Three = tuple[float, float, float]
 
 # the judge's inside the vendor's: the robot's own reflex trips at its limit; the rate's limit is a strict one, and the
@@ -195,10 +194,6 @@ def hardware_limits(robot: RobotModel = FR3) -> SafetyLimits:
     """Return the widest limits of an arm: its model's own, a margin inside. No power exceeds tau_max dq_max."""
     arm = robot.limits
 
-    def seven(values: Any) -> Seven:
-        a, b, c, d, e, f, g = (float(v) for v in values)
-        return a, b, c, d, e, f, g
-
     return SafetyLimits(
         q_lower=seven(arm.q_lower + POSITION_MARGIN_RAD),
         q_upper=seven(arm.q_upper - POSITION_MARGIN_RAD),
@@ -266,10 +261,6 @@ def within_own(limits: SafetyLimits, own: OwnLimits) -> tuple[SafetyLimits, tupl
                 differs.append(f"{name} of joint {joint} is {its:g} {unit}, described as {mine:g}")
     if not differs:
         return limits, ()
-
-    def seven(values: Array) -> Seven:
-        a, b, c, d, e, f, g = values.tolist()
-        return a, b, c, d, e, f, g
 
     tau_max = np.minimum(limits.tau_max, own.tau_max)
     inside = replace(

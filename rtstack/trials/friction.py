@@ -8,14 +8,12 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from hal.configuration import STRICT, load_toml, toml_text
+from hal.configuration import STRICT, NotNegative, Real, load_toml, toml_text
 from rtstack.control.parameters import FrictionParameters
 from rtstack.samples import SIDES
 
-Number = Annotated[float, Field(allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=-0.2, le=0.2, allow_inf_nan=False)]
-Joints = tuple[Number, Number, Number, Number, Number, Number, Number]
+Joints = tuple[Real, Real, Real, Real, Real, Real, Real]
 Shares = tuple[Share, Share, Share, Share, Share, Share, Share]
 Positives = tuple[NotNegative, NotNegative, NotNegative, NotNegative, NotNegative, NotNegative, NotNegative]
 

@@ -13,7 +13,16 @@ Tightening = tuple[tuple[str, Any], ...]
 
 
 @dataclass(frozen=True, slots=True)
-class TrialSpecification:
+class _Asked:
+    """What a run is asked to do."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the specification as JSON-ready values."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, slots=True)
+class TrialSpecification(_Asked):
     """One trial. reference: the path of a recording; controller: a name of rtstack.trials.controllers.
 
     displacement_mm: the object's shift along the world's y. The shift along x and the turn about z are the plant's too:
@@ -43,7 +52,7 @@ class TrialSpecification:
 
 
 @dataclass(frozen=True, slots=True)
-class DemonstrationSpecification:
+class DemonstrationSpecification(_Asked):
     """One scripted demonstration: variations by number differ as a person's would.
 
     speed_m_s: of the pads at the object's surface, towards it; None: the variation's own.
@@ -54,13 +63,9 @@ class DemonstrationSpecification:
     seed: int = 0
     speed_m_s: float | None = None
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the specification as JSON-ready values."""
-        return asdict(self)
-
 
 @dataclass(frozen=True, slots=True)
-class SweepSpecification:
+class SweepSpecification(_Asked):
     """One run of a friction identification: this joint (1 to 7) of both arms moves, the object is out of the way."""
 
     object: str
@@ -68,13 +73,9 @@ class SweepSpecification:
     run: int
     seed: int = 0
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the specification as JSON-ready values."""
-        return asdict(self)
-
 
 @dataclass(frozen=True, slots=True)
-class FreeRunSpecification:
+class FreeRunSpecification(_Asked):
     """One run along a part of a planned reference with nothing in the way: what friction compensation leaves of it.
 
     reference: its name; part: ante or post; seed: of the noise; robot: of the arms.
@@ -87,13 +88,9 @@ class FreeRunSpecification:
     seed: int = 0
     object: str = ""
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the specification as JSON-ready values."""
-        return asdict(self)
-
 
 @dataclass(frozen=True, slots=True)
-class TeleoperationSpecification:
+class TeleoperationSpecification(_Asked):
     """An operator moves the arms by hand. recorded: as a recording; stop_on_release: a clutch that is let go ends it.
 
     job: the number that the operator's targets carry.
@@ -106,13 +103,9 @@ class TeleoperationSpecification:
     stop_on_release: bool = True
     job: int = 0
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the specification as JSON-ready values."""
-        return asdict(self)
-
 
 @dataclass(frozen=True, slots=True)
-class PlaybackSpecification:
+class PlaybackSpecification(_Asked):
     """A log played on the arms, at `speed` times its own speed. source: its path, digest: SHA-256 of that file.
 
     object: empty, since nothing is meant to be met.
@@ -124,10 +117,6 @@ class PlaybackSpecification:
     digest: str = ""
     object: str = ""
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the specification as JSON-ready values."""
-        return asdict(self)
-
 
 class HandMotion(StrEnum):
     """A motion that an operator asks for, of arms that stand anywhere."""
@@ -138,7 +127,7 @@ class HandMotion(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class MoveSpecification:
+class MoveSpecification(_Asked):
     """One motion, from where the arms are. object: what the cell holds."""
 
     motion: HandMotion

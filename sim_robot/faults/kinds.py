@@ -40,9 +40,9 @@ a client that is sent no state of one arm is still waited for on the other arm.
 from dataclasses import dataclass
 from enum import Enum
 
+from hal.arrays import Seven
 from hal.robot_errors import ROBOT_ERRORS
 from hal.state import ARM_STATE, RobotMode
-from sim_robot.plant_parameters import Joints
 from sim_robot.scene import Vector3
 
 LARGEST_FORCE_N = 1000.0
@@ -74,7 +74,7 @@ class Push:
 class JointPush:
     """An outer torque on the joints."""
 
-    torque_Nm: Joints
+    torque_Nm: Seven
 
     def __post_init__(self) -> None:
         _within("torque_Nm", self.torque_Nm, -LARGEST_TORQUE_NM, LARGEST_TORQUE_NM)
@@ -104,7 +104,7 @@ class FrictionChange:
 class TauSensorBias:
     """The joint torque sensors are off."""
 
-    bias_Nm: Joints
+    bias_Nm: Seven
 
     def __post_init__(self) -> None:
         _within("bias_Nm", self.bias_Nm, -LARGEST_TORQUE_NM, LARGEST_TORQUE_NM)

@@ -9,9 +9,8 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from hal.configuration import STRICT
+from hal.configuration import STRICT, Positive, Real
 from rtstack.monitor.parameters import MonitorParameters
-from rtstack.papers.aim_aware.planar.parameters import Positive, Real
 
 
 @checked(frozen=True, slots=True, config=STRICT)

@@ -5,11 +5,11 @@ from pathlib import Path
 
 from pydantic.dataclasses import dataclass as checked
 
-from hal.configuration import STRICT
+from hal.configuration import STRICT, NotNegative, Positive
 from rtstack.monitor.parameters import MonitorParameters
 from rtstack.papers.aim_aware.grid import Case, Column, Found, monitors_of
 from rtstack.papers.aim_aware.outline import Outline, Portion, load_outline
-from rtstack.papers.aim_aware.planar.parameters import Contact, Gains, NotNegative, PlanarArm, Positive
+from rtstack.papers.aim_aware.planar.parameters import Contact, Gains, PlanarArm
 from rtstack.papers.aim_aware.tuned import tuned_for
 
 STUDY = "aim-aware-planar"

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from hal.configuration import STRICT, ConfigurationError, load_toml
+from hal.configuration import STRICT, ConfigurationError, NotNegative, Positive, load_toml
 from rtstack.experiments.seeds import seed_of
 from rtstack.papers.impact_maps.feedback import Direction
 from rtstack.planning import GrabPlan, PlanError, PushPlan, grab_plan, push_plan
@@ -17,8 +17,6 @@ from rtstack.planning.free import PlanPhase
 from rtstack.references.motion import Motion
 
 Count = Annotated[int, Field(ge=1, le=1000)]
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
 
 # what counts: the pushing pad along the world's -y, both pads along z (Sections VI-A and VI-B)
 DIRECTIONS = {Motion.HIT_AND_PUSH: Direction((0,), 1, -1.0), Motion.GRAB: Direction((0, 1), 2, 1.0)}

@@ -9,10 +9,10 @@ from typing import Annotated, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from hal.configuration import STRICT, ConfigurationError, load_toml
+from hal.configuration import STRICT, ConfigurationError, Positive, load_toml
 from rtstack.experiments.experiment import Row
 from rtstack.experiments.seeds import seed_of
-from rtstack.papers.conditions import Conditions, Positive
+from rtstack.papers.conditions import Conditions
 from rtstack.papers.reference import Reference
 from rtstack.papers.reference_spreading.names import NAMES
 from rtstack.papers.reference_spreading.trial import Trial, seeded

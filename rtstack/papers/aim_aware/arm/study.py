@@ -7,12 +7,11 @@ from typing import Annotated
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from hal.configuration import STRICT, ConfigurationError
+from hal.configuration import STRICT, ConfigurationError, NotNegative, Positive, Real
 from rtstack.model.cell_description import ArmMounting, Pad
 from rtstack.monitor.parameters import MonitorParameters
 from rtstack.papers.aim_aware.grid import Case, Column, Found, monitors_of
 from rtstack.papers.aim_aware.outline import Outline, Portion, load_outline
-from rtstack.papers.aim_aware.planar.parameters import NotNegative, Positive, Real
 from rtstack.papers.aim_aware.platform.hit import HitGains, Hitter
 from rtstack.papers.aim_aware.platform.setup import Setup, platform_files
 from rtstack.papers.aim_aware.tuned import tuned_for

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from hal.configuration import STRICT, ConfigurationError, load_toml
+from hal.configuration import STRICT, ConfigurationError, Positive, load_toml
 from rtstack.experiments.seeds import seed_of
 from rtstack.monitor.expected import ExpectedImpact
 from rtstack.papers.conditions import Conditions
@@ -18,7 +18,6 @@ from rtstack.trials.unexpected import Unexpected
 
 Count = Annotated[int, Field(ge=1, le=10_000)]
 FewOrNone = Annotated[int, Field(ge=0, le=1000)]
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 FIRST_PUSH_S = 0.3  # since the first motion
 
 

@@ -7,11 +7,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from hal.configuration import STRICT
+from hal.configuration import STRICT, NotNegative, Positive, Real
 
-Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
-Real = Annotated[float, Field(allow_inf_nan=False)]
 Three = tuple[Positive, Positive, Positive]
 
 # m, kg; a kg m^2, b kg m^2 and G kg m of `PlanarArm.record`; B, B_theta kg m^2; K Nm/rad; D Nms/rad; gravity m/s^2

@@ -5,8 +5,9 @@ from functools import lru_cache
 
 import numpy as np
 
+from hal.arrays import Seven
 from hal.cell import Cell
-from rtstack.papers.aim_aware.platform.setup import Joints, Setup, platform_files
+from rtstack.papers.aim_aware.platform.setup import Setup, platform_files
 from sim_robot.cell import SimulatedCell
 from sim_robot.plant import Plant
 from sim_robot.plant_parameters import PlantParameters, load_plant_parameters
@@ -21,7 +22,7 @@ def _simulated() -> tuple[Scene, PlantParameters]:
     return load_scene(platform_files()[0]), load_plant_parameters()
 
 
-def open_platform_cell(setup: Setup, home: Joints, inclination_deg: float, seed: int) -> Cell:
+def open_platform_cell(setup: Setup, home: Seven, inclination_deg: float, seed: int) -> Cell:
     """Open the cell in this process, in lockstep, the left arm at rest at home (7,). Raises HardwareError.
 
     The same robot whatever the seed, which draws noise, and how exactly the platform is set up.

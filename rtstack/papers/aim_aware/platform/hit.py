@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from pydantic.dataclasses import dataclass as checked
 
 from hal.arm import Arm
-from hal.configuration import STRICT
+from hal.configuration import STRICT, NotNegative, Positive
 from hal.errors import HardwareError
 from hal.state import ARM_STATE
 from rtstack.control.modes import ModeMachine, Strategy
@@ -17,7 +17,6 @@ from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import ArmMounting, Pad
 from rtstack.monitor.monitor import Monitor
 from rtstack.monitor.parameters import MonitorParameters
-from rtstack.papers.aim_aware.planar.parameters import NotNegative, Positive
 from rtstack.papers.aim_aware.platform.plan import HitPlan
 from rtstack.safety.judge import Cause, SafetyJudge, Tool
 from rtstack.safety.limits import hardware_limits

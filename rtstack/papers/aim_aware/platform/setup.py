@@ -7,10 +7,7 @@ from typing import Annotated
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from hal.configuration import STRICT
-from rtstack.papers.aim_aware.planar.parameters import NotNegative
-
-Joints = tuple[float, float, float, float, float, float, float]
+from hal.configuration import STRICT, NotNegative
 
 
 @checked(frozen=True, slots=True, config=STRICT)
