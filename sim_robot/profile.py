@@ -10,8 +10,8 @@ from math import exp, log, sqrt
 
 import numpy as np
 
+from hal.arrays import Seven
 from hal.configuration import ConfigurationError, load_toml
-from sim_robot.plant_parameters import Joints
 
 IDEAL = "ideal"
 LONGEST_DELAY_MS = 50
@@ -35,11 +35,11 @@ class ForceEstimate:
     noise_hz.
     """
 
-    torque_offset: Joints
+    torque_offset: Seven
     gravity_error: float
     payload_error_kg: float
     delay_ms: int
-    noise: Joints
+    noise: Seven
     noise_hz: float
 
     def __post_init__(self) -> None:
