@@ -13,6 +13,7 @@ import viser
 from numpy.typing import NDArray
 
 from console.meshes import GROWN_M, LINKS, Part, full_parts, hull_parts, light_parts
+from hal.arrays import Array
 from hal.limits import DOF
 from hal.robots import RobotModel
 from rtstack.model.cell_description import ArmMounting, CellDescription
@@ -32,7 +33,7 @@ class Joint:
     """Where a joint's frame is in its parent's, at zero: position m, quaternion wxyz. It turns about its own z."""
 
     position: tuple[float, float, float]
-    wxyz: NDArray[np.float64]
+    wxyz: Array
 
 
 def joints_of(model: RobotModel) -> tuple[Joint, ...]:
@@ -49,7 +50,7 @@ def joints_of(model: RobotModel) -> tuple[Joint, ...]:
     return tuple(joints)
 
 
-def turned(joint: Joint, angle: float) -> NDArray[np.float64]:
+def turned(joint: Joint, angle: float) -> Array:
     """Return the orientation of a joint's child in its parent, quaternion wxyz, at `angle` rad."""
     w, x, y, z = joint.wxyz
     c, s = np.cos(angle / 2.0), np.sin(angle / 2.0)
@@ -110,7 +111,7 @@ class ArmFigure:
             scene.add_label(f"{root}/label", side, position=(0.0, outwards, 0.02), anchor="center-center")
         self.show(np.array(mounting.home))
 
-    def show(self, q: Sequence[float] | NDArray[np.float64]) -> None:
+    def show(self, q: Sequence[float] | Array) -> None:
         """Show the arm at `q`, (7,) rad."""
         for index, (frame, joint) in enumerate(zip(self._frames, self._joints, strict=True)):
             if abs(q[index] - self._shown[index]) > _SMALLEST_MOVE:
@@ -190,13 +191,13 @@ class CellFigures:
         if self._root is not None and self._root.visible != visible:
             self._root.visible = visible
 
-    def show_arms(self, q: NDArray[np.float64]) -> None:
+    def show_arms(self, q: Array) -> None:
         """Show both arms at `q`, (2, 7) rad."""
         self._set_visible(True)
         for arm, joints in zip(self._arms, q, strict=True):
             arm.show(joints)
 
-    def show_object(self, name: str, pose: NDArray[np.float64] | None) -> None:
+    def show_object(self, name: str, pose: Array | None) -> None:
         """Show the object `name` at `pose`, (7,) position m and quaternion wxyz; None where it was not seen."""
         description = self._cell.objects.get(name)
         if pose is None or description is None:
@@ -230,7 +231,7 @@ def grown(size: tuple[float, float, float]) -> tuple[float, float, float]:
     return x + 2.0 * GROWN_M, y + 2.0 * GROWN_M, z + 2.0 * GROWN_M
 
 
-def box_edges(size: tuple[float, float, float], centre: NDArray[np.float64], yaw_rad: float = 0.0) -> NDArray:
+def box_edges(size: tuple[float, float, float], centre: Array, yaw_rad: float = 0.0) -> NDArray:
     """Return the 12 edges (12, 2, 3), m, of a box, turned about z."""
     corners = np.array([[(k >> axis & 1) - 0.5 for axis in range(3)] for k in range(8)]) * size
     c, s = np.cos(yaw_rad), np.sin(yaw_rad)
@@ -238,7 +239,7 @@ def box_edges(size: tuple[float, float, float], centre: NDArray[np.float64], yaw
 
 
 def add_edges(
-    scene: viser.SceneApi, path: str, pieces: NDArray[np.float64], colour: tuple[int, int, int], width_px: float = 2.0
+    scene: viser.SceneApi, path: str, pieces: Array, colour: tuple[int, int, int], width_px: float = 2.0
 ) -> viser.SceneNodeHandle:
     """Draw straight pieces (n, 2, 3), m, as lines of the same width at any distance."""
     points = pieces.astype(np.float32)

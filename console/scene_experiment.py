@@ -3,6 +3,8 @@
 World frame. Colours of the modes are the ones of the lights and the bands.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 import viser
 
@@ -65,7 +67,7 @@ class ExperimentFigures:
         if path is not None:
             self._way(path)
 
-    def show_hits(self, hits: list[tuple[Array, Array] | None]) -> None:
+    def show_hits(self, hits: Sequence[tuple[Array, Array] | None]) -> None:
         """Show where each pad has felt the most, (3,) m, and what, (3,) N; None: nothing yet."""
         for arrow, hit in zip(self._hits, hits, strict=True):
             arrow.show(hit)

@@ -4,10 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from hal.arm import Arm
+from hal.arrays import Array
 from hal.collisions import CollisionBehaviour
 from hal.errors import RecoveryRefused
 from hal.joint_path import JointSpeed
@@ -36,7 +34,7 @@ class ArmLink(Protocol):
         """Tell both arms how hard they may be touched in the next motion. Raises CommandRejected, ConnectionLost."""
         ...
 
-    def move(self, goal: NDArray[np.float64], limit: JointSpeed, stop: Callable[[], bool]) -> bool:
+    def move(self, goal: Array, limit: JointSpeed, stop: Callable[[], bool]) -> bool:
         """Move both arms together, from rest to rest, to the postures goal (2, 7), rad, no joint faster than the limit.
 
         `stop` is asked once a millisecond; then both brake where they are. Returns whether they have arrived.

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from hal.cell import LEFT, RIGHT
 from hal.errors import CommandRejected
 from hal.joint_path import JointPath, JointSpeed
@@ -47,7 +47,7 @@ class _Progress:
         self.still_s += step_s if x >= 1.0 or self.t_s >= end_s else 0.0
 
 
-def move(pair: "FciPair", goal: NDArray[np.float64], limit: JointSpeed, stop: Callable[[], bool]) -> bool:
+def move(pair: "FciPair", goal: Array, limit: JointSpeed, stop: Callable[[], bool]) -> bool:
     """Move both arms to goal (2, 7) rad and end the motion; return whether they got there, False after a stop.
 
     Both begin where the robot wants them to be (q_d), which differs from where they are by the sag of its controller.
@@ -56,7 +56,7 @@ def move(pair: "FciPair", goal: NDArray[np.float64], limit: JointSpeed, stop: Ca
     arms = {LEFT: pair.left, RIGHT: pair.right}
     progress = {LEFT: _Progress(), RIGHT: _Progress()}
     rows = {LEFT: 0, RIGHT: 1}
-    begins: dict[int, NDArray[np.float64]] = {}
+    begins: dict[int, Array] = {}
     path: JointPath | None = None
     stopping = False
     try:

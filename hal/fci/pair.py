@@ -8,9 +8,7 @@ import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 
-import numpy as np
-from numpy.typing import NDArray
-
+from hal.arrays import Array
 from hal.cell import LEFT, RIGHT
 from hal.collisions import CollisionBehaviour
 from hal.errors import ConnectionLost, HardwareError, RecoveryRefused
@@ -83,7 +81,7 @@ class FciPair:
         self.left.set_collisions(left)
         self.right.set_collisions(right)
 
-    def move(self, goal: NDArray[np.float64], limit: JointSpeed, stop: Callable[[], bool]) -> bool:
+    def move(self, goal: Array, limit: JointSpeed, stop: Callable[[], bool]) -> bool:
         """Move both arms to goal (2, 7) rad; see hal.cell.ArmLink."""
         self._silent_s = {LEFT: 0.0, RIGHT: 0.0}
         return move(self, goal, limit, stop)

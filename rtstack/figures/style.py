@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from hal.arrays import Array
 from rtstack.palette import MODE_STYLES
 from rtstack.samples import Mode
 
@@ -51,7 +52,7 @@ def save(figure: Figure, target: Path | IO[bytes], form: str | None = None) -> N
         figure.savefig(target, format=form, metadata=_UNSAID[form])
 
 
-def mode_bands(axis: Axes, t: NDArray[np.float64], mode: NDArray[np.int64], shown: tuple[Mode, ...]) -> None:
+def mode_bands(axis: Axes, t: Array, mode: NDArray[np.int64], shown: tuple[Mode, ...]) -> None:
     """Shade the modes behind a plot. t, mode (n,): the mode at each time, in the axis' unit; shown: which of them."""
     edges = np.flatnonzero(np.diff(mode)) + 1
     for start, end in zip([0, *edges], [*edges, len(mode) - 1], strict=True):

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from rtstack.log.frames import BASE_LINK, TABLE, WORLD, CellFrames, quaternions_of
 from rtstack.log.instants import OBJECT
 from rtstack.samples import SIDES
@@ -93,7 +93,7 @@ def _size(solid: Element) -> tuple[float, float, float]:
     return (width, width, float(solid.get("length", width)))
 
 
-def _add_arm(robot: Element, side: str, T_world_base: NDArray[np.float64], arm_urdf: str) -> None:
+def _add_arm(robot: Element, side: str, T_world_base: Array, arm_urdf: str) -> None:
     base = f"{side}_base"
     SubElement(robot, "link", name=base)
     _add_joint(robot, WORLD, base, "fixed", T_world_base[:3, 3].tolist(), _rpy(T_world_base[:3, :3]))
@@ -137,7 +137,7 @@ def _add_joint(
     SubElement(joint, "child", link=child)
 
 
-def _rpy(R: NDArray[np.float64]) -> tuple[float, float, float]:
+def _rpy(R: Array) -> tuple[float, float, float]:
     """URDF's fixed-axis roll, pitch and yaw of a rotation matrix, from its quaternion."""
     w, x, y, z = quaternions_of(R[None])[0].tolist()
     return (

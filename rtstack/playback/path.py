@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.arrays import Array
 from hal.compilation import compiled
 from rtstack.control.tick import ArmController
 from rtstack.model.rotation import exp_so3, multiply
@@ -38,12 +39,12 @@ class ArmPath:
     by s; M (n, 7, 7); gravity (n, 7) Nm; coriolis (n, 7): C dq at those dq, Nm times ds^-2."""
 
     stations: NDArray
-    q: NDArray[np.float64]
-    dq: NDArray[np.float64]
-    ddq: NDArray[np.float64]
-    M: NDArray[np.float64]
-    gravity: NDArray[np.float64]
-    coriolis: NDArray[np.float64]
+    q: Array
+    dq: Array
+    ddq: Array
+    M: Array
+    gravity: Array
+    coriolis: Array
 
 
 def arm_path(motion: LoggedMotion, side: int, arm: ArmController) -> ArmPath:

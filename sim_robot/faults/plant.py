@@ -2,8 +2,8 @@
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
-from hal.arrays import Array
 from sim_robot.arm_description import JOINTS
 from sim_robot.faults.kinds import FrictionChange, JointPush, ObjectLost, ObjectMass, Push, Slip, TauSensorBias
 from sim_robot.faults.schedule import Schedule
@@ -105,5 +105,5 @@ class PlantFaults:
                 self._plant.motors[name] = true
 
 
-def _total(values, size: int) -> Array:
+def _total(values, size: int) -> NDArray[np.float64]:
     return sum((np.array(value) for value in values), np.zeros(size))
