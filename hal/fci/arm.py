@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pylibfranka as franka
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from hal.collisions import CollisionBehaviour
 from hal.errors import CommandRejected, ConnectionLost, HardwareError, RecoveryRefused
 from hal.fci import recovery
@@ -51,7 +51,7 @@ class FciArm:
         self._bytes = self._state.record.view(np.uint8).data
         self._torques = franka.Torques([0.0] * 7)
         self._control: franka.ActiveControlBase | None = None
-        self._posture: NDArray[np.float64] | None = None  # that was sent last, under position control
+        self._posture: Array | None = None  # that was sent last, under position control
         self._lost = False
         self.unread = False  # True: the next read returns the last state once more, without waiting
         self._config = franka.RealtimeConfig.kEnforce if enforce_realtime else franka.RealtimeConfig.kIgnore
@@ -107,7 +107,7 @@ class FciArm:
         """Whether the robot wants an answer each millisecond."""
         return self._control is not None and not self._lost
 
-    def last_command(self) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
+    def last_command(self) -> tuple[Array | None, Array | None]:
         """Return what to go on with, see hal.fci.hold.Held."""
         if self._posture is not None:
             return self._posture, None
@@ -132,7 +132,7 @@ class FciArm:
             self._control = robot.start_joint_position_control(franka.ControllerMode.JointImpedance)
         self._posture = np.full(7, np.nan)
 
-    def read_position(self) -> tuple[int, NDArray[np.float64]]:
+    def read_position(self) -> tuple[int, Array]:
         """Block until the next state under position control; return its time, ns, and its q_d (7,), rad. Raises as
         read does."""
         if self._control is None:
@@ -143,7 +143,7 @@ class FciArm:
             raise self._fault(error) from None
         return round(1e3 * state.time.to_sec()) * 1_000_000, np.array(state.q_d)
 
-    def write_position(self, q: NDArray[np.float64], *, finished: bool = False) -> None:
+    def write_position(self, q: Array, *, finished: bool = False) -> None:
         """Answer the last state with a posture (7,), rad; finished: the motion's last one. Raises as write does."""
         if self._control is None:
             raise CommandRejected(f"{self.called} is not under position control; start again")
@@ -189,7 +189,7 @@ class FciArm:
             sum(map(error_bit, names_in(str(errors)))) if errors else 0,
         )  # fmt: skip
 
-    def write(self, tau: NDArray[np.float64]) -> None:
+    def write(self, tau: Array) -> None:
         """Answer the last state with a torque, (7,), Nm, gravity excluded. See hal.arm.Arm."""
         if self._control is None:
             self.start()
