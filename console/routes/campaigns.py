@@ -256,8 +256,13 @@ def _plans() -> tuple[PlanView, ...]:
     """Return what can be started, and the user's own plans that cannot, with the reason."""
     installed = _installed()
     taken = {plan.name for plan in installed}
-    own = [(name, path) for name, path in own_plans().items() if name not in taken]
-    return (*installed, *(_own(name, path, path.stat().st_mtime_ns) for name, path in own))
+    own = [
+        PlanView(path.name, "", 0, None, True, f"{name} is an installed plan: give the file {path} another name")
+        if name in taken
+        else _own(name, path, path.stat().st_mtime_ns)
+        for name, path in own_plans().items()
+    ]
+    return (*installed, *own)
 
 
 @lru_cache(maxsize=1)

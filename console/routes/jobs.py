@@ -15,6 +15,7 @@ from console.routes.problems import problems
 from console.routes.scene import plan_of
 from rtstack.live.protocol import (
     DemonstrationRequest,
+    GuideRequest,
     JobRequest,
     MoveRequest,
     ObjectName,
@@ -75,6 +76,12 @@ class MoveOrder:
 def move(order: MoveOrder, session: NeedsSession, parts: NeedsParts) -> Status:
     """Go to the start, put down what is held, or open: on the cell as it is, under the judge."""
     return start_job(parts, MoveRequest(order.motion, operator=session.operator))
+
+
+@router.post("/guide", status_code=202)
+def guide(session: NeedsSession, parts: NeedsParts) -> Status:
+    """Let a person push both arms while the clutch is held, in a fault too; hold it at once."""
+    return start_job(parts, GuideRequest(operator=session.operator))
 
 
 @router.post("/trial", status_code=202, responses=problems(404))

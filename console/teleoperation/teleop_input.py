@@ -110,7 +110,7 @@ class TeleopInput:
     @property
     def running(self) -> bool:
         """Whether a teleoperation runs."""
-        return self._job() is not None
+        return self._job(JobKind.TELEOPERATION) is not None
 
     def asked(self) -> Array | None:
         """Return what is asked for, (2, 7); while the clutch is not held the last command of the arms; None before."""
@@ -149,7 +149,7 @@ class TeleopInput:
             self._notice()
             if self._by is None:
                 command = self._watch.command()
-                if command is None:
+                if command is None and job.kind is not JobKind.GUIDE:  # which follows no request
                     raise RobotRefused("the arms have not said yet where they are")
                 self._asked, self._by, self._refusal = command, operator, None
                 self._by_grip, self._goal = False, None
@@ -308,7 +308,7 @@ class TeleopInput:
     def _job(self, *kinds: JobKind) -> Job | None:
         status = self._watch.view.status
         job = None if status is None else status.job
-        kinds = kinds or (JobKind.TELEOPERATION,)
+        kinds = kinds or (JobKind.TELEOPERATION, JobKind.GUIDE)
         runs = job is not None and job.kind in kinds and job.state is JobState.RUNNING
         return job if runs else None
 

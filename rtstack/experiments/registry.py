@@ -82,6 +82,8 @@ def plan_file(name: str) -> PlanFile:
     if name.endswith(".toml"):
         return plan_file_at(Path(name).resolve())
     path = plan_paths().get(name)
+    if name in installed_plans() and (hidden := own_plans().get(name)):
+        print(f"rtstack: warning: {name} is an installed plan: give {hidden} another name to run it", file=sys.stderr)
     if path is None:
         raise TrialError(f"unknown campaign {name!r}: there are {', '.join(plan_paths())}, or give the path of a .toml")
     return plan_file_at(path)

@@ -2,7 +2,8 @@
 
 It owns the arming state machine (rtstack.safety.arming), which takes every decision about motion in the robot process,
 and adds a clock, a lock and an audit trail. Each action of an operator becomes a line of the audit trail and a
-RunEvent, which the loop's thread publishes. A STOP disarms; only arming resets the request.
+RunEvent, which the loop's thread publishes. A STOP disarms; its request is reset by arming, and before a person's hand
+leads the arms.
 """
 
 import threading
@@ -124,12 +125,16 @@ class ControlAuthority:
             self._arming.disarm()
             self._note("stop", operator, f"{operator} pressed STOP", Level.WARNING)
 
-    def begin(self, operator: str, what: str) -> None:
-        """Begin a motion of the operator's; `what`: for the record."""
+    def begin(self, operator: str, what: str, by_hand: bool = False) -> None:
+        """Begin a motion of the operator's; `what`: for the record. by_hand: a person's hand leads the arms."""
         with self._acting() as now_s:
             if self._mailbox.stop_requested:  # since it was armed
                 self._arming.disarm()
-            self._arming.begin(operator, now_s)
+            if by_hand:
+                self._arming.begin_by_hand(operator, now_s)
+                self._mailbox.clear_stop()  # of the fault that it may lead out of
+            else:
+                self._arming.begin(operator, now_s)
             self._note("begin", operator, f"{operator} ordered {what}")
 
     def end(self) -> None:

@@ -15,6 +15,7 @@ from rtstack.live.audit import AuditTrail
 from rtstack.live.control_authority import ControlAuthority
 from rtstack.live.protocol import (
     DemonstrationRequest,
+    GuideRequest,
     Job,
     JobKind,
     JobRequest,
@@ -61,7 +62,8 @@ class JobManager:
         cell has no such object.
         """
         names = tuple(self._description.objects)
-        if not isinstance(request, PlaybackRequest | MoveRequest) and request.object not in names:
+        by_hand = isinstance(request, GuideRequest)
+        if not isinstance(request, PlaybackRequest | MoveRequest | GuideRequest) and request.object not in names:
             raise Refused(f"the cell has no object {request.object!r}; it has {', '.join(names)}")
         faults = isinstance(request, DemonstrationRequest) and request.faults
         if faults and not self._description.simulated:
@@ -71,7 +73,7 @@ class JobManager:
             if refusal is not None:
                 raise Refused(refusal)
             number = 1 if self._job is None else self._job.number + 1
-            self.authority.begin(request.operator, f"{request.verb} {number}: {_title(request)}")
+            self.authority.begin(request.operator, f"{request.verb} {number}: {_title(request)}", by_hand)
             self._order = request
             recorded = isinstance(request, TeleoperationRequest) and request.recorded
             self._job = Job(
@@ -156,8 +158,8 @@ class JobManager:
         """Number of the newest job, 0 before the first one."""
         return 0 if self._job is None else self._job.number
 
-    def started(self, log: str) -> None:
-        """Note that the job runs and which log it writes."""
+    def started(self, log: str | None) -> None:
+        """Note that the job runs and which log it writes, None where it writes none."""
         self._change(state=JobState.RUNNING, log=log)
 
     def progress(self, fraction: float) -> None:
@@ -206,6 +208,8 @@ def _title(request: JobRequest) -> str:
         return f"{request.controller}, {request.object}, {place}, seed {request.seed}"
     if isinstance(request, MoveRequest):
         return MOTION_WORDS[request.motion]
+    if isinstance(request, GuideRequest):
+        return "both arms by hand"
     if isinstance(request, PlaybackRequest):
         return f"{Path(request.source).name} at {request.speed:g}x"
     if isinstance(request, TeleoperationRequest):

@@ -14,6 +14,7 @@ from rtstack.live.idle import IdleView
 from rtstack.live.job_manager import JobManager
 from rtstack.live.protocol import (
     DemonstrationRequest,
+    GuideRequest,
     JobRequest,
     MoveRequest,
     PlaybackRequest,
@@ -28,10 +29,12 @@ from rtstack.playback.finish import Finish
 from rtstack.playback.run import NO_OBJECT, prepare_playback, run_playback, way_to_start
 from rtstack.references.spreading import ExtendedReference
 from rtstack.samples import Level
+from rtstack.teleoperation.clutch import Clutch
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.errors import TrialError
 from rtstack.trials.estimate import check_estimate
 from rtstack.trials.followed import Followed
+from rtstack.trials.guide import run_guide
 from rtstack.trials.move import prepare_move, run_move
 from rtstack.trials.record import open_log
 from rtstack.trials.result import Result
@@ -43,6 +46,8 @@ from rtstack.trials.teleoperation import run_teleoperation
 from rtstack.trials.trial import prepare_trial, run_trial
 
 _libc = ctypes.CDLL(None)
+_FIRST_HOLD_S = 3.0  # from a guide's order until its clutch must be held: the page that orders it holds it already
+_LOOK_S = 0.01
 
 
 class Jobs:
@@ -81,6 +86,8 @@ class Jobs:
                 return self._teleoperation(order, log)
             case DemonstrationRequest():
                 return self._demonstration(order, log)
+            case GuideRequest():
+                return self._guide()
 
     def open_first(self) -> Cell:
         """Open a cell with the description's first object, to idle on. Raises HardwareError."""
@@ -140,6 +147,21 @@ class Jobs:
         prepared = prepare_move(specification, self._description, cell)
         return run_move(prepared, cell, self._begin(order, log, specification, cell))
 
+    def _guide(self) -> Result:
+        """Let a person push the arms of the cell that is open, while the operator holds the clutch. Writes no log."""
+        cell = self.cell or self.open_first()
+        clutch = Clutch(self._mailbox, self._job_manager.job_number)
+        self._job_manager.started(None)
+        due_s = time.monotonic() + _FIRST_HOLD_S
+        while not clutch.held:
+            gone = any(watchdog.trip() for watchdog in self._watchdogs)
+            if gone or self._mailbox.stop_requested or time.monotonic() > due_s:
+                raise TrialError("the clutch was not held: nothing has moved")
+            time.sleep(_LOOK_S)
+        watchdogs = (*self._watchdogs, clutch)
+        context = RunContext(None, self._rings, self._mailbox, None, watchdogs, self._run_observer)
+        return run_guide(self._description, cell, context)
+
     def _begin(
         self, order: JobRequest, log: Path, specification: Specification, cell: Cell,
         reference: ExtendedReference | None = None, followed: Followed | None = None,
@@ -196,7 +218,8 @@ def free_name(logs: Path, order: JobRequest) -> Path:
             what = f"move-{order.motion.replace('_', '-')}"
         case _:
             what = order.verb
-    stem = f"{stamp}-{what}" if isinstance(order, PlaybackRequest | MoveRequest) else f"{stamp}-{what}-{order.object}"
+    without_object = isinstance(order, PlaybackRequest | MoveRequest | GuideRequest)
+    stem = f"{stamp}-{what}" if without_object else f"{stamp}-{what}-{order.object}"
     path = logs / f"{stem}.mcap"
     number = 2
     while path.exists():

@@ -49,6 +49,7 @@ class JobKind(StrEnum):
     TELEOPERATION = "teleoperation"
     PLAYBACK = "playback"
     MOVE = "move"
+    GUIDE = "guide"
 
 
 class JobState(StrEnum):
@@ -179,6 +180,17 @@ class MoveRequest:
 
 
 @checked(frozen=True, slots=True, config=MESSAGE)
+class GuideRequest:
+    """Ask that a person may push both arms, while this operator holds the clutch; in a fault too, which stays.
+
+    The clutch goes through the mailbox.
+    """
+
+    operator: Operator = field(kw_only=True)
+    verb: Literal["guide"] = "guide"
+
+
+@checked(frozen=True, slots=True, config=MESSAGE)
 class TakeRequest:
     """Ask for the lease. `over_from`: from this holder, where they still have it and nothing moves."""
 
@@ -235,7 +247,7 @@ class RecoverRequest:
     verb: Literal["recover"] = "recover"
 
 
-JobRequest = DemonstrationRequest | TrialRequest | TeleoperationRequest | PlaybackRequest | MoveRequest
+JobRequest = DemonstrationRequest | TrialRequest | TeleoperationRequest | PlaybackRequest | MoveRequest | GuideRequest
 ControlRequest = TakeRequest | ReleaseRequest | BeatRequest | ArmRequest | DisarmRequest | StopRequest | RecoverRequest
 Request = StatusRequest | JobRequest | ControlRequest
 

@@ -157,8 +157,8 @@ class Robot:
             reason = judge.recover(sample)
             if reason is not Cause.NONE:
                 raise RecoveryRefused(
-                    f"{side} arm: {reason.text}: the cause persists; end the stack, and move the arm out of "
-                    "it by hand: `rtstack guide`"
+                    f"{side} arm: {reason.text}: the cause persists; move the arm out of it by hand: hold *Guide by "
+                    "hand* on the page Operate, or end the stack and use `rtstack guide`"
                 )
 
     def _carry_out(self, order: JobRequest) -> None:

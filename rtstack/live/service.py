@@ -20,18 +20,14 @@ from rtstack.live.protocol import (
     Answer,
     ArmRequest,
     BeatRequest,
-    DemonstrationRequest,
     DisarmRequest,
-    MoveRequest,
-    PlaybackRequest,
+    JobRequest,
     ProtocolError,
     RecoverRequest,
     ReleaseRequest,
     Request,
     StopRequest,
     TakeRequest,
-    TeleoperationRequest,
-    TrialRequest,
     decode_request,
     encode,
 )
@@ -100,9 +96,10 @@ def answer(job_manager: JobManager, line: bytes) -> Answer:
 
 
 def _act(job_manager: JobManager, request: Request) -> None:
+    if isinstance(request, JobRequest):
+        job_manager.order(request)
+        return
     match request:
-        case DemonstrationRequest() | TrialRequest() | TeleoperationRequest() | PlaybackRequest() | MoveRequest():
-            job_manager.order(request)
         case TakeRequest():
             job_manager.authority.take(request.operator, request.over_from)
         case ReleaseRequest():

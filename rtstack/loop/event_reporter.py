@@ -43,11 +43,11 @@ class EventReporter:
             self._mode = machine.mode
 
     def let_speak(self, speaker: str) -> None:
-        """Have the end told that was just noted, in this name; "" where it is what was asked for."""
+        """Have the end told that was just noted, in this name; "" where the plan has come to its own end."""
         self._speaker = speaker
 
     def end(self) -> None:
-        """Say once, loudly, what no operator asked for. Called every tick."""
+        """Say once why the session ends before its own end. Called every tick."""
         if self._speaker:
             trip, speaker, self._speaker = self._notes.trip, self._speaker, ""
             self._publisher.event(self._notes.t_ns, trip.level, speaker, trip.text)

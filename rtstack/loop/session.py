@@ -27,7 +27,7 @@ from rtstack.loop.standstill import REST_DQ, STOP_TICKS, StandstillDetector
 from rtstack.loop.timeline import TICK_NS, Timeline
 from rtstack.loop.watchdogs import TickOverrun, Watchdog, WatchdogTrip
 from rtstack.safety.judge import Cause, ForcePhase, SafetyJudge
-from rtstack.samples import ARM_SAMPLE, SIDES, Mode, QpStatus
+from rtstack.samples import ARM_SAMPLE, SIDES, Level, Mode, QpStatus
 
 _OF_THE_OTHER = (Cause.PAIR_SKEW, Cause.OTHER_ARM)  # the other arm's own reason says more
 # looked up once: an enumeration's member costs 0.1 us
@@ -329,7 +329,7 @@ class Session:
                 self._alone = trip.end is End.TICK_OVERRUN
                 return self._alone
         if self._stop is not None and self._stop.stop_requested:
-            self._end(WatchdogTrip(End.STOP_REQUESTED, ""))
+            self._end(WatchdogTrip(End.STOP_REQUESTED, "", Level.WARNING), "operator")
         elif machine.patience_over:
             patience_s = machine.parameters.impact_patience_s
             self._end(WatchdogTrip(End.NO_IMPACT, f"within {patience_s} s of the nominal impact"))

@@ -131,24 +131,23 @@ def recording_of(
     n = len(grid_ns)
     points = np.zeros((2, n), POINT)
     measured = np.zeros((2, n), MEASURED)
-    force = np.zeros((2, n))
     hits = [kept.stop, kept.stop]
     for arm, controller in enumerate(arms):
         finder = ImpactDetector(detector, period_s)
         q, dq, push = (_on_grid(samples[arm], name, grid_ns) for name in ("q", "dq", "O_F_ext_hat_K"))
+        # views of single fields: looking one up in each tick costs more than the model does
+        sample, work = controller.sample[0], controller.workspace[0]
+        states = tuple(zip((sample[name] for name in ("q", "dq", "O_F_ext_hat_K")), (q, dq, push), strict=True))
+        felt, twist = work["force_world"], work["twist"]
+        seen = [(points[name][arm], work[name]) for name in ("position", "rotation", "twist")]
+        seen.append((measured["force"][arm], felt))
         for k in range(n):
-            point = points[arm, k]
-            controller.sample["q"][0] = q[k]
-            controller.sample["dq"][0] = dq[k]
-            controller.sample["O_F_ext_hat_K"][0] = push[k]
+            for now, values in states:
+                now[:] = values[k]
             controller.observe()
-            work = controller.workspace[0]
-            point["position"] = work["position"]
-            point["rotation"] = work["rotation"]
-            point["twist"] = work["twist"]
-            force[arm, k] = np.linalg.norm(work["force_world"])
-            measured["force"][arm, k] = work["force_world"]
-            if kept.start <= k < kept.stop and finder.update(work["force_world"], work["twist"]):
+            for rows, value in seen:
+                rows[k] = value
+            if kept.start <= k < kept.stop and finder.update(felt, twist):
                 hits[arm] = min(hits[arm], k)
             if progress is not None and k % _TOLD_TICKS == 0:
                 progress((arm + k / n) / 2)
@@ -159,7 +158,7 @@ def recording_of(
         points[arm]["wrench_ff"] = _on_grid(controls[arm], "wrench_desired", grid_ns)
         points[arm]["beta"] = _on_grid(controls[arm], "beta", grid_ns)
     whole, n = points if patient else None, kept.stop - kept.start
-    points, measured, force = points[:, kept], measured[:, kept], force[:, kept]
+    points, measured = points[:, kept], measured[:, kept]
     detected = min(hits) - kept.start if min(hits) < kept.stop else None
     impact = _nominal(detected, accepted.nominal_impact_s, period_s, begin)
     problem = None
@@ -175,7 +174,8 @@ def recording_of(
     if problem is not None and not patient:
         raise ReferenceError(f"{path}: {problem}")
     impact = n if impact is None or problem is not None else impact
-    held = np.flatnonzero(np.min(force, axis=0)[impact:] > detector.force_high_n)
+    force = np.linalg.norm(measured["force"], axis=2).min(axis=0)  # on the pad that feels less, N
+    held = np.flatnonzero(force[impact:] > detector.force_high_n)
     release = impact + int(held[-1]) if len(held) else impact
     return Recording(
         points=points,

@@ -7,11 +7,13 @@
 One operator at a time holds the lease, and keeps it by signs of life; only the holder arms and begins; each may
 disarm, stop and ask for a recovery. Who loses the lease disarms, and a motion without its operator has to stop. A
 recovery is asked for in a fault and at no other time, so that none waits for the next error; it never leads to motion.
+What a person's hand leads may run in a fault too, which it does not end.
 """
 
 from enum import StrEnum
 
 LEASE_S = 2.0  # a holder that gives no sign of life for so long is gone
+NOT_AT_REST = "the arms have not come to rest yet; wait a moment"
 
 
 class Phase(StrEnum):
@@ -95,6 +97,19 @@ class ArmingStateMachine:
             raise Refused(f"the arms are {self.phase}; arm them first")
         self.phase, self.running, self.stop_wanted = Phase.MOVING, True, False
 
+    def begin_by_hand(self, operator: str, now_s: float) -> None:
+        """Begin a motion that a person's hand leads, in a fault too: it may lead out of the fault's cause.
+
+        Raises Refused as `begin` does; in a fault unless the arms are at rest.
+        """
+        if self.phase is not Phase.FAULT:
+            self.begin(operator, now_s)
+            return
+        self._check_holder(operator, now_s)
+        if self.running:
+            raise Refused(NOT_AT_REST)
+        self.running, self.stop_wanted = True, False
+
     def end(self) -> None:
         """The motion is over and the arms are at rest. A fault that has ended it stays."""
         if self.phase is Phase.MOVING:
@@ -114,7 +129,7 @@ class ArmingStateMachine:
         if self.phase is not Phase.FAULT:
             raise Refused(f"nothing to recover from: the arms are {self.phase}")
         if self.running:
-            raise Refused("the arms have not come to rest yet; wait a moment")
+            raise Refused(NOT_AT_REST)
         self.phase = Phase.RECOVERING
 
     def recovered(self) -> None:

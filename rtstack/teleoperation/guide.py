@@ -14,18 +14,14 @@ from rtstack.control.records import POINT
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox
 from rtstack.loop.target import TARGET, Release
-from rtstack.loop.watchdogs import CLUTCH_S, WatchdogTrip
+from rtstack.loop.watchdogs import WatchdogTrip
 from rtstack.samples import Level
 from rtstack.teleoperation.aim import AIM, aim
+from rtstack.teleoperation.clutch import quiet, released
 from rtstack.teleoperation.follower import FOLLOWER, advance, begin, hold, write_point
 from rtstack.teleoperation.reach import FASTEST_M_S, HARDEST_N_M, SLOWEST_M_S, SOFTEST_N_M, TURN_RAD_M, Reach
 
-_CLUTCH_NS = round(CLUTCH_S * 1e9)
 _STIFFER_N_M = 500.0 * CONTROL_PERIOD_S  # a tick: a stiffness that jumped would be a force that jumps
-_RELEASE_TEXTS: dict[int, str] = {
-    Release.RELEASED: "the clutch was let go",
-    Release.LOST: "the page lost the operator's hand",
-}
 
 
 class TeleoperationGuide:
@@ -73,13 +69,7 @@ class TeleoperationGuide:
             ended = self._take()
             if ended is not None:
                 return ended
-        if self._held:
-            quiet_ns = self._clock() - self._beat_ns
-            if quiet_ns > _CLUTCH_NS:
-                quiet_s = quiet_ns * 1e-9
-                detail = f"no sign of life of the clutch for {quiet_s:.3g} s, allowed {CLUTCH_S:g} s"
-                return WatchdogTrip(End.CLUTCH_QUIET, detail, value=quiet_s, bound=CLUTCH_S)
-        return None
+        return quiet(self._clock() - self._beat_ns) if self._held else None
 
     def step(self, side: int, arm: ObservedArm) -> None:
         """Write the point of this tick of an arm whose state was observed."""
@@ -126,7 +116,7 @@ class TeleoperationGuide:
             return None
         self._held = False
         if self._stop_on_release or release != Release.RELEASED:
-            return WatchdogTrip(End.RELEASED, _RELEASE_TEXTS.get(release, "for no reason given"), Level.INFO)
+            return released(release)
         for follower in self._followers:
             hold(follower)
         return None

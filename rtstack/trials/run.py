@@ -134,7 +134,8 @@ class Run:
             return
         if outcome.end.is_fault:
             self.monitor.stopped_by_fault()
-        self.kind = classify(self.monitor, columns, outcome.start_t_ns)
+        way, period_s = self._plan.ante["position"], self._plan.period_s
+        self.kind = classify(self.monitor, columns, outcome.start_t_ns, way, period_s)
         if self.kind is not None:
             t_ns = int(columns.arm[0]["t_ns"][-1])
             self._publisher.event(t_ns, Level.WARNING, "verdict", f"probably: {self.kind}")

@@ -14,7 +14,10 @@ from rtstack.loop.history import Columns
 from rtstack.monitor.records import Reason, Verdict
 
 ALONG_APPROACH = 0.8  # cosine: what stands in the way pushes against the motion
-AHEAD_S = 0.35  # nothing that the arms aim at can be met earlier
+AHEAD_S = 0.35  # a verdict that comes so long after the nominal impact is not of the impact
+# from where a pad is to meet the object: what it meets further away is something else, however slowly it comes. Ours: a
+# hand that grabs at 0.4 m/s goes so far in 0.35 s
+AHEAD_M = 0.14
 BEFORE_S = (0.012, 0.002)
 FIRST_TOUCH_S = (0.005, 0.020)  # after the detection: the pad touches, and has not yet turned
 CORNER_M = 0.03  # from the pad's centre: 50 mm is its edge, and a face that meets a face stays below half of that
@@ -38,16 +41,21 @@ class Unexpected(StrEnum):
     UNKNOWN = "unknown"
 
 
-def classify(monitor: TrialMonitor, columns: Columns, start_t_ns: int) -> Unexpected | None:
-    """Return what an unexpected impact was, None where it was none. columns: the trial's samples from start_t_ns on."""
+def classify(
+    monitor: TrialMonitor, columns: Columns, start_t_ns: int, way: Array, period_s: float
+) -> Unexpected | None:
+    """Return what an unexpected impact was, None where it was none. columns: the trial's samples from start_t_ns on;
+    way (2, n, 3): where the pads are to go, m, one place each period.
+    """
     if monitor.verdict is not Verdict.UNEXPECTED:
         return None
-    return _Case(monitor, columns, start_t_ns).kind()
+    return _Case(monitor, columns, start_t_ns, way, period_s).kind()
 
 
 class _Case:
-    def __init__(self, monitor: TrialMonitor, columns: Columns, start_t_ns: int) -> None:
+    def __init__(self, monitor: TrialMonitor, columns: Columns, start_t_ns: int, way: Array, period_s: float) -> None:
         self._monitor = monitor
+        self._way, self._period_s = way, period_s
         self._t_s = (columns.arm[0]["t_ns"] - start_t_ns) * 1e-9
         wrench = columns.arm["O_F_ext_hat_K"]  # of each pad on its surroundings, along the axes of base and world
         self._force = wrench[:, :, :3] - monitor.pair[0]["tare"][:, None, :]
@@ -84,9 +92,14 @@ class _Case:
     def _nearer(self) -> bool:
         """Whether both arms have met the object too early: its sides are not where they should be."""
         first = [f for f in self._first if f is not None]
-        at_impact = abs(1e-9 * float(self._monitor.pair[0]["t_verdict_ns"]) - self._t_d) < AHEAD_S
+        at_impact = 1e-9 * float(self._monitor.pair[0]["t_verdict_ns"]) < self._t_d + AHEAD_S
         early = len(first) == 2 and max(first) < self._t_d - self._monitor.parameters.later_s
-        return at_impact and early and min(first) > self._t_d - AHEAD_S
+        return at_impact and early and all(map(self._near, (0, 1), first))
+
+    def _near(self, side: int, first_s: float) -> bool:
+        """Whether a pad that meets something then may have met what it aims at."""
+        then, aimed = (min(round(t_s / self._period_s), self._way.shape[1] - 1) for t_s in (first_s, self._t_d))
+        return float(np.linalg.norm(self._way[side, then] - self._way[side, aimed])) < AHEAD_M
 
     def _off_time(self) -> Unexpected:
         """An impact too early, too late or somewhere else: of what was meant, or of something else."""
@@ -97,7 +110,7 @@ class _Case:
         early = first - self._t_d
         verdict_s = 1e-9 * float(self._monitor.pair[0]["t_verdict_ns"])  # of the tick of the impact in question
         met = all(f is not None and abs(f - self._t_d) <= self._zeta and f < verdict_s for f in self._first)
-        if met or not early > -AHEAD_S or (early < 0.0 and not self._against_approach(side, first)):
+        if met or (early < 0.0 and not (self._near(side, first) and self._against_approach(side, first))):
             return Unexpected.PUSH  # after both had met the object, or where it cannot be
         other = self._first[1 - side]
         if other is not None and (other - self._t_d) * early > 0.0 and abs(other - self._t_d) > self._zeta:

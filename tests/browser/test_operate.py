@@ -291,6 +291,27 @@ def test_an_impossible_displacement_is_refused_with_the_reason(recorded):
     expect(page.locator("#light-left .word")).to_have_text("idle", timeout=30_000)
 
 
+def test_a_person_may_push_the_arms_while_the_button_is_held(recorded):
+    page, button = recorded.page, recorded.page.locator("#guide")
+    recorded.arm()
+    expect(button).to_be_enabled()
+    box = button.bounding_box()
+    for ends, said in (
+        (page.mouse.up, "Guiding .* succeeded"),
+        (lambda: page.keyboard.press("Space"), "Guiding .* was stopped"),
+    ):
+        recorded.arm()
+        page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        page.mouse.down()
+        expect(button).to_have_attribute("data-state", "held", timeout=FINISHED_MS)
+        expect(page.locator("#light-left[data-mode=TELEOPERATION]")).to_be_visible(timeout=FINISHED_MS)
+        expect(page.locator("#job-line")).to_contain_text(re.compile("Guiding .* runs"))
+        ends()
+        expect(page.locator("#job-line")).to_contain_text(re.compile(said), timeout=FINISHED_MS)
+        page.mouse.up()
+    recorded.arm()
+
+
 def test_the_events_open_from_the_strip(recorded):
     page = recorded.page
     page.click("#event")

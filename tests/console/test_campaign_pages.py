@@ -196,7 +196,7 @@ def test_names_are_those_of_the_runner():
 
 
 def test_a_plan_of_the_users_own_is_kept_offered_and_run_by_its_name_as_on_the_command_line(
-    served, tmp_path, monkeypatch
+    served, tmp_path, monkeypatch, capsys
 ):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     folder_of_plans = tmp_path / "rtstack" / "campaigns"
@@ -231,5 +231,13 @@ def test_a_plan_of_the_users_own_is_kept_offered_and_run_by_its_name_as_on_the_c
         assert plans["wide-shifts"] == made
         assert plans["reference-spreading"]["trials"] == 850
         assert "wrong.toml" in plans["wrong"]["problem"]
-        assert client.post("/api/campaigns", json={"name": "wrong"}, headers=headers).status_code == 409
+        hidden = "reference-spreading.toml"
+        assert plans[hidden]["problem"] == (
+            f"reference-spreading is an installed plan: give the file {folder_of_plans / hidden} another name"
+        )
+        for name in ("wrong", hidden):
+            assert client.post("/api/campaigns", json={"name": name}, headers=headers).status_code == 409
     assert plan_file("wide-shifts").path == folder_of_plans / "wide-shifts.toml"
+    capsys.readouterr()
+    assert plan_file("reference-spreading").path.parent != folder_of_plans
+    assert "is an installed plan: give" in capsys.readouterr().err

@@ -15,12 +15,20 @@ import typer
 from deploy import cells
 from hal.errors import RecoveryRefused
 from hal.robot_errors import error_bit
+from hal.robots import FR3
 from hal.state import RobotMode
 from rtstack.cli.recovery import recover_arms
 from rtstack.live.audit import AuditTrail
 from rtstack.live.client import RUN_PREFIX, SOCKET_NAME
 from rtstack.live.job_manager import JobManager
-from rtstack.live.protocol import DemonstrationRequest, JobState, MoveRequest, TeleoperationRequest, TrialRequest
+from rtstack.live.protocol import (
+    DemonstrationRequest,
+    GuideRequest,
+    JobState,
+    MoveRequest,
+    TeleoperationRequest,
+    TrialRequest,
+)
 from rtstack.live.robot import Robot
 from rtstack.live.service import Service
 from rtstack.live.source import live_source
@@ -28,6 +36,7 @@ from rtstack.log.reader import read_log
 from rtstack.log.ring import Rings
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox
+from rtstack.loop.target import TARGET, Release
 from rtstack.safety.arming import Phase, Refused
 from rtstack.trials.errors import TrialError
 from rtstack.trials.followed import followed_file
@@ -281,6 +290,8 @@ def test_what_ends_a_motion_is_said_in_its_log_and_only_a_recovery_leads_out_of_
     log = read_log(robot.logs / job.log)
     assert log.complete
     assert log.metadata["result"]["failure_reason"] == job.reason
+    said = [text for _, text in robot.events(job)]
+    assert end is End.HARDWARE or any(text.startswith(end) for text in said)  # the arm's own words
     assert np.abs(log.topic("/left/arm")["dq"][-1]).max() < 0.05
     view = robot.authority.view()
     assert view.phase is (Phase.FAULT if fault else Phase.DISARMED)
@@ -306,6 +317,79 @@ def test_a_recovery_is_refused_while_the_judge_would_stop_the_arms_where_they_ar
             assert robot.authority.view().phase is Phase.FAULT
     finally:
         robot.close()
+
+
+def _hold(robot, **changes):
+    """Say of the clutch of the newest job what a page says."""
+    target = np.zeros(1, TARGET)
+    target["job"], target["clutch_ns"] = robot.job_manager.job_number, time.monotonic_ns()
+    for name, value in changes.items():
+        target[name] = value
+    robot.mailbox.write_target(target)
+
+
+def test_a_hand_leads_the_arms_out_of_the_cause_of_a_fault_while_the_clutch_is_held(tmp_path):
+    upper = list(live_source(CELL).description.left.home)
+    upper[0] -= 0.05  # where both arms stand is beyond it
+    robot = RunningRobot(tmp_path, safety={"q_upper": [upper[0], *FR3.limits.q_upper[1:]]})
+    try:
+        robot.order(DEMONSTRATION)
+        assert robot.finished().reason.startswith(End.SAFETY)
+        with pytest.raises(RecoveryRefused, match="Guide by hand"):
+            robot.job_manager.recover("anna").result(PATIENCE_S)
+        with pytest.raises(Refused, match="anna has control"):
+            robot.job_manager.order(GuideRequest(operator="ben"))
+
+        robot.job_manager.order(GuideRequest(operator="anna"))  # and the clutch is not held
+        job = robot.finished()
+        assert (job.state, job.reason) == (JobState.FAILED, "the clutch was not held: nothing has moved")
+
+        robot.job_manager.order(GuideRequest(operator="anna"))
+        cell = robot.opened[-1]
+        edge, looks = upper[0] - 0.03, 0
+        deadline = time.monotonic() + PATIENCE_S
+        while any(cell.states[side]["q"][0] > edge for side in (0, 1)):
+            assert time.monotonic() < deadline
+            assert robot.job_manager.status().job.active
+            _hold(robot)
+            looks += bool(robot.latest("left")["tau_desired"].any())
+            push = min(12.0, 0.4 * looks)  # Nm, within 0.6 s: as a hand begins
+            for side in (0, 1):
+                cell.plant.motors[side]["tau_applied"][0] = -push * (cell.states[side]["q"][0] > edge)
+            time.sleep(0.02)
+        for side in (0, 1):
+            cell.plant.motors[side]["tau_applied"][0] = 0.0
+        assert robot.authority.view().phase is Phase.FAULT  # which it does not end
+        _hold(robot, clutch_ns=0, release=Release.RELEASED)
+        job = robot.finished()
+        assert (job.kind, job.state, job.success, job.log) == ("guide", JobState.DONE, True, None)
+        robot.job_manager.recover("anna").result(PATIENCE_S)
+        assert robot.authority.view().phase is Phase.DISARMED
+    finally:
+        robot.close()
+
+
+@pytest.mark.parametrize(
+    ("ends", "state", "phase", "reason"),
+    [
+        (lambda robot: robot.mailbox.request_stop(), JobState.STOPPED, Phase.DISARMED, None),
+        (lambda robot: None, JobState.DONE, Phase.FAULT, End.CLUTCH_QUIET),  # the page says nothing any more
+        (lambda robot: robot.authority.release("anna"), JobState.STOPPED, Phase.DISARMED, None),
+    ],
+    ids=["STOP", "quiet", "released"],
+)
+def test_what_a_hand_leads_is_stopped_as_any_motion(robot, ends, state, phase, reason):
+    robot.authority.take("anna")
+    robot.authority.arm("anna")
+    robot.job_manager.order(GuideRequest(operator="anna"))
+    wait_for(lambda: robot.job_manager.status().job.state is JobState.RUNNING)
+    moments = itertools.count()
+    wait_for(lambda: _hold(robot) or (robot.latest("left")["tau_desired"].any() and next(moments) > 20))
+    ends(robot)
+    job = robot.finished()
+    assert job.state is state
+    assert robot.authority.view().phase is phase
+    assert (robot.authority.view().reason or "").startswith(reason or "")
 
 
 def test_what_is_impossible_fails_with_one_line_and_leaves_a_working_cell(robot, tmp_path):

@@ -3,12 +3,12 @@
     python -m tests.programs.dead_man [--repetitions 10] [--cause NAME] [--bare] [--json FILE]
 
 Starts `rtstack up` with the simulated cell, and a real Chromium in which an operator holds the clutch by a key and jogs
-the left arm by another. Then: the key is released, the tab is hidden by another tab, the tab is closed, the browser
-is frozen (SIGSTOP to all of its processes), its page is (to the renderers), the console is killed (-9). Counted is from
-the host's monotonic time just before the cause is sent to the moment at which another process has seen, in the live
-rings, both arms in a tick that stops: both ends make it longer. The cause comes at any moment between two signs of
-life. Exit status 1 where the longest is above 350 ms, or where something else has stopped the arms. Nothing else should
-compute meanwhile. Ctrl-C gives what there is so far.
+the left arm by another. Then: the key is released, STOP is pressed by the space bar and by its button, the tab is
+hidden by another tab, the tab is closed, the browser is frozen (SIGSTOP to all of its processes), its page is (to the
+renderers), the console is killed (-9). Counted is from the host's monotonic time just before the cause is sent to the
+moment at which another process has seen, in the live rings, both arms in a tick that stops: both ends make it longer.
+The cause comes at any moment between two signs of life. Exit status 1 where the longest is above 350 ms, or where
+something else has stopped the arms. Nothing else should compute meanwhile. Ctrl-C gives what there is so far.
 """
 
 import argparse
@@ -29,7 +29,7 @@ from tempfile import TemporaryDirectory
 import httpx
 import psutil
 from playwright.sync_api import Error as BrowserError
-from playwright.sync_api import sync_playwright
+from playwright.sync_api import Page, sync_playwright
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
@@ -60,6 +60,8 @@ CAUSES = (
     Cause(
         "key released", lambda scene: partial(scene.page.keyboard.up, CLUTCH), f"{End.RELEASED}: .*clutch was let go"
     ),
+    Cause("STOP by space bar", lambda scene: partial(scene.page.keyboard.press, "Space"), str(End.STOP_REQUESTED)),
+    Cause("STOP by button", lambda scene: click_on(scene.page, "#stop"), str(End.STOP_REQUESTED)),
     Cause("tab hidden", lambda scene: scene.browser.blank.bring_to_front, f"{End.RELEASED}: the page lost"),
     Cause("tab closed", lambda scene: scene.page.close, f"{End.RELEASED}: the page lost"),
     Cause("browser frozen", lambda scene: scene.browser.freeze, str(End.CLUTCH_QUIET)),
@@ -92,6 +94,13 @@ class Found:
             "worst_ms": max(delays, default=None), "missed": self.missed, "delays_ms": delays,
             "reasons": sorted({stop.reason for stop in self.stops}),
         }  # fmt: skip
+
+
+def click_on(page: Page, selector: str) -> Callable[[], object]:
+    """Return what clicks into the middle of an element, without looking for it then."""
+    box = page.locator(selector).bounding_box()
+    assert box is not None
+    return partial(page.mouse.click, box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
 
 
 def freeze(processes: list[psutil.Process]) -> None:

@@ -98,6 +98,16 @@ class PermitMachine(RuleBasedStateMachine):
             self.must_stop = False
 
     @rule(who=operators)
+    def leads_by_hand(self, who: str) -> None:
+        """What a hand leads needs the lease, arms at rest, and arming or a fault; the fault stays."""
+        self._forget_the_gone()
+        at_rest = not (self.recovering or self.moving)
+        allowed = who == self.holder and at_rest and (self.armed or self.faulty)
+        self._tries(lambda: self.arming.begin_by_hand(who, self.now_s), allowed)
+        if allowed:
+            self.moving, self.must_stop = True, False
+
+    @rule(who=operators)
     def goes_for_it(self, who: str) -> None:
         """The way that leads furthest, so that what comes after a motion is explored as well."""
         self.takes_control(who)

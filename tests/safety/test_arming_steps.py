@@ -164,6 +164,34 @@ def test_arm_and_begin_in_every_phase(phase):
     assert _books(arming) == before
 
 
+@pytest.mark.parametrize("phase", Phase)
+def test_what_a_hand_leads_in_every_phase(phase):
+    arming = _arming(phase)
+    before = _books(arming)
+    refusals = {OTHER: "anna has control; take control first"}
+    if phase not in (Phase.ARMED, Phase.FAULT):
+        refusals[OPERATOR] = f"the arms are {phase}; arm them first"
+    for who, said in refusals.items():
+        with pytest.raises(Refused) as refused:
+            arming.begin_by_hand(who, 0.0)
+        assert str(refused.value) == said
+        assert _books(arming) == before
+    if OPERATOR in refusals:
+        return
+    arming.begin_by_hand(OPERATOR, 0.0)
+    fault = phase is Phase.FAULT
+    led = (Phase.FAULT, "reflex") if fault else (Phase.MOVING, None)
+    assert _books(arming) == (*led, OPERATOR, True, False)
+    for again in (lambda: arming.begin_by_hand(OPERATOR, 0.0), arming.recover):
+        with pytest.raises(Refused) as refused:
+            again()
+        assert not fault or str(refused.value) == "the arms have not come to rest yet; wait a moment"
+    arming.release(OPERATOR)
+    assert arming.stop_wanted
+    arming.end()
+    assert _books(arming) == ((Phase.FAULT, "reflex") if fault else (Phase.DISARMED, None)) + (None, False, False)
+
+
 def test_a_motion_begins_without_the_wish_to_stop_the_last_one():
     arming = _arming(Phase.ARMED)
     arming.stop_wanted = True

@@ -12,13 +12,15 @@ from rtstack.cells import default_cell_file, open_cell
 from rtstack.log.catalogue import Catalogue
 from rtstack.log.reader import read_log
 from rtstack.monitor.records import Verdict
+from rtstack.references.demonstration import Grab
 from rtstack.samples import Level, Mode, Reaction
+from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.errors import TrialError
 from rtstack.trials.monitoring import tuning_folder, tuning_of
 from rtstack.trials.record import open_log
 from rtstack.trials.review import log_columns
 from rtstack.trials.run_context import RunContext
-from rtstack.trials.specification import TrialSpecification
+from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
 from rtstack.trials.tuning import GoodRun, replay
 
@@ -132,6 +134,24 @@ def test_an_object_just_beyond_what_the_tuning_knows_is_in_the_wrong_place_and_n
     """The first pad meets it within the bound of time, and beyond that of the configuration."""
     result = runner.run(displacement_mm=displacement_mm)
     assert (result.impact_verdict, result.impact_reason) == ("unexpected", "configuration")
+    assert result.impact_kind == "wrong place"
+
+
+def test_a_slow_hand_that_meets_a_displaced_object_half_a_second_early_is_no_push(cell, runner, tmp_path):
+    path = tmp_path / "slow.mcap"
+    specification = DemonstrationSpecification()
+    opened = open_cell("direct", "rice_box", 0.0, 0)
+    try:
+        log = open_log(path, specification, cell, "direct", default_cell_file())
+        script = Grab(approach_s=1.8, speed_y=0.1, steady_s=0.8)
+        demonstrated = run_demonstration(specification, cell, opened, RunContext(log), script=script)
+    finally:
+        opened.close()
+    assert demonstrated.success
+    result = replace(runner, reference=path).run(displacement_mm=48.0)
+    assert result.detected_impact_time_s is not None
+    assert result.nominal_impact_time_s - result.detected_impact_time_s > 0.4
+    assert (result.impact_verdict, result.impact_reason) == ("unexpected", "time")
     assert result.impact_kind == "wrong place"
 
 

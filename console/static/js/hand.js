@@ -15,7 +15,7 @@ export class Hand {
     this.gamepad = new GamepadDevice();
     this.usable = false; // whether a teleoperation of ours runs
     this.held = false; // as we hold it
-    this.by = null; // what holds it: key, button, gamepad, mouse, undo, straighten
+    this.by = null; // what holds it: key, button, gamepad, mouse, undo, straighten, guide
     this.dragHolds = false; // whether a mouse button that is down in the scene holds the clutch, once it drags a gizmo
     this.problem = null;
     this.latencies = [];

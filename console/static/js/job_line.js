@@ -6,7 +6,7 @@ import { TrialCard } from "./trial_card.js";
 
 const ACTIVE = new Set(["starting", "running", "stopping"]);
 const ABOUT = "job"; // errors about jobs: they go once a newer job has succeeded
-export const WHAT = { demonstration: "Demonstration", trial: "Trial", teleoperation: "Teleoperation", playback: "Playback", move: "Motion" };
+export const WHAT = { demonstration: "Demonstration", trial: "Trial", teleoperation: "Teleoperation", playback: "Playback", move: "Motion", guide: "Guiding" };
 
 const write = (element, text) => {
   if (element.textContent !== text) element.textContent = text;
@@ -41,7 +41,7 @@ export function startJobLine(live, onFinished) {
     write(line, text);
     line.dataset.tone = tone;
     const active = ACTIVE.has(job.state);
-    document.getElementById("progress-row").hidden = !active || job.kind === "teleoperation"; // it has no length
+    document.getElementById("progress-row").hidden = !active || ["teleoperation", "guide"].includes(job.kind); // they have no length
     document.getElementById("progress").value = job.progress;
     write(document.getElementById("progress-text"), `${Math.round(job.progress * 100)} %`);
     if (job.kind === "trial" && !active && job.log !== null) card.show(job.log);

@@ -11,6 +11,7 @@ import { isTextField } from "./stop.js";
 const $ = (id) => document.getElementById(id);
 const COUPLINGS = { Digit1: "separate", Digit2: "mirrored", Digit3: "linked" };
 
+const GUIDE = "Hold: a person may push both arms, back from beyond a limit too; they stop when it is let go";
 const HELD = { key: "C", button: "the button", gamepad: "LB", mouse: "the mouse", undo: "Undo", straighten: "Straighten" };
 
 const write = (element, text) => {
@@ -56,6 +57,8 @@ export class Teleoperate {
     this.hand.dragHolds = $("drag-holds").checked;
     this.hand.keyboard.side = $("keys-side").value;
     for (const by of ["button", "undo", "straighten"]) this.holdable($(by === "button" ? "clutch" : by), by);
+    this.guiding = false; // whether its button is down
+    this.holdable($("guide"), "guide", () => this.guide());
     for (const target of [window, $("scene")]) {
       const listen = (window_) => window_.addEventListener("keydown", (event) => this.key(event));
       if (target === window) listen(window);
@@ -67,14 +70,28 @@ export class Teleoperate {
   }
 
   // A button that holds the clutch while it is pressed, by a pointer or by Enter.
-  holdable(button, by) {
+  holdable(button, by, press = () => this.hand.press(by)) {
     button.addEventListener("pointerdown", (event) => {
       button.setPointerCapture(event.pointerId);
-      this.hand.press(by);
+      press();
     });
-    const up = () => this.hand.by === by && this.hand.letGo(false);
+    const up = () => {
+      if (by === "guide") this.guiding = false;
+      if (this.hand.by === by) this.hand.letGo(false);
+    };
     for (const name of ["pointerup", "pointercancel", "lostpointercapture", "keyup", "blur"]) button.addEventListener(name, up);
-    button.addEventListener("keydown", (event) => event.key === "Enter" && !event.repeat && this.hand.press(by));
+    button.addEventListener("keydown", (event) => event.key === "Enter" && !event.repeat && press());
+  }
+
+  // The job begins with its button, and the clutch is held as soon as the job can take it.
+  async guide() {
+    this.guiding = true;
+    try {
+      await post("/api/jobs/guide");
+    } catch (error) {
+      this.guiding = false;
+      showError(`Not begun: ${error.message}. Both arms stay as they are.`);
+    }
   }
 
   key(event) {
@@ -126,8 +143,13 @@ export class Teleoperate {
     const active = job?.kind === "teleoperation" && ["starting", "running", "stopping"].includes(job.state);
     const mine = status?.holder === you;
     const led = view.left.mode === "TELEOPERATION" && view.right.mode === "TELEOPERATION";
-    this.hand.usable = active && job.state === "running" && led && mine && !view.unreachable;
+    const guided = job?.kind === "guide" && job.state === "running";
+    this.hand.usable = ((active && job.state === "running" && led) || guided) && mine && !view.unreachable;
     if (!this.hand.usable && this.hand.held) this.hand.letGo(false);
+    if (guided && this.guiding) this.hand.press("guide");
+    const wayOut = status?.phase === "fault" && mine && !["starting", "running", "stopping"].includes(job?.state);
+    allow($("guide"), guided || this.guiding || wayOut ? null : whyNot(view), GUIDE);
+    $("guide").dataset.state = guided ? "held" : "";
     if (!active) this.hand.problem = null;
     const why = whyNot(view);
     $("practise").hidden = $("record").hidden = active;
