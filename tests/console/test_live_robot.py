@@ -15,7 +15,6 @@ import typer
 from deploy import cells
 from hal.errors import RecoveryRefused
 from hal.robot_errors import error_bit
-from hal.robots import FR3
 from hal.state import RobotMode
 from rtstack.cli.recovery import recover_arms
 from rtstack.live.audit import AuditTrail
@@ -38,8 +37,10 @@ from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox
 from rtstack.loop.target import TARGET, Release
 from rtstack.safety.arming import Phase, Refused
+from rtstack.samples import Mode
 from rtstack.trials.errors import TrialError
 from rtstack.trials.followed import followed_file
+from rtstack.trials.tightening import limits_of_arms
 from sim_robot.cell import SimulatedCell, simulated_cell
 from sim_robot.clock import PacedLockstep
 
@@ -329,9 +330,10 @@ def _hold(robot, **changes):
 
 
 def test_a_hand_leads_the_arms_out_of_the_cause_of_a_fault_while_the_clutch_is_held(tmp_path):
-    upper = list(live_source(CELL).description.left.home)
-    upper[0] -= 0.05  # where both arms stand is beyond it
-    robot = RunningRobot(tmp_path, safety={"q_upper": [upper[0], *FR3.limits.q_upper[1:]]})
+    description = live_source(CELL).description
+    lower = [float(q) for q in limits_of_arms(description)[0].q_lower]
+    lower[0] = description.left.home[0] + 0.05  # where the left arm stands is beyond it
+    robot = RunningRobot(tmp_path, safety={**description.safety, "q_lower": lower})
     try:
         robot.order(DEMONSTRATION)
         assert robot.finished().reason.startswith(End.SAFETY)
@@ -346,19 +348,16 @@ def test_a_hand_leads_the_arms_out_of_the_cause_of_a_fault_while_the_clutch_is_h
 
         robot.job_manager.order(GuideRequest(operator="anna"))
         cell = robot.opened[-1]
-        edge, looks = upper[0] - 0.03, 0
-        deadline = time.monotonic() + PATIENCE_S
-        while any(cell.states[side]["q"][0] > edge for side in (0, 1)):
+        looks, deadline = 0, time.monotonic() + PATIENCE_S
+        while cell.states[0]["q"][0] < lower[0] + 0.03:
             assert time.monotonic() < deadline
             assert robot.job_manager.status().job.active
             _hold(robot)
             looks += bool(robot.latest("left")["tau_desired"].any())
             push = min(12.0, 0.4 * looks)  # Nm, within 0.6 s: as a hand begins
-            for side in (0, 1):
-                cell.plant.motors[side]["tau_applied"][0] = -push * (cell.states[side]["q"][0] > edge)
+            cell.plant.motors[0]["tau_applied"][0] = push
             time.sleep(0.02)
-        for side in (0, 1):
-            cell.plant.motors[side]["tau_applied"][0] = 0.0
+        cell.plant.motors[0]["tau_applied"][0] = 0.0
         assert robot.authority.view().phase is Phase.FAULT  # which it does not end
         _hold(robot, clutch_ns=0, release=Release.RELEASED)
         job = robot.finished()
@@ -382,9 +381,15 @@ def test_what_a_hand_leads_is_stopped_as_any_motion(robot, ends, state, phase, r
     robot.authority.take("anna")
     robot.authority.arm("anna")
     robot.job_manager.order(GuideRequest(operator="anna"))
-    wait_for(lambda: robot.job_manager.status().job.state is JobState.RUNNING)
-    moments = itertools.count()
-    wait_for(lambda: _hold(robot) or (robot.latest("left")["tau_desired"].any() and next(moments) > 20))
+    shown = robot.rings.reader("/left/control")
+    led = itertools.count()
+
+    def follows_a_hand():
+        _hold(robot)
+        record = shown.latest()
+        return record is not None and record["mode"][0] == Mode.TELEOPERATION and next(led) > 20
+
+    wait_for(follows_a_hand)
     ends(robot)
     job = robot.finished()
     assert job.state is state
