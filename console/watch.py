@@ -19,7 +19,7 @@ from console.desk_watch import DeskView, DeskWatch
 from console.heartbeats import OperatorHeartbeats
 from console.loop_watch import LoopView, LoopWatch
 from rtstack.live.client import RobotClient, RobotRefused, RobotUnreachable
-from rtstack.live.protocol import BeatRequest, JobState, Status, StatusRequest
+from rtstack.live.protocol import ControlRequest, JobState, Status, StatusRequest
 from rtstack.log.ring import Rings
 from rtstack.model.cell_description import CellDescription
 from rtstack.samples import SIDES, Level
@@ -201,7 +201,7 @@ class Watch:
             holder = status.holder if status is not None else None
             heard = self._heartbeats.heard(holder)
             try:
-                answer = self._client.request(BeatRequest(holder) if holder and heard else StatusRequest())
+                answer = self._client.request(ControlRequest(holder, "beat") if holder and heard else StatusRequest())
                 self._status = (answer, time.monotonic(), None)
             except (RobotUnreachable, RobotRefused) as error:
                 status, asked_s, _ = self._status

@@ -9,17 +9,12 @@ from pathlib import Path
 
 from rtstack.live.protocol import (
     MAX_LINE_BYTES,
-    ArmRequest,
-    BeatRequest,
-    DisarmRequest,
+    ControlRequest,
     JobRequest,
     ProtocolError,
-    RecoverRequest,
-    ReleaseRequest,
     Request,
     Status,
     StatusRequest,
-    StopRequest,
     TakeRequest,
     decode_answer,
     encode,
@@ -83,27 +78,27 @@ class RobotClient:
 
     def release(self, operator: str) -> Status:
         """Give the lease back. Raises RobotRefused, RobotUnreachable."""
-        return self.request(ReleaseRequest(operator))
+        return self.request(ControlRequest(operator, "release"))
 
     def beat(self, operator: str) -> Status:
         """Give a sign of life; the status says who has the lease. Raises RobotUnreachable."""
-        return self.request(BeatRequest(operator))
+        return self.request(ControlRequest(operator, "beat"))
 
     def arm(self, operator: str) -> Status:
         """Allow motion. Raises RobotRefused, RobotUnreachable."""
-        return self.request(ArmRequest(operator))
+        return self.request(ControlRequest(operator, "arm"))
 
     def disarm(self, operator: str) -> Status:
         """Allow no motion any more. Raises RobotUnreachable."""
-        return self.request(DisarmRequest(operator))
+        return self.request(ControlRequest(operator, "disarm"))
 
     def stop(self, operator: str) -> Status:
         """Ask for a controlled stop by way of the socket; the mailbox is the shorter way. Raises RobotUnreachable."""
-        return self.request(StopRequest(operator))
+        return self.request(ControlRequest(operator, "stop"))
 
     def recover(self, operator: str) -> Status:
         """Ask for a recovery and wait for it. Raises RobotRefused while the cause persists, RobotUnreachable."""
-        return self.request(RecoverRequest(operator))
+        return self.request(ControlRequest(operator, "recover"))
 
     def request(self, request: Request) -> Status:
         """Send a request and return the status that answers it. Raises RobotRefused, RobotUnreachable."""

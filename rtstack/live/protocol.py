@@ -200,56 +200,21 @@ class TakeRequest:
 
 
 @checked(frozen=True, slots=True, config=MESSAGE)
-class ReleaseRequest:
-    """Give the lease back. What moves stops."""
+class ControlRequest:
+    """Ask for something about control, beside the lease and the jobs.
+
+    release: give the lease back, what moves stops. beat: a sign of life, the holder's keeps the lease, another
+    operator's has no effect. arm: allow motion, for the holder alone. disarm: allow none any more, what moves stops.
+    stop: a controlled stop of all motion, and disarm; it needs no lease. recover: in a fault, ask both arms to clear
+    what they have latched, or for a new cell where the last one was lost.
+    """
 
     operator: Operator
-    verb: Literal["release"] = "release"
-
-
-@checked(frozen=True, slots=True, config=MESSAGE)
-class BeatRequest:
-    """Give a sign of life. The holder's keeps the lease; another operator's is answered, and has no effect."""
-
-    operator: Operator
-    verb: Literal["beat"] = "beat"
-
-
-@checked(frozen=True, slots=True, config=MESSAGE)
-class ArmRequest:
-    """Ask that motion be allowed. Only the holder of the lease."""
-
-    operator: Operator
-    verb: Literal["arm"] = "arm"
-
-
-@checked(frozen=True, slots=True, config=MESSAGE)
-class DisarmRequest:
-    """Ask that no motion be allowed any more. What moves stops."""
-
-    operator: Operator
-    verb: Literal["disarm"] = "disarm"
-
-
-@checked(frozen=True, slots=True, config=MESSAGE)
-class StopRequest:
-    """Ask for a controlled stop of all motion, and disarm. Needs no lease."""
-
-    operator: Operator
-    verb: Literal["stop"] = "stop"
-
-
-@checked(frozen=True, slots=True, config=MESSAGE)
-class RecoverRequest:
-    """In a fault: ask both arms to clear what they have latched, or for a new cell where the last one was lost."""
-
-    operator: Operator
-    verb: Literal["recover"] = "recover"
+    verb: Literal["release", "beat", "arm", "disarm", "stop", "recover"]
 
 
 JobRequest = DemonstrationRequest | TrialRequest | TeleoperationRequest | PlaybackRequest | MoveRequest | GuideRequest
-ControlRequest = TakeRequest | ReleaseRequest | BeatRequest | ArmRequest | DisarmRequest | StopRequest | RecoverRequest
-Request = StatusRequest | JobRequest | ControlRequest
+Request = StatusRequest | JobRequest | TakeRequest | ControlRequest
 
 
 @checked(frozen=True, slots=True, config=MESSAGE)

@@ -18,15 +18,10 @@ from rtstack.live.notify import Pulse
 from rtstack.live.protocol import (
     MAX_LINE_BYTES,
     Answer,
-    ArmRequest,
-    BeatRequest,
-    DisarmRequest,
-    JobRequest,
+    ControlRequest,
     ProtocolError,
-    RecoverRequest,
-    ReleaseRequest,
     Request,
-    StopRequest,
+    StatusRequest,
     TakeRequest,
     decode_request,
     encode,
@@ -96,23 +91,14 @@ def answer(job_manager: JobManager, line: bytes) -> Answer:
 
 
 def _act(job_manager: JobManager, request: Request) -> None:
-    if isinstance(request, JobRequest):
-        job_manager.order(request)
-        return
     match request:
+        case StatusRequest():
+            pass  # it is what every answer carries
         case TakeRequest():
             job_manager.authority.take(request.operator, request.over_from)
-        case ReleaseRequest():
-            job_manager.authority.release(request.operator)
-        case BeatRequest():
-            job_manager.authority.beat(request.operator)
-        case ArmRequest():
-            job_manager.authority.arm(request.operator)
-        case DisarmRequest():
-            job_manager.authority.disarm(request.operator)
-        case StopRequest():
-            job_manager.authority.stop(request.operator)
-        case RecoverRequest():
+        case ControlRequest(verb="recover"):
             job_manager.recover(request.operator).result(_RECOVERY_TIMEOUT_S)
+        case ControlRequest():
+            getattr(job_manager.authority, request.verb)(request.operator)
         case _:
-            pass  # a status is what every answer carries
+            job_manager.order(request)

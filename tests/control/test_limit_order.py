@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import deploy
-from hal.robots import FR3
 from rtstack.model.cell_description import CellDescription, load_cell_description
 from rtstack.safety.judge import Cause, Judgement, SafetyJudge
 from rtstack.safety.limits import SafetyLimits
@@ -19,7 +18,14 @@ from rtstack.trials.assembly import arm_controllers, cell_parameters
 from rtstack.trials.tightening import safety_limits
 
 CELLS = sorted((Path(next(iter(deploy.__path__))) / "cells").glob("*.toml"))
+MODELS = ("fr3", "fer")
 STEP_S = 1e-3
+
+
+def cell_with(path: Path, model: str) -> CellDescription:
+    """Return the cell of a file, with arms of this model."""
+    cell = load_cell_description(path)
+    return replace(cell, left=replace(cell.left, model=model), right=replace(cell.right, model=model))
 
 
 def tightened(cell: CellDescription, rng: np.random.Generator) -> CellDescription:
@@ -42,7 +48,7 @@ def tightened(cell: CellDescription, rng: np.random.Generator) -> CellDescriptio
 
 def fastest(room: np.ndarray, limits: SafetyLimits) -> np.ndarray:
     """Return the judge's velocity limit (7,), rad/s, `room` (7,) rad before a position limit."""
-    allowed = np.sqrt(2.0 * FR3.limits.deceleration * room) - FR3.limits.velocity_offset
+    allowed = np.sqrt(2.0 * limits.arm.deceleration * room) - limits.arm.velocity_offset
     return np.minimum(limits.dq_max, np.maximum(0.0, allowed))
 
 
@@ -97,18 +103,20 @@ def asked(cell: CellDescription, rng: np.random.Generator) -> QpStatus | None:
 
 
 @pytest.mark.parametrize("path", CELLS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("model", MODELS)
 @given(seed=st.integers(0, 2**31), tight=st.booleans())
 @settings(max_examples=300, deadline=None)
-def test_what_is_asked_for_under_an_active_limit_passes_the_judge(path, seed, tight):
+def test_what_is_asked_for_under_an_active_limit_passes_the_judge(path, model, seed, tight):
     rng = np.random.default_rng(seed)
-    cell = load_cell_description(path)
+    cell = cell_with(path, model)
     asked(tightened(cell, rng) if tight else cell, rng)
 
 
 @pytest.mark.parametrize("path", CELLS, ids=lambda path: path.stem)
-def test_most_of_those_states_make_a_limit_active_and_have_an_answer(path):
+@pytest.mark.parametrize("model", MODELS)
+def test_most_of_those_states_make_a_limit_active_and_have_an_answer(path, model):
     rng = np.random.default_rng(0)
-    cell = load_cell_description(path)
+    cell = cell_with(path, model)
     found = [asked(tightened(cell, rng) if k % 2 else cell, rng) for k in range(200)]
     assert sum(status is QpStatus.SOLVED for status in found) > 50
     # a cell that allows less torque than its arms need to brake makes the QP infeasible: the judge then stops them

@@ -5,6 +5,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from hal.robots import FR3
+from rtstack.cells import default_cell_file
 
 SHORTER = 0.95  # of some of the arm's lengths
 # its pad's face where the grabbing cell's arms have theirs at home; the right arm's is the mirror
@@ -43,3 +44,18 @@ def write_robot(folder: Path, name: str = "shorty") -> Path:
     (folder / f"{name}.urdf").write_text(urdf)
     (folder / f"{name}.toml").write_text(text)
     return folder / f"{name}.toml"
+
+
+def cell_of(folder: Path, left: str = "fer", right: str = "fer") -> Path:
+    """Write the grabbing cell with arms of these models; return its file."""
+    lines = default_cell_file().read_text().splitlines()
+    for side, model, mirror in (("left", left, (1,) * 7), ("right", right, MIRROR)):
+        table = lines.index(f"[{side}]")
+        lines.insert(table + 1, f'model = "{model}"')
+        if model == "shorty.toml":
+            home = next(k for k in range(table, len(lines)) if lines[k].startswith("home = "))
+            lines[home] = f"home = {[a * b for a, b in zip(HOME, mirror, strict=True)]}"
+    text = "\n".join(lines) + "\n"
+    path = folder / "lab.toml"
+    path.write_text(text)
+    return path

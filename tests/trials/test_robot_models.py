@@ -11,7 +11,6 @@ import pytest
 
 from hal.configuration import ConfigurationError
 from hal.robots import FER, FR3, RobotModel
-from rtstack.cells import default_cell_file
 from rtstack.log.reader import read_log
 from rtstack.model.cell_description import CellDescription, load_cell_description
 from rtstack.safety.judge import Cause, Judgement, SafetyJudge
@@ -19,22 +18,7 @@ from rtstack.safety.limits import hardware_limits
 from rtstack.samples import ARM_SAMPLE
 from rtstack.trials.assembly import arm_controllers, cell_parameters, safety_judges
 from rtstack.trials.review import review_log
-from tests.support.robot_files import DQ_MAX, HOME, MIRROR, write_robot
-
-
-def cell_of(folder: Path, left: str = "fer", right: str = "fer") -> Path:
-    """Write the grabbing cell with arms of these models; return its file."""
-    lines = default_cell_file().read_text().splitlines()
-    for side, model, mirror in (("left", left, (1,) * 7), ("right", right, MIRROR)):
-        table = lines.index(f"[{side}]")
-        lines.insert(table + 1, f'model = "{model}"')
-        if model == "shorty.toml":
-            home = next(k for k in range(table, len(lines)) if lines[k].startswith("home = "))
-            lines[home] = f"home = {[a * b for a, b in zip(HOME, mirror, strict=True)]}"
-    text = "\n".join(lines) + "\n"
-    path = folder / "lab.toml"
-    path.write_text(text)
-    return path
+from tests.support.robot_files import DQ_MAX, cell_of, write_robot
 
 
 @pytest.mark.parametrize("models", [("fer", "fer"), ("fer", "fr3"), ("shorty.toml", "shorty.toml")])
