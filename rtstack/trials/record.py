@@ -22,15 +22,7 @@ from rtstack.samples import SIDES
 from rtstack.trials.controllers import CONTROLLERS
 from rtstack.trials.followed import REFERENCE, Followed
 from rtstack.trials.provenance import git_commit, host_report, package_versions
-from rtstack.trials.specification import (
-    FreeRunSpecification,
-    MoveSpecification,
-    PlaybackSpecification,
-    Specification,
-    SweepSpecification,
-    TeleoperationSpecification,
-    TrialSpecification,
-)
+from rtstack.trials.specification import Specification, TrialSpecification
 
 LOCKSTEP_KINDS = ("direct", "lockstep")  # our cells whose robot waits for its answer
 ROOM = 64  # records: below it a run that is faster than the log waits between two ticks
@@ -230,22 +222,6 @@ def open_log(
     return TrialLog(path, rings, process, lockstep)
 
 
-def _kind(specification: Specification) -> str:
-    match specification:
-        case TrialSpecification():
-            return "trial"
-        case SweepSpecification() | FreeRunSpecification():
-            return "identification"
-        case PlaybackSpecification():
-            return "playback"
-        case MoveSpecification():
-            return "move"
-        case TeleoperationSpecification(recorded=recorded):
-            return "recording" if recorded else "teleoperation"
-        case _:
-            return "demonstration"
-
-
 def _versions(specification: Specification) -> dict[str, str]:
     """Return the versions of what shapes a result, the controller's package included."""
     versions = package_versions()
@@ -271,7 +247,7 @@ def trial_metadata(
             "motion": str(reference.motion),
         }
     return {
-        "kind": _kind(specification),
+        "kind": specification.kind,
         "specification": json.dumps(specification.as_dict()),
         "object": specification.object,
         "seed": str(specification.seed),

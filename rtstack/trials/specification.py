@@ -2,7 +2,7 @@
 
 from dataclasses import asdict, dataclass
 from enum import StrEnum
-from typing import Any
+from typing import Any, ClassVar
 
 from hal.displacement import Displacement
 from rtstack.samples import Reaction
@@ -14,7 +14,7 @@ Tightening = tuple[tuple[str, Any], ...]
 
 @dataclass(frozen=True, slots=True)
 class _Asked:
-    """What a run is asked to do."""
+    """What a run is asked to do. The `kind` of each is what its log says."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return the specification as JSON-ready values."""
@@ -30,6 +30,7 @@ class TrialSpecification(_Asked):
     (rtstack.trials.tightening). reaction: to an impact that was not meant.
     """
 
+    kind: ClassVar[str] = "trial"
     reference: str
     controller: str = DEFAULT
     object: str = "rice_box"
@@ -58,6 +59,7 @@ class DemonstrationSpecification(_Asked):
     speed_m_s: of the pads at the object's surface, towards it; None: the variation's own.
     """
 
+    kind: ClassVar[str] = "demonstration"
     object: str = "rice_box"
     variation: int = 0
     seed: int = 0
@@ -68,6 +70,7 @@ class DemonstrationSpecification(_Asked):
 class SweepSpecification(_Asked):
     """One run of a friction identification: this joint (1 to 7) of both arms moves, the object is out of the way."""
 
+    kind: ClassVar[str] = "identification"
     object: str
     joint: int
     run: int
@@ -81,6 +84,7 @@ class FreeRunSpecification(_Asked):
     reference: its name; part: ante or post; seed: of the noise; robot: of the arms.
     """
 
+    kind: ClassVar[str] = "identification"
     reference: str
     part: str
     run: int
@@ -103,6 +107,11 @@ class TeleoperationSpecification(_Asked):
     stop_on_release: bool = True
     job: int = 0
 
+    @property
+    def kind(self) -> str:
+        """What its log says."""
+        return "recording" if self.recorded else "teleoperation"
+
 
 @dataclass(frozen=True, slots=True)
 class PlaybackSpecification(_Asked):
@@ -111,6 +120,7 @@ class PlaybackSpecification(_Asked):
     object: empty, since nothing is meant to be met.
     """
 
+    kind: ClassVar[str] = "playback"
     source: str
     speed: float = 1.0
     seed: int = 0
@@ -130,6 +140,7 @@ class HandMotion(StrEnum):
 class MoveSpecification(_Asked):
     """One motion, from where the arms are. object: what the cell holds."""
 
+    kind: ClassVar[str] = "move"
     motion: HandMotion
     object: str = ""
     seed: int = 0
