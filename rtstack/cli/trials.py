@@ -14,7 +14,6 @@ from rtstack.cli.interrupt import interruptible
 from rtstack.cli.progress import progress_bar
 from rtstack.log.writer import check_log_path
 from rtstack.loop.watchdogs import Parent
-from rtstack.samples import Reaction
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.estimate import check_estimate
 from rtstack.trials.followed import Followed
@@ -32,12 +31,11 @@ FAILED = 1
 
 
 def teach(
-    output: Path, object_name: str, variation: int, seed: int, speed_m_s: float | None,
-    cell_kind: str, cell_file: Path | None, json: bool,
-) -> None:  # fmt: skip
+    output: Path, specification: DemonstrationSpecification, cell_kind: str, cell_file: Path | None, json: bool
+) -> None:
     """Record a demonstration to `output`, which must not exist yet."""
     description, source = load_description(cell_file)
-    specification = DemonstrationSpecification(object_name, variation, seed, speed_m_s)
+    object_name, seed = specification.object, specification.seed
     check_object(object_name, description)
     check_log_path(output)
     hold = HoldToRun(cell_kind, description, source)
@@ -59,26 +57,23 @@ def teach(
 
 
 def trial(
-    reference: Path, controller: str, object_name: str | None, displacement_mm: float, seed: int,
-    log_path: Path | None, cell_kind: str, cell_file: Path | None, json: bool, safety: Path | None = None,
-    friction: Path | None = None, reaction: Reaction = Reaction.CONTINUE, monitor: Path | None = None,
-    faults: Path | None = None, displacement_x_mm: float = 0.0, yaw_deg: float = 0.0, whole_reference: bool = False,
+    asked: TrialSpecification, log_path: Path | None, cell_kind: str, cell_file: Path | None, json: bool, *,
+    safety: Path | None = None, friction: Path | None = None, monitor: Path | None = None,
+    faults: Path | None = None, whole_reference: bool = False,
 ) -> None:  # fmt: skip
-    """Run a trial on the recording `reference`; without `log_path` nothing is written. safety: limits to tighten.
+    """Run a trial; without an object it is what the reference is about. Without `log_path` nothing is written.
 
-    object_name: by default what the reference is about. friction: the arms', instead of what the cell's file names.
-    monitor: its parameters, by default those of the object. faults: what goes wrong in a simulated cell.
-    whole_reference: attach the reference's file to the log, which else only names it.
+    safety: limits to tighten. friction: the arms', instead of what the cell's file names. monitor: its parameters, by
+    default those of the object. faults: what goes wrong in a simulated cell. whole_reference: attach the reference's
+    file to the log, which else only names it.
     """
     description, source = load_description(cell_file)
     if friction is not None:
         description = replace(description, joint_friction=friction)
-    object_name = object_name or object_of(reference)
+    reference = Path(asked.reference)
+    object_name = asked.object or object_of(reference)
     tightening = load_tightening(safety) if safety is not None else ()
-    specification = TrialSpecification(
-        str(reference), controller, object_name, displacement_mm, seed, tightening, reaction,
-        displacement_x_mm, yaw_deg,
-    )  # fmt: skip
+    specification = replace(asked, object=object_name, safety=tightening)
     if log_path is not None:
         check_log_path(log_path)
     check_object(object_name, description)
@@ -89,7 +84,7 @@ def trial(
         print(f"rtstack: not watched: {prepared.unwatched}", file=sys.stderr)
     displacement = specification.displacement
     hold = HoldToRun(cell_kind, description, source)
-    cell = open_cell(cell_kind, object_name, displacement, seed, description, faults, cell_file=source)
+    cell = open_cell(cell_kind, object_name, displacement, asked.seed, description, faults, cell_file=source)
     _warn(cell)
     try:
         bias = check_estimate(cell, description, prepared.parameters.detector)
@@ -99,7 +94,7 @@ def trial(
         with (
             interruptible() as stop,
             hold.held(f"trial of {object_name}", stop) as held,
-            progress_bar(f"trial, {controller}", not json and not cell.own_clocks) as progress,
+            progress_bar(f"trial, {asked.controller}", not json and not cell.own_clocks) as progress,
         ):
             log = None
             if log_path is not None:

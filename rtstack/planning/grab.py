@@ -23,7 +23,6 @@ from rtstack.planning.path import Approach, ArmPath, coast, common_touch_s, poin
 from rtstack.planning.planned import PlannedMotion, Timing, assemble
 from rtstack.planning.request import GrabPlan, PlanError
 from rtstack.references.demonstration import end_effector_pose
-from rtstack.references.motion import Motion
 from rtstack.references.quintic import ViaPoint
 from rtstack.trials.assembly import cell_parameters
 
@@ -93,8 +92,8 @@ def grab_motion(description: CellDescription, object_name: str, plan: GrabPlan) 
         return grip * share + tightening * grip * squeeze
 
     return assemble(
-        description, plan, Motion.GRAB, object_name, (ante[0], ante[1]), (post[0], post[1]), timing, forces, impact.map,
-        rotations, place, period_s, control.posture_joint,
+        description, plan, object_name, impact.map, ante=(ante[0], ante[1]), post=(post[0], post[1]), timing=timing,
+        forces=forces, rotations=rotations, object_start=place,
     )  # fmt: skip
 
 

@@ -18,6 +18,7 @@ from rtstack.references.planned import planned_reference
 from rtstack.references.recording import MEASURED, Recording
 from rtstack.references.spreading import ExtendedReference
 from rtstack.samples import SIDES
+from rtstack.trials.assembly import cell_parameters
 
 # times (n,) s and accelerations of both arms (2, n, 3) -> forces of the pads on the object, N (2, n, 3)
 Forces = Callable[[Array, Array], Array]
@@ -85,11 +86,17 @@ class PlannedMotion:
 
 
 def assemble(
-    description: CellDescription, request: GrabPlan | PushPlan, motion: Motion, object_name: str,
-    ante: tuple[ArmPath, ArmPath], post: tuple[ArmPath, ArmPath], timing: Timing, forces: Forces, impact: ImpactMap,
-    rotations: Array, object_start: Array, period_s: float, posture_joint: int,
+    description: CellDescription, request: GrabPlan | PushPlan, object_name: str, impact: ImpactMap, *,
+    ante: tuple[ArmPath, ArmPath], post: tuple[ArmPath, ArmPath], timing: Timing, forces: Forces, rotations: Array,
+    object_start: Array,
 ) -> PlannedMotion:  # fmt: skip
-    """Put a plan together: points, joints, feedforward. Raises PlanError where an arm cannot follow."""
+    """Put a plan together: points, joints, feedforward. Raises PlanError where an arm cannot follow.
+
+    rotations (2, 3, 3): of the pads all the way; object_start (3,): where the object stands, m.
+    """
+    control = cell_parameters(description).control
+    period_s, posture_joint = control.period_s, control.posture_joint
+    motion = Motion.GRAB if isinstance(request, GrabPlan) else Motion.HIT_AND_PUSH
     k = round(timing.touch_s / period_s)
     t_s = np.arange(round(timing.end_s / period_s)) * period_s
     pieces, accelerations = [], []

@@ -22,7 +22,6 @@ from rtstack.planning.path import Approach, ArmPath, coast, common_touch_s, poin
 from rtstack.planning.planned import PlannedMotion, Timing, assemble
 from rtstack.planning.request import PlanError, PushPlan
 from rtstack.references.demonstration import end_effector_pose
-from rtstack.references.motion import Motion
 from rtstack.references.quintic import ViaPoint
 from rtstack.trials.assembly import cell_parameters
 
@@ -87,8 +86,8 @@ def push_motion(description: CellDescription, object_name: str, plan: PushPlan) 
         return force
 
     return assemble(
-        description, plan, Motion.HIT_AND_PUSH, object_name, (ante, aside), (post, aside), timing, forces, impact,
-        np.array([rotation, poses[1][1]]), place, period_s, joint,
+        description, plan, object_name, impact, ante=(ante, aside), post=(post, aside), timing=timing, forces=forces,
+        rotations=np.array([rotation, poses[1][1]]), object_start=place,
     )  # fmt: skip
 
 

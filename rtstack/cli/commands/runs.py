@@ -21,6 +21,7 @@ from rtstack.cli.commands.options import (
 )
 from rtstack.samples import Reaction
 from rtstack.trials.controllers import DEFAULT
+from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 
 commands = typer.Typer()
 
@@ -44,7 +45,8 @@ def teach(
     from rtstack.cells import with_profile
     from rtstack.cli.trials import teach as run
 
-    run(output, object_name, variation, seed, speed, with_profile(cell, profile), cell_file, json)
+    asked = DemonstrationSpecification(object_name, variation, seed, speed)
+    run(output, asked, with_profile(cell, profile), cell_file, json)
 
 
 @commands.command()
@@ -84,9 +86,13 @@ def trial(
     from rtstack.cells import with_profile
     from rtstack.cli.trials import trial as run
 
+    asked = TrialSpecification(
+        str(reference), controller, object_name or "", displacement_mm, seed, reaction=reaction,
+        displacement_x_mm=displacement_x_mm, yaw_deg=yaw_deg,
+    )  # fmt: skip
     run(
-        reference, controller, object_name, displacement_mm, seed, log, with_profile(cell, profile), cell_file, json,
-        safety, friction, reaction, monitor, faults, displacement_x_mm, yaw_deg, whole_reference,
+        asked, log, with_profile(cell, profile), cell_file, json, safety=safety, friction=friction, monitor=monitor,
+        faults=faults, whole_reference=whole_reference,
     )  # fmt: skip
 
 
