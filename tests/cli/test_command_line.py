@@ -107,6 +107,7 @@ WRONG = {
     "desk stop": ("--left 127.0.0.9:4443", "where is Desk of the boxes?"),
     "desk shutdown": ("--left 127.0.0.9:4443", "where is Desk of the boxes?"),
     "review": ("none.mcap", "cannot read none.mcap"),
+    "replay": ("none.mcap", "cannot read none.mcap"),
     "recover": ("none.mcap", "cannot read none.mcap"),
     "recover-arms": ("--cell moon", "cell 'moon': the robots' addresses are given as fci:LEFT,RIGHT"),
     "up": ("--left 127.0.0.11", "give --left and --right"),
