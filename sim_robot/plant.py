@@ -11,7 +11,7 @@ from sim_robot.arm_description import JOINTS, arm_description
 from sim_robot.model import build_cell
 from sim_robot.plant_parameters import PlantParameters
 from sim_robot.profile import ARM_DRAW, Profile, load_profile
-from sim_robot.scatter import DrawnArm, draw_arm, draw_estimate_error, own_model, with_own_friction
+from sim_robot.scatter import DrawnArm, as_twin, draw_arm, draw_estimate_error, own_model, with_own_friction
 from sim_robot.scene import ArmPlacement, ObjectPlacement, Scene
 from sim_robot.substeps import JOINT_RECORD, MOTOR_RECORD, advance_millisecond
 
@@ -104,8 +104,11 @@ class Plant:
         self.robots = (left, right)
         self.estimate_errors = tuple(draw_estimate_error(profile.force, own) for _ in self.robots)
         arms = tuple(
-            with_own_friction(draw_arm(arm_description(model), parameters.of(model), generator), profile.arm, own)
-            for model in self.robots
+            as_twin(
+                with_own_friction(draw_arm(arm_description(model), parameters.of(model), generator), profile.arm, own),
+                twin,
+            )
+            for model, twin in zip(self.robots, (profile.left, profile.right), strict=True)
         )
         cell = build_cell(scene, object_name, placement, tuple(arm.description for arm in arms))
         self.model, self.data = cell.model, mujoco.MjData(cell.model)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 from functools import cache
 from importlib.resources import as_file, files
 from math import exp, log, sqrt
+from pathlib import Path
 
 import numpy as np
 
@@ -65,6 +66,25 @@ class OwnArm:
 
     def __post_init__(self) -> None:
         _not_negative(self)
+
+
+@dataclass(frozen=True, slots=True)
+class Twin:
+    """An arm as it was identified (`rtstack twin`), in the place of what is drawn; None: drawn as ever.
+
+    Joints as in JointParameters; gravity_factor: of the robot's own gravity compensation. payload_kg: on the flange,
+    beside the pad that the scene has, below zero where the pad is lighter; payload_centre m: in the last link's frame.
+    """
+
+    B_theta: Seven | None = None
+    K: Seven | None = None
+    D: Seven | None = None
+    friction_p1: Seven | None = None
+    friction_p2: Seven | None = None
+    friction_p3: Seven | None = None
+    gravity_factor: Seven | None = None
+    payload_kg: float = 0.0
+    payload_centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,12 +160,14 @@ class Spread:
 
 @dataclass(frozen=True, slots=True)
 class Profile:
-    """Everything in which a simulated robot differs from an ideal one."""
+    """Everything in which a simulated robot differs from an ideal one. left, right: identified arms."""
 
     force: ForceEstimate
     arm: OwnArm
     tracker: TrackerClock
     box: Box
+    left: Twin = Twin()
+    right: Twin = Twin()
 
 
 def profile_names() -> tuple[str, ...]:
@@ -157,8 +179,12 @@ def profile_names() -> tuple[str, ...]:
 
 @cache
 def load_profile(name: str = IDEAL) -> Profile:
-    """Read a profile. Raises ConfigurationError with one line."""
+    """Read a profile by its name, or by the path of a .toml. Raises ConfigurationError with one line."""
+    if name.endswith(".toml"):
+        return load_toml(Path(name), Profile)
     if name not in profile_names():
-        raise ConfigurationError(f"unknown profile {name!r}; there is {', '.join(profile_names())}")
+        raise ConfigurationError(
+            f"unknown profile {name!r}; there is {', '.join(profile_names())}, or the path of a .toml"
+        )
     with as_file(files("sim_robot") / "parameters" / "profiles" / f"{name}.toml") as path:
         return load_toml(path, Profile)

@@ -1,6 +1,7 @@
 """One draw of the plant: the nominal parameters, scattered by the seed."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -9,7 +10,7 @@ from hal.arrays import Array
 from hal.robots import RobotModel
 from sim_robot.arm_description import JOINTS, ArmDescription, Link
 from sim_robot.plant_parameters import PlantParameters
-from sim_robot.profile import ForceEstimate, OwnArm
+from sim_robot.profile import ForceEstimate, OwnArm, Twin
 
 SMALLEST_FACTOR = 0.2  # a draw never leaves a mass or a stiffness at zero or below, however large the scatter
 
@@ -101,3 +102,26 @@ def with_own_friction(arm: DrawnArm, own: OwnArm, generator: np.random.Generator
     if not own.friction:
         return arm
     return replace(arm, friction_p1=arm.friction_p1 * _around_one(generator, own.friction))
+
+
+def as_twin(arm: DrawnArm, twin: Twin) -> DrawnArm:
+    """Return the arm with what was identified of it in the place of what was drawn."""
+    known: dict[str, Any] = {
+        field.name: np.array(getattr(twin, field.name))
+        for field in fields(arm) if getattr(twin, field.name, None) is not None
+    }  # fmt: skip
+    if twin.payload_kg:
+        *links, last = arm.description.links
+        loaded = _with_mass(last, twin.payload_kg, np.array(twin.payload_centre))
+        known["description"] = replace(arm.description, links=(*links, loaded))
+    return replace(arm, **known) if known else arm
+
+
+def _with_mass(link: Link, mass: float, place: Array) -> Link:
+    """Return a link with a point mass fixed to it."""
+    whole = link.mass + mass
+    centre = (link.mass * link.centre + mass * place) / whole
+    inertia = link.inertia.copy()
+    for part, where in ((link.mass, link.centre - centre), (mass, place - centre)):
+        inertia += part * (where @ where * np.eye(3) - np.outer(where, where))
+    return replace(link, mass=whole, centre=centre, inertia=inertia)

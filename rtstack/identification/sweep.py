@@ -23,6 +23,8 @@ REST_S = 0.2
 # rad/s: grabs and pushes stay below 1.3 but for their vibrations; friction changes most where velocity is small
 PEAKS = (0.1, 0.3, 1.0)
 LEG_S = 1.125  # from one end to the other: a quintic from rest to rest, whose peak is 1.875 times its mean
+TONES_S = 18.0  # of the motion of all joints: amplitude rad, Hz of joint 1, and how much more for each joint
+TONES = ((0.12, 0.23, 0.031), (0.035, 0.9, 0.083))
 MIRROR = np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])  # the right arm is the left one's mirror image
 
 
@@ -59,6 +61,43 @@ def sweep(description: CellDescription, arms: tuple[ArmController, ArmController
         q = home + share[:, None] * (_centre(arm, home, k) - home)
         q[:, joint] += (1.0 if k == 0 else MIRROR[joint]) * away
         _follow(arm, q, control.period_s, targets[k])
+    _check_room(description, targets, f"the sweep of joint {joint + 1}")
+    plan = Plan(targets, targets, Mode.TELEOPERATION, control.stiffness, control.period_s)
+    return Sweep(joint, plan, begin_s, end_s)
+
+
+def all_joints(description: CellDescription, arms: tuple[ArmController, ArmController], run: int) -> Plan:
+    """Return a motion of all joints of both arms at once, mirror images: two tones a joint, other phases each run.
+
+    All frequencies differ, so that no joint's friction or inertia can pass for another one's. Raises TrialError where
+    there is no room.
+    """
+    control = ControlParameters()
+    begin_s = REST_S + WAY_S + REST_S
+    t = np.arange(round((begin_s + TONES_S + 2 * REST_S + WAY_S) / control.period_s)) * control.period_s
+    there = [ViaPoint(REST_S, 0.0), ViaPoint(REST_S + WAY_S, 1.0)]
+    back = [ViaPoint(begin_s + TONES_S + REST_S, 1.0), ViaPoint(begin_s + TONES_S + REST_S + WAY_S, 0.0)]
+    share, _ = quintic_path(there + back, t)
+    fade, _ = quintic_path(
+        [ViaPoint(begin_s, 0.0), ViaPoint(begin_s + 1.0, 1.0), ViaPoint(begin_s + TONES_S - 1.0, 1.0),
+         ViaPoint(begin_s + TONES_S, 0.0)], t,
+    )  # fmt: skip
+    phases = np.random.default_rng(run).uniform(0.0, 2.0 * np.pi, (2, 7))
+    joints = np.arange(7)
+    away = fade[:, None] * sum(
+        reach * np.sin(2.0 * np.pi * t[:, None] * (hz + step_hz * joints) + phase)
+        for (reach, hz, step_hz), phase in zip(TONES, phases, strict=True)
+    )
+    targets = np.zeros((2, len(t)), POINT)
+    for k, (arm, mounting) in enumerate(zip(arms, (description.left, description.right), strict=True)):
+        home = np.array(mounting.home)
+        q = home + share[:, None] * (_centre(arm, home, k) - home) + (away if k == 0 else MIRROR * away)
+        _follow(arm, q, control.period_s, targets[k])
+    _check_room(description, targets, "the motion of all joints")
+    return Plan(targets, targets, Mode.TELEOPERATION, control.stiffness, control.period_s)
+
+
+def _check_room(description: CellDescription, targets: NDArray, what: str) -> None:
     lower, upper = (
         np.array(description.safety.get(f"ee_{end}", sign * np.full(3, np.inf)))
         for end, sign in (("lower", -1.0), ("upper", 1.0))
@@ -66,11 +105,8 @@ def sweep(description: CellDescription, arms: tuple[ArmController, ArmController
     positions = targets["position"]
     if not np.all((positions >= lower) & (positions <= upper)):
         raise TrialError(
-            f"the sweep of joint {joint + 1} would leave the cell's box (ee_lower, ee_upper under [safety]): "
-            "identify on a cell with more room"
+            f"{what} would leave the cell's box (ee_lower, ee_upper under [safety]): identify on a cell with more room"
         )
-    plan = Plan(targets, targets, Mode.TELEOPERATION, control.stiffness, control.period_s)
-    return Sweep(joint, plan, begin_s, end_s)
 
 
 def _centre(arm: ArmController, home: Array, side: int) -> Array:

@@ -55,12 +55,13 @@ def plant_files(conditions: Iterable[Conditions] = ()) -> list[Path]:
     conditions: those of the plan, for the files of their profiles; that of the ideal one says nothing. Raises
     ConfigurationError for an unknown profile.
     """
-    paths = []
     profiles = sorted({each.profile for each in conditions} - {IDEAL})
     for profile in profiles:
         load_profile(profile)
+    paths = [Path(profile) for profile in profiles if profile.endswith(".toml")]
     wanted = [("sim_robot.scenes", "grab.toml"), ("sim_robot.parameters", "plant.toml")]
-    for package, name in wanted + [("sim_robot.parameters", f"profiles/{profile}.toml") for profile in profiles]:
+    wanted += [("sim_robot.parameters", f"profiles/{each}.toml") for each in profiles if not each.endswith(".toml")]
+    for package, name in wanted:
         with as_file(files(package) / name) as path:
             paths.append(path)
     return paths

@@ -114,6 +114,22 @@ def play(
     run(source, speed, seed, log, with_profile(cell, profile), cell_file, json)
 
 
+@commands.command()
+def excite(
+    output: Annotated[Path, typer.Argument(metavar="OUT.mcap", help="The log to write.")],
+    run: Annotated[int, typer.Option(help="Each has other phases.", min=0, max=1000)] = 0,
+    cell: CellKind = "direct",
+    profile: Profile = None,
+    seed: Seed = 0,
+    cell_file: CellFile = None,
+) -> None:
+    """Move all joints of both arms at once, in free space: what `rtstack twin` needs to identify them."""
+    from rtstack.cells import with_profile
+    from rtstack.cli.excite import excite as make
+
+    make(output, with_profile(cell, profile), seed, cell_file, run)
+
+
 @commands.command("identify-friction")
 def identify_friction(
     output: Annotated[Path, typer.Argument(metavar="OUT.toml", help="The file to write; logs go beside it.")],

@@ -66,3 +66,18 @@ def impact_map(
     from rtstack.cli.impact_map import run
 
     run(scene, reflected, json)
+
+
+@commands.command()
+def twin(
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG.mcap...", help="Of one cell: `rtstack excite`, or any.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="The folder to write; it must not exist.")],
+    unloaded: Annotated[
+        list[Path], typer.Option(metavar="LOG.mcap", help="Of the same arms without the payload; may be repeated.")
+    ] = [],  # noqa: B006
+    cell_file: CellFile = None,
+) -> None:
+    """Identify both arms from their logs: a profile of the simulated robot, a friction, and what remains unknown."""
+    from rtstack.cli.twin import run
+
+    run(logs, out, unloaded, cell_file)

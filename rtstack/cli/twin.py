@@ -1,0 +1,60 @@
+"""`rtstack twin`: logs of a cell become a profile of the simulated robot, a friction file, and a report."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import typer
+
+from hal.configuration import read_toml
+from rtstack.cells import load_description
+from rtstack.identification.twin import ArmTwin, friction_file, profile_toml, twin
+from rtstack.samples import SIDES
+from rtstack.trials.errors import TrialError
+from rtstack.trials.friction import friction_toml
+
+PROFILE, FRICTION, CELL, NUMBERS = "profile.toml", "friction.toml", "cell.toml", "twin.json"
+
+
+def run(logs: list[Path], out: Path, unloaded: list[Path], cell_file: Path | None) -> None:
+    """Identify, and write the folder `out`, which must not exist yet."""
+    from importlib.resources import as_file, files
+
+    description, source = load_description(cell_file)
+    if out.exists():
+        raise TrialError(f"{out} exists: choose another name, or remove it")
+    if not out.parent.is_dir():
+        raise TrialError(f"cannot write {out}: the folder {out.parent} does not exist")
+    arms = twin(logs, description, unloaded)
+    with as_file(files("sim_robot") / "parameters" / "profiles" / "ideal.toml") as ideal:
+        base, _ = read_toml(ideal)
+    out.mkdir()
+    (out / PROFILE).write_text(profile_toml(arms, base), encoding="utf-8")
+    (out / FRICTION).write_text(friction_toml(friction_file(arms, description.name, len(logs))), encoding="utf-8")
+    cell = "\n".join(line for line in source.read_text("utf-8").splitlines() if not line.startswith("joint_friction"))
+    (out / CELL).write_text(f'joint_friction = "{FRICTION}"\n{cell}\n', encoding="utf-8")
+    numbers = {"logs": list(map(str, logs))} | {side: asdict(arm) for side, arm in zip(SIDES, arms, strict=True)}
+    (out / NUMBERS).write_text(json.dumps(numbers, indent=1) + "\n", encoding="utf-8")
+    for side, arm in zip(SIDES, arms, strict=True):
+        typer.echo("\n".join(_lines(side, arm)))
+    typer.echo(f"written: {out / PROFILE} (--profile of a simulated cell), {out / CELL} (--cell-file)")
+
+
+def _lines(side: str, arm: ArmTwin) -> list[str]:
+    names = dict.fromkeys(each.name for each in arm.parameters)
+    lines = [f"{side} arm, 95 % intervals; ? is not identified"]
+    for name in names:
+        cells = [f"{each.value:.4g} ± {each.half_width:.2g}" if each.identified else "?" for each in arm.values(name)]
+        lines.append(f"  {name:<18}" + "  ".join(cells))
+    for name, values in arm.rms_nm.items():
+        lines.append(f"  {'held out, Nm: ' + name:<28}" + "  ".join(f"{value:.3g}" for value in values))
+    unknown = [each for each in arm.parameters if not each.identified]
+    if unknown:
+        joints = sorted({each.joint for each in unknown if each.joint})
+        what = ", ".join(dict.fromkeys(each.name for each in unknown))
+        what += "" if "payload_kg" not in what else " (a payload needs --unloaded)"
+        where = f" of joints {', '.join(map(str, joints))}" if joints else ""
+        lines.append(
+            f"  not identified: {what}{where}; add logs of `rtstack excite OUT.mcap --run N`, each with another N"
+        )
+    return lines

@@ -1,0 +1,219 @@
+"""What the logs of an arm say about it, joint by joint and of its load.
+
+The motor's side, with what the robot adds for gravity, and what its sensors show:
+
+    B_theta ddtheta = tau_d + gamma g(q) - tau_J - friction(dtheta)        (4) and (8) of the impact-map paper
+    tau_J = K (theta - q) + D (dtheta - dq)
+    tau_J = M(q) ddq + C(q, dq) dq + g(q) + what is on the flange beside the pad that the description has
+
+All signals are smoothed alike, by cubics over 31 ms, which leaves these equations as they are.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+from scipy.signal import savgol_coeffs, savgol_filter
+
+from rtstack.identification.estimate import Estimate, curve, linear
+from rtstack.identification.fit import sigmoid
+
+Array = NDArray[np.float64]
+
+WINDOW, EVERY = 31, 7  # ticks: of the cubics, and between two samples
+SMOOTH = savgol_coeffs(WINDOW, 3)
+PERIOD_S = 1e-3
+BLOCK_S = 0.5  # ticks that share their errors: the tones of an excitation are 1 to 4 s long
+CONTACT_N = 5.0  # of the estimated force, from how it begins: beyond it a tick does not count, nor those around it
+FREE_TICKS = 300  # a log begins away from everything
+GRAVITY_NM = 0.2  # of a joint's gravity torque, standard deviation: below it the compensation is not seen
+SHAPES = 7
+# how far the gravity compensation, and each of the shapes, may be off, standard deviations, and the torque of a tick
+# against which these count
+GRAVITY_PRIOR, SHAPE_PRIOR_NM, PRIOR_NM = 0.02, 0.02, 0.02
+HELD_OUT = 0.2  # of each log's ticks, the last ones: judged on, and never fitted
+
+
+@dataclass(frozen=True, slots=True)
+class ArmSamples:
+    """Ticks (n,) without contact. Joints (n, 7), SI units; torques: through the joint, commanded, estimated external.
+
+    model: of the arm as its cell's file describes it. slip (n, 7, WINDOW): the motors' velocity around each tick, since
+    friction is no linear function of it, and what is smoothed is the friction. blocks: which ticks are neighbours.
+    held_out: not to be fitted.
+    """
+
+    model: pin.Model
+    q: Array
+    dq: Array
+    ddq: Array
+    wind: Array
+    dwind: Array
+    slip: Array
+    ddtheta: Array
+    tau_J: Array
+    dtau_J: Array
+    tau_d: Array
+    tau_ext: Array
+    blocks: NDArray[np.int64]
+    held_out: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Joint:
+    """A joint: friction p1 Nm, p2 s/rad, p3 rad/s, B_theta kg m^2 and gravity_factor; K Nm/rad and D Nms/rad."""
+
+    motor: Estimate
+    spring: Estimate
+
+    MOTOR = ("friction_p1", "friction_p2", "friction_p3", "B_theta", "gravity_factor")
+    SPRING = ("K", "D")
+
+
+def arm_samples(model: pin.Model, logs: Sequence[NDArray]) -> ArmSamples:
+    """Return the samples of ARM_SAMPLE records (n,) of one arm, one array a log."""
+    parts = [_samples(log, number) for number, log in enumerate(logs)]
+    return ArmSamples(model, *(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+
+def _samples(log: NDArray, number: int) -> tuple[NDArray, ...]:
+    def smooth(values: Array) -> Array:
+        return np.asarray(savgol_filter(values, WINDOW, 3, axis=0))
+
+    def rate(values: Array) -> Array:  # of what is smoothed as all else is, and not a cubic's derivative
+        return np.gradient(smooth(values), PERIOD_S, axis=0)
+
+    force = np.linalg.norm(
+        log["O_F_ext_hat_K"][:, :3] - np.median(log["O_F_ext_hat_K"][:FREE_TICKS, :3], axis=0), axis=1
+    )
+    touched = np.convolve(force > CONTACT_N, np.ones(4 * WINDOW), "same") > 0.0
+    ticks = np.arange(WINDOW, len(log) - WINDOW, EVERY)
+    ticks = ticks[~touched[ticks]]
+    # what was commanded acts until the next state
+    tau_d = 0.5 * (log["tau_applied"] + np.roll(log["tau_applied"], 1, axis=0))
+    wind = log["theta"] - log["q"]
+    values = (
+        smooth(log["q"]), smooth(log["dq"]), rate(log["dq"]), smooth(wind), smooth(log["dtheta"] - log["dq"]),
+        _around(log["dtheta"]), rate(log["dtheta"]), smooth(log["tau_J"]), rate(log["tau_J"]),
+        smooth(tau_d), smooth(log["tau_ext_hat_filtered"]),
+    )  # fmt: skip
+    blocks = 100_000 * number + (ticks * PERIOD_S / BLOCK_S).astype(np.int64)
+    return (*(each[ticks] for each in values), blocks, np.arange(len(ticks)) >= (1.0 - HELD_OUT) * len(ticks))
+
+
+def _around(values: Array) -> Array:
+    """Return a view (n, 7, WINDOW) of values (n, 7): each tick with its neighbours; wrong at both ends."""
+    half = WINDOW // 2
+    return sliding_window_view(np.pad(values, ((half, half), (0, 0)), "edge"), WINDOW, axis=0)
+
+
+@dataclass(frozen=True, slots=True)
+class Links:
+    """The links' side of an arm: inertia (70,) that its description lacks, and the torques (n, 7) Nm that follow.
+
+    torque: through the joints; gravity: the part of it that is gravity's; shapes (7, n, SHAPES): what else it could be
+    along the motion, of size one, the most likely first; what the robot's own, which is late, lacks in 50 ms; and a
+    constant.
+    """
+
+    inertia: Array
+    torque: Array
+    gravity: Array
+    shapes: Array
+
+
+def links(samples: ArmSamples, known: Array | None = None) -> Links:
+    """Fit the inertial parameters that explain the torques; those of no effect on them stay the description's.
+
+    known (70,): from logs without the payload; then the last link's are fitted alone, and added.
+    """
+    n = len(samples.q)
+    Y, Y_gravity, described = _regressors(samples)
+    left = samples.tau_J - described[0] - (0.0 if known is None else Y @ known)
+    use, columns = ~samples.held_out, slice(None) if known is None else slice(60, 70)
+    X, y = Y[use][:, :, columns].reshape(-1, Y[:, :, columns].shape[2]), left[use].reshape(-1)
+    scale = np.maximum(np.linalg.norm(X, axis=0), 1e-9)
+    inertia = np.zeros(70) if known is None else known.copy()
+    inertia[columns] += np.linalg.lstsq(X / scale, y, rcond=1e-5)[0] / scale
+    gravity_left = (Y_gravity.reshape(n * 7, 70) @ inertia).reshape(n, 7)
+    shapes = np.ones((7, n, SHAPES))
+    for j in range(7):
+        columns, sizes, _ = np.linalg.svd(Y_gravity[:, j], full_matrices=False)
+        shapes[j, :, :-2] = columns[:, : SHAPES - 2] * np.where(sizes[: SHAPES - 2] > 1e-6, np.sqrt(n), 0.0)
+    shapes[:, :, -2] = 0.05 * described[2].T
+    return Links(inertia, described[0] + Y @ inertia, described[1] + gravity_left, shapes)
+
+
+def payload(samples: ArmSamples, known: Array) -> Estimate:
+    """Return mass kg and first moment (3,) kg m in the last link's frame of what is on it besides.
+
+    known (70,): the inertia that the description lacks without it, from logs of the arm without it.
+    """
+    use = ~samples.held_out
+    Y, _, described = _regressors(samples)
+    left = samples.tau_J - described[0] - Y @ known
+    Y, weights = Y[:, :, 60:], np.ones(7)
+    for _ in range(2):  # joints whose torque is measured better count more
+        X, y = (Y * weights[:, None])[use].reshape(-1, 10), (left * weights)[use].reshape(-1)
+        found = linear(X, y, np.repeat(samples.blocks[use], 7))
+        weights = 1.0 / np.maximum((left - Y @ found.value)[use].std(axis=0), 1e-4)
+    return Estimate(found.value[:4], found.half_width[:4])
+
+
+def _regressors(samples: ArmSamples) -> tuple[Array, Array, tuple[Array, Array, Array]]:
+    """Return what inertial parameters do to the torques (n, 7, 70), to gravity's, and both as described (n, 7), with
+    gravity's rate, Nm/s."""
+    data = samples.model.createData()
+    n, rest = len(samples.q), np.zeros(7)
+    Y, Y_gravity = np.empty((n, 7, 70)), np.empty((n, 7, 70))
+    torque, gravity, rate = np.empty((n, 7)), np.empty((n, 7)), np.empty((n, 7))
+    for k, (q, dq, ddq) in enumerate(zip(samples.q, samples.dq, samples.ddq, strict=True)):
+        Y[k] = pin.computeJointTorqueRegressor(samples.model, data, q, dq, ddq)
+        torque[k] = pin.rnea(samples.model, data, q, dq, ddq)
+        Y_gravity[k] = pin.computeJointTorqueRegressor(samples.model, data, q, rest, rest)
+        gravity[k] = pin.computeGeneralizedGravity(samples.model, data, q)
+        rate[k] = pin.computeGeneralizedGravity(samples.model, data, q + PERIOD_S * dq) - gravity[k]
+    return Y, Y_gravity, (torque, gravity, rate / PERIOD_S)
+
+
+def joint(samples: ArmSamples, link: Links, j: int, friction: Sequence[float], B_theta: float) -> Joint:
+    """Fit joint 0 to 6. friction, B_theta: where the fit begins. A joint that feels no gravity says nothing about the
+    robot's compensation of it."""
+    use = ~samples.held_out
+    blocks = samples.blocks[use]
+    heavy = link.gravity[use, j].std() > GRAVITY_NM
+    prior = blocks.max() + 1 + np.arange(1 + SHAPES)  # blocks of their own
+    free = np.full(SHAPES, 1.0)
+
+    def residual(x: Array) -> Array:
+        left = predicted(samples, link, j, x)[use] - samples.tau_J[use, j]
+        return np.concatenate([left, PRIOR_NM * np.append((x[4] - 1.0) / GRAVITY_PRIOR, x[5:] / SHAPE_PRIOR_NM)])
+
+    motor = curve(
+        residual, np.array([*friction, B_theta, 1.0, *(0.0 * free)]),
+        (np.array([0.0, 0.5, -0.3, 0.0, 0.5, *-free]), np.array([20.0, 100.0, 0.3, 2.0, 1.5, *free])),
+        np.array([1.0, 10.0, 0.05, 0.1, 0.1, *(0.1 * free)]), np.concatenate([blocks, prior]),
+    )  # fmt: skip
+    if not heavy:
+        motor.half_width[4] = np.inf
+    one = np.ones(int(use.sum()))
+    X = np.column_stack([samples.wind[use, j], samples.dwind[use, j], one])
+    Z = np.column_stack([link.torque[use, j], samples.dtau_J[use, j], one])  # without the encoders' noise
+    spring = linear(X, samples.tau_J[use, j], blocks, Z)
+    return Joint(motor, Estimate(spring.value[:2], spring.half_width[:2]))
+
+
+def predicted(samples: ArmSamples, link: Links, j: int, x: Array) -> Array:
+    """Return the torque through a joint (n,) as the motor's side has it. x: Joint.MOTOR, and how much of each shape."""
+    resisted = sigmoid(samples.slip[:, j], *x[:3]) @ SMOOTH + x[3] * samples.ddtheta[:, j]
+    return samples.tau_d[:, j] + x[4] * link.gravity[:, j] + link.shapes[j] @ x[5:] - resisted
+
+
+def bias(samples: ArmSamples) -> Estimate:
+    """Return what the estimate of the external torque (7,) shows where nothing is touched, Nm."""
+    use = ~samples.held_out
+    each = [linear(np.ones((int(use.sum()), 1)), samples.tau_ext[use, j], samples.blocks[use]) for j in range(7)]
+    return Estimate(np.array([e.value[0] for e in each]), np.array([e.half_width[0] for e in each]))
