@@ -35,7 +35,7 @@ MOST_BYTES = 200_000
 WINDOWS = ((390, 844), (820, 1180), (1280, 720), (2560, 1440), (1920, 1080), (1440, 900))
 AXE_WIDTHS = (390, 1280, 1920)
 # windows with a picture in the documentation, by the folder that it is in
-PICTURED = {(1440, 900): "."}
+PICTURED = {(390, 844): "390", (1920, 1080): "1920", (1440, 900): "."}
 RULES = {"runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa"], "resultTypes": ["violations"], "iframes": False}
 
 # name of each page's picture, and what says that the page is there; {trial} and {demonstration} are ids of logs
@@ -99,6 +99,9 @@ MISPLACED = """() => {
       if (getComputedStyle(part).textOverflow !== 'ellipsis' && range.getBoundingClientRect().right > edge)
         wrong.push(`${figure.id} overflows`);
     }
+  }
+  for (const image of document.images) {
+    if (image.src && image.complete && !image.naturalWidth) wrong.push(`the picture ${image.src} is broken`);
   }
   return [...new Set(wrong)];
 }"""

@@ -215,7 +215,10 @@ class Page {
       const image = document.createElement("img");
       image.src = `${address}/figures/${drawn.id}?drawn=${drawn.drawn_s}`;
       image.alt = drawn.name;
-      figure.append(image, make("figcaption", "", drawn.name));
+      const large = make("a", "", "");
+      Object.assign(large, { href: image.src, target: "_blank", rel: "noopener", title: "As large as it was drawn" });
+      large.append(image);
+      figure.append(large, make("figcaption", "", drawn.name));
       return figure;
     }));
   }

@@ -41,7 +41,7 @@ export class Episodes {
   // A picture that is not there yet is no error of the page: it is asked for until it is.
   async picture(image, id) {
     const answer = await fetch(`/api/recordings/${id}/thumbnail`).catch(() => null);
-    if (answer?.ok) image.src = URL.createObjectURL(await answer.blob());
+    if (answer?.status === 200) image.src = URL.createObjectURL(await answer.blob());
     else if (answer === null || answer.status === 202) setTimeout(() => this.picture(image, id), RETRY_MS);
   }
 
