@@ -1,10 +1,11 @@
-"""`rtstack bench`."""
+"""`rtstack bench`: what this machine makes of the stack."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from rtstack.cli.commands.options import CellKind, Json, LogOut
+from rtstack.cli.commands.options import FAILED, CellKind, Json, LogOut
 from rtstack.samples import QpSolver
 
 commands = typer.Typer(help="Measure the stack on this machine.")
@@ -17,9 +18,16 @@ def bench_tick(
     json: Json = False,
 ) -> None:
     """The dual-arm tick and its parts, beside the same tick in plain numpy, in one run."""
-    from rtstack.cli.bench import tick as run
+    from dataclasses import replace
 
-    run(ticks, solver, json)
+    from rtstack.bench.tick import bench_tick
+    from rtstack.cells import load_description
+    from rtstack.trials.assembly import default_parameters
+
+    parameters = default_parameters()
+    if solver is not None:
+        parameters = replace(parameters, solver=solver)
+    _print(bench_tick(load_description(None)[0], parameters, ticks).as_dict(), json)
 
 
 @commands.command("loop")
@@ -30,9 +38,36 @@ def bench_loop(
     json: Json = False,
 ) -> None:
     """The whole loop: both arms grab and hold a box, controlled, judged and logged."""
-    from rtstack.cli.bench import loop as run
+    from tempfile import TemporaryDirectory
 
-    run(cell, seconds, log, json)
+    from rtstack.bench.loop import long_grab, loop_figures
+    from rtstack.cells import load_description, open_cell
+    from rtstack.cli.interrupt import interruptible
+    from rtstack.log.writer import check_log_path
+    from rtstack.trials.demonstration import run_demonstration
+    from rtstack.trials.record import open_log
+    from rtstack.trials.run_context import RunContext
+    from rtstack.trials.specification import DemonstrationSpecification
+    from rtstack.trials.start_motion import start_motion
+
+    if log is not None:
+        check_log_path(log)
+    description, source = load_description(None)
+    asked = DemonstrationSpecification()
+    with TemporaryDirectory() as folder:
+        path = log or Path(folder) / "loop.mcap"
+        opened = open_cell(cell, asked.object, 0.0, asked.seed, description)
+        try:
+            way = start_motion(opened, description, asked.object)
+            with interruptible() as stop:
+                context = RunContext(open_log(path, asked, description, cell, source), stop=stop)
+                result = run_demonstration(asked, description, opened, context, way=way, script=long_grab(seconds))
+        finally:
+            opened.close()
+        figures = loop_figures(path, cell, result.success, result.failure_reason)
+    _print(figures.as_dict(), json)
+    if not figures.success:
+        raise typer.Exit(FAILED)
 
 
 @commands.command("link")
@@ -42,6 +77,27 @@ def bench_link(
     json: Json = False,
 ) -> None:
     """The way from a state to its answer to the next state, over the wire, with both arms."""
-    from rtstack.cli.bench import link as run
+    from rtstack.bench.link import bench_link
+    from rtstack.cells import load_description, open_cell
+    from rtstack.cli.hold_to_run import HoldToRun
+    from rtstack.cli.interrupt import interruptible
 
-    run(cell, ticks, json)
+    description, source = load_description(None)
+    hold = HoldToRun(cell, description, source)
+    opened = open_cell(cell, "rice_box", 0.0, 0, description)
+    try:
+        with interruptible() as stop, hold.held("hold of both arms", stop):
+            _print(bench_link(opened, ticks, description, stop).as_dict(), json)
+    finally:
+        opened.close()
+
+
+def _print(values: dict[str, object], json: bool) -> None:
+    if json:
+        from json import dumps
+
+        typer.echo(dumps(values))
+        return
+    width = max(len(name) for name in values)
+    for name, value in values.items():
+        typer.echo(f"{name:<{width}}  {value}")

@@ -1,33 +1,51 @@
-"""`rtstack token`."""
+"""`rtstack token`: bearer tokens of programs, made and revoked beside the logs; a running console sees it at once."""
 
+import getpass
+import secrets
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rtstack.cli.commands.options import LogFolder
+from rtstack.trials.errors import TrialError
 
+if TYPE_CHECKING:
+    from console.tokens import Scope, Tokens
+
+_PATIENCE_S = 10.0
 commands = typer.Typer(help="Let programs use the console (bearer tokens), and a browser back in (sign-in).")
+ScopeName = Annotated[str, typer.Option("--scope", help="view: look, and press STOP; operate: everything.")]
 
 
 @commands.command("create")
 def token_create(
     name: Annotated[str, typer.Option(help="What the program is called, in the audit trail too.")],
-    scope: Annotated[str, typer.Option(help="view: look, and press STOP; operate: everything.")] = "view",
+    scope: ScopeName = "view",
     logs: LogFolder = Path("logs"),
 ) -> None:
     """Make a token for a program and print it, once."""
-    from rtstack.cli.token import create as run
-
-    run(name, scope, logs)
+    wanted = _scope(scope)
+    with _tokens(logs) as tokens:
+        token, word = tokens.create(name, wanted)
+    typer.echo(word)
+    typer.echo("Keep it: it cannot be shown again. Requests bring it as `Authorization: Bearer TOKEN`.", err=True)
+    _note(logs, f"made token {token.id} for {token.name}: {token.scope}")
 
 
 @commands.command("list")
 def token_list(logs: LogFolder = Path("logs")) -> None:
     """List the tokens, without what makes them tokens."""
-    from rtstack.cli.token import list_all as run
+    from rtstack.cli.tables import print_table
 
-    run(logs)
+    with _tokens(logs) as tokens:
+        rows = tokens.all()
+    made = [time.strftime("%Y-%m-%d %H:%M", time.localtime(row.created_s)) for row in rows]
+    cells = [(row.id, row.name, row.scope, when) for row, when in zip(rows, made, strict=True)]
+    print_table(("id", "name", "scope", "made"), cells, "no tokens")
 
 
 @commands.command("revoke")
@@ -36,18 +54,73 @@ def token_revoke(
     logs: LogFolder = Path("logs"),
 ) -> None:
     """Revoke a token: a running console does not know it any more from now on."""
-    from rtstack.cli.token import revoke as run
-
-    run(token_id, logs)
+    with _tokens(logs) as tokens:
+        token = tokens.revoke(token_id)
+    typer.echo(f"{token.name} ({token.id}) is revoked")
+    _note(logs, f"revoked token {token.id} of {token.name}")
 
 
 @commands.command("sign-in")
 def token_sign_in(
-    scope: Annotated[str, typer.Option(help="view: look, and press STOP; operate: everything.")] = "operate",
+    scope: ScopeName = "operate",
     logs: LogFolder = Path("logs"),
     console: Annotated[str, typer.Option(metavar="URL", help="Of the running console.")] = "http://127.0.0.1:8080",
 ) -> None:
     """Print a fresh address of a running console, for a browser that has lost its cookies."""
-    from rtstack.cli.token import sign_in as run
+    import httpx
 
-    run(scope, logs, console)
+    wanted = _scope(scope)
+    with _tokens(logs) as tokens:  # the console is asked with a token that is good for this question alone
+        token, word = tokens.create(f"sign-in {secrets.token_hex(4)}", _scope("operate"))
+        try:
+            answer = httpx.post(
+                f"{console}/api/invitations", json={"scope": wanted}, headers={"authorization": f"Bearer {word}"},
+                trust_env=False, timeout=_PATIENCE_S,
+            )  # fmt: skip
+        except (httpx.HTTPError, httpx.InvalidURL):
+            raise TrialError(
+                f"no console answers at {console}: start one with `rtstack up`, or give its address with --console"
+            ) from None
+        finally:
+            tokens.revoke(token.id)
+    if answer.status_code in (401, 403):
+        raise TrialError(f"the console at {console} has other logs than {logs}: give its folder with --logs")
+    if answer.status_code != 201:
+        raise TrialError(f"the console at {console} answers {answer.status_code}")
+    typer.echo(answer.json()["address"])
+    typer.echo("Open it in a browser: it signs one in, once, within some minutes.", err=True)
+
+
+def _scope(word: str) -> "Scope":
+    from console.tokens import Scope
+
+    if word not in list(Scope):
+        raise TrialError(f"--scope: one of {', '.join(Scope)}, not {word}")
+    return Scope(word)
+
+
+@contextmanager
+def _tokens(logs: Path) -> Iterator["Tokens"]:
+    from console.tokens import Tokens, TokensError
+
+    if not logs.is_dir():
+        raise TrialError(f"{logs}: no such folder; give the one of `rtstack up` with --logs")
+    try:
+        yield Tokens(logs)
+    except TokensError as error:
+        raise TrialError(str(error)) from None
+
+
+def _note(logs: Path, text: str) -> None:
+    from rtstack.live.audit import FILE_NAME, AuditTrail
+
+    try:
+        audit = AuditTrail(logs / FILE_NAME)
+    except OSError as error:
+        raise TrialError(f"done, but the audit trail {logs / FILE_NAME} cannot be written: {error.strerror}") from None
+    try:
+        user = f"{getpass.getuser()}, terminal"
+    except (OSError, KeyError):  # a user without a name
+        user = "unknown user, terminal"
+    audit.note("token", user, f"{user} {text}")
+    audit.close()
