@@ -1,5 +1,7 @@
-"""`rtstack up`: the whole stack on this machine."""
+"""`rtstack up`: the whole stack; `rtstack robot` and `rtstack console`: its parts, each for a service manager."""
 
+import os
+import sys
 from pathlib import Path
 
 import typer
@@ -7,7 +9,8 @@ import typer
 from rtstack.cells import load_description, with_profile
 from rtstack.cells.fci import fci_addresses
 from rtstack.live.source import described_as
-from rtstack.live.stack import StackSettings, run_stack
+from rtstack.live.stack import StackError, StackSettings, listen, run_stack
+from rtstack.live.standalone import MAILBOX, find_rings
 from rtstack.trials.errors import TrialError
 
 
@@ -42,3 +45,35 @@ def make_log_folder(logs: Path) -> None:
         logs.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise TrialError(f"cannot write logs to {logs}: {error.strerror}") from None
+
+
+def robot(run: Path, logs: Path, cell_file: Path | None, kind: str) -> None:
+    """Become the robot process. Raises TrialError, ConfigurationError."""
+    shared = _shared(run, logs, cell_file, kind)
+    make_log_folder(logs)
+    _become("rtstack.live.robot", shared)
+
+
+def console(run: Path, port: int, logs: Path, cell_file: Path | None, kind: str) -> None:
+    """Become the console of the robot process in a run folder. Raises TrialError, ConfigurationError, LogError."""
+    shared = _shared(run, logs, cell_file, kind)
+    rings = find_rings(run)
+    try:
+        listener = listen(port)
+    except StackError as error:
+        raise TrialError(str(error)) from None
+    make_log_folder(logs)
+    listener.set_inheritable(True)
+    _become("console", [*shared, "--rings", rings, "--listener", str(listener.fileno())])
+
+
+def _shared(run: Path, logs: Path, cell_file: Path | None, kind: str) -> list[str]:
+    source = load_description(cell_file)[1]
+    described_as(source, kind)
+    return ["--alone", f"--run={run}", f"--name={MAILBOX}", f"--logs={logs}", f"--cell={source}", f"--kind={kind}"]
+
+
+def _become(module: str, arguments: list[str]) -> None:
+    """Put a module in the place of this process: the manager watches over the id that it has started."""
+    sys.stdout.flush()
+    os.execv(sys.executable, [sys.executable, "-m", module, *arguments])

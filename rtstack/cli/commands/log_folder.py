@@ -1,15 +1,24 @@
 """`rtstack logs`: what there is, what is reviewed, and what may go."""
 
 import time
+from dataclasses import asdict
+from enum import StrEnum
+from json import dumps
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
 from rtstack.cli.commands.options import FAILED, Json, LogFolder
 
+if TYPE_CHECKING:
+    from console.log_rows import LogRow
+
 commands = typer.Typer(help="List, compare and prune the logs of a folder.")
 _GB = 1e9
+_RESULTS = ("success", "failure_reason", "impact_verdict", "average_force_norm", "peak_force_norm", "max_lift_mm")
+_NOT_SET = "-"
+Choice = TypeVar("Choice", bound=StrEnum)
 
 
 @commands.command("list")
@@ -26,17 +35,44 @@ def logs_list(
     json: Json = False,
 ) -> None:
     """List logs that have every word somewhere in what is known of them, the newest first."""
-    from rtstack.cli.log_folder import list_logs as run
+    from console.log_rows import log_row
+    from console.review.search import FilterRefused, Outcome, SortKey, ordered, search
+    from rtstack.cli.tables import print_table
+    from rtstack.log.catalogue import Catalogue
+    from rtstack.log.errors import LogError
 
-    run(folder, " ".join(words or []), kind, outcome, sort, not ascending, json)
+    wanted, key = _one_of(Outcome, outcome, "--outcome"), _one_of(SortKey, sort, "--sort")
+    pairs = [(entry, log_row(entry, None)) for entry in Catalogue(folder).entries()]
+    query = " ".join(words or [])
+    try:
+        rows = search([pair for pair in pairs if kind in ("", pair[1].kind)], query, wanted)
+    except FilterRefused as error:
+        raise LogError(str(error)) from None
+    rows = ordered(rows, key, not ascending)
+    if json:
+        typer.echo(dumps({"logs": [asdict(row) for row in rows]}))
+        return
+    columns = ("when", "name", "kind", "controller", "object", "y, mm", "outcome", "verdict", "force", "lift, mm", "MB")
+    print_table(columns, map(_cells, rows), "no log matches" if query or kind else f"no logs in {folder}")
 
 
 @commands.command("show")
 def logs_show(log: Annotated[Path, typer.Argument(metavar="LOG.mcap")], json: Json = False) -> None:
     """Say what was set for a log, what came out, and which topics it has."""
-    from rtstack.cli.log_folder import show as run
+    from console.review.difference import settings
+    from rtstack.log.reader import read_log
 
-    run(log, json)
+    found = read_log(log)
+    counts = {topic: found.count(topic) for topic in found.topics}
+    known = {"result": dict(found.metadata.get("result", {})), "settings": settings(found), "topics": counts}
+    if json:
+        typer.echo(dumps({"path": str(log), "duration_s": found.duration_s, "complete": found.complete, **known}))
+        return
+    typer.echo(f"{log}: {found.duration_s:.3f} s")
+    for title, values in known.items():
+        typer.echo(title)
+        for name, value in values.items():
+            typer.echo(f"  {name.removeprefix('trial.'):<44} {value}")
 
 
 @commands.command("compare")
@@ -44,9 +80,24 @@ def logs_compare(
     logs: Annotated[list[Path], typer.Argument(metavar="LOG.mcap LOG.mcap...")], json: Json = False
 ) -> None:
     """Say what was set differently for logs, and what came out of each."""
-    from rtstack.cli.log_folder import compare as run
+    from console.review.difference import differences
+    from rtstack.cli.tables import print_table
+    from rtstack.log.errors import LogError
+    from rtstack.log.reader import read_log
 
-    run(logs, json)
+    if len(logs) < 2:
+        raise LogError("give two logs at least: they are compared with each other")
+    found = [read_log(path) for path in logs]
+    rows = differences(found)
+    results = [(name, [log.metadata.get("result", {}).get(name) for log in found]) for name in _RESULTS]
+    if json:
+        typer.echo(dumps({"logs": list(map(str, logs)), "settings": dict(rows), "result": dict(results)}))
+        return
+    head = ("", *(log.path.name for log in found))
+    told = [(name, values) for name, values in results if any(value is not None for value in values)]
+    print_table(head, ((name, *map(_said, values)) for name, values in told), "no results")
+    settings = ((key.removeprefix("trial."), *map(_said, values)) for key, values in rows)
+    print_table(("set differently", *head[1:]), settings, "nothing was set differently")
 
 
 @commands.command("reviewed")
@@ -101,3 +152,30 @@ def logs_prune(
             "reviewed, or accepted as references: review them (rtstack logs reviewed), or give them more room", err=True
         )  # fmt: skip
         raise typer.Exit(FAILED)
+
+
+def _cells(row: "LogRow") -> tuple[str, ...]:
+    when = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(row.when))
+    words = (row.controller, row.object, _number(row.displacement_mm, 0), row.outcome, row.verdict)
+    numbers = (_number(row.average_force_norm, 1), _number(row.max_lift_mm, 0), f"{row.size_bytes / 1e6:.1f}")
+    return when, row.name, row.kind, *(word or "" for word in words), *numbers
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "" if value is None else f"{value:.{digits}f}"
+
+
+def _said(value: str | None) -> str:
+    try:
+        return f"{float(value or ''):.4g}"
+    except ValueError:
+        return _NOT_SET if value is None else value
+
+
+def _one_of(kind: type[Choice], word: str, option: str) -> Choice:
+    try:
+        return kind(word)
+    except ValueError:
+        from rtstack.log.errors import LogError
+
+        raise LogError(f"{option} {word}: choose one of {', '.join(kind)}") from None

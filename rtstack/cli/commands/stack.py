@@ -72,8 +72,8 @@ def robot(
     profile: Profile = None,
 ) -> None:
     """Run the robot process alone, as a service does: cell, loop and logs; disarmed, until an operator arms."""
-    from rtstack.cli.service import robot as run
     from rtstack.cli.stack import chosen_kind
+    from rtstack.cli.stack import robot as run
 
     run(run_folder, logs, cell_file or cell, chosen_kind(cell_kind, left, right, profile))
 
@@ -91,8 +91,8 @@ def console(
     profile: Profile = None,
 ) -> None:
     """Run the console alone, beside `rtstack robot`, with the same options."""
-    from rtstack.cli.service import console as run
     from rtstack.cli.stack import chosen_kind
+    from rtstack.cli.stack import console as run
 
     run(run_folder, port, logs, cell_file or cell, chosen_kind(cell_kind, left, right, profile))
 
