@@ -1,11 +1,12 @@
 """The object tracker (motion capture): where the object is, as the tracker saw it."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.clock_relation import ClockRelation
 from hal.record import POSITION, QUATERNION, Field, record_of
 
 OBJECT_POSE_FIELDS = (
@@ -43,6 +44,54 @@ class ObjectTracker(Protocol):
     def latest(self) -> ObjectPose:
         """Return the newest pose without blocking. It belongs to the tracker and is overwritten by the next call."""
         ...
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerFrames:
+    """Where a tracker and what it sees stand. m, unit quaternions wxyz.
+
+    up: the tracker's vertical axis; with y, its x is kept and its z points to where y would (Motive streams so).
+    position, orientation_wxyz: of the tracker's frame, then with z up, in the world. object_position,
+    object_orientation_wxyz: of the object's frame in that of the rigid body that the tracker follows.
+    """
+
+    up: Literal["y", "z"] = "z"
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    orientation_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    object_position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    object_orientation_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerTimes:
+    """What a tracker's times mean.
+
+    clock: "robot", the robot's time; "own", ns of any clock that runs evenly; "arrival", none. latency_ms: from the
+    exposure to the arrival of its least delayed messages, for the last two. largest_age_ms: an object that was seen
+    longer ago counts as not seen; never, by inf.
+    """
+
+    clock: Literal["robot", "own", "arrival"] = "robot"
+    latency_ms: float = 0.0
+    largest_age_ms: float = float("inf")
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerRequest:
+    """What a tracker is opened with: [tracker] of a cell's file.
+
+    host, port: its address. body: the tracker's number of the object's rigid body, None where it knows one only.
+    multicast: the group to which the tracker sends, "" for none. robot_clock: of the robot's time (a) and the host's
+    time.monotonic_ns (b); it becomes known with the arms' first states.
+    """
+
+    host: str
+    port: int
+    frames: TrackerFrames
+    times: TrackerTimes
+    robot_clock: ClockRelation
+    body: int | None = None
+    multicast: str = ""
 
 
 class ClosableTracker(ObjectTracker, Protocol):

@@ -1,20 +1,97 @@
-"""Object poses over UDP: one datagram is one record of hal.tracker.OBJECT_POSE, little-endian, robot's time."""
+"""Object poses over UDP: one datagram is one record of hal.tracker.OBJECT_POSE, little-endian.
+
+A tracker's poses are in its own frame and have times of its own clock, as the cell's file says: here they become the
+world's and the robot's.
+"""
 
 import contextlib
+import math
 import socket
+import time
+from collections.abc import Callable
 
 import numpy as np
 
-from hal.tracker import OBJECT_POSE, ObjectPose
+from hal.clock_relation import ClockRelation
+from hal.compilation import bound, compiled
+from hal.tracker import OBJECT_POSE, ObjectPose, TrackerFrames, TrackerRequest, TrackerTimes
 
 DATAGRAM = OBJECT_POSE.newbyteorder("<")
+_UNIT_TOLERANCE = 1e-2  # of a quaternion's norm: float32 and rounding, no more
+_FAR_M = 100.0  # no laboratory is larger
+_UP_Y = (math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0)  # turns y up to z up, about x
+
+
+@compiled
+def _product(p, q, out):
+    """Write the quaternion p q. wxyz."""
+    out[0] = p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3]
+    out[1] = p[0] * q[1] + p[1] * q[0] + p[2] * q[3] - p[3] * q[2]
+    out[2] = p[0] * q[2] - p[1] * q[3] + p[2] * q[0] + p[3] * q[1]
+    out[3] = p[0] * q[3] + p[1] * q[2] - p[2] * q[1] + p[3] * q[0]
+
+
+@compiled
+def _turned(q, v, out):
+    """Write v (3,) turned by the unit quaternion q: v + 2 w (u x v) + 2 u x (u x v)."""
+    w, x, y, z = q[0], q[1], q[2], q[3]
+    cx, cy, cz = y * v[2] - z * v[1], z * v[0] - x * v[2], x * v[1] - y * v[0]
+    out[0] = v[0] + 2.0 * (w * cx + y * cz - z * cy)
+    out[1] = v[1] + 2.0 * (w * cy + z * cx - x * cz)
+    out[2] = v[2] + 2.0 * (w * cz + x * cy - y * cx)
+
+
+@compiled
+def _place(datagram, seen, world, world_p, thing, thing_p, plain, q, v):
+    """Write the object's pose in the world into seen, False for a datagram that is no pose.
+
+    world, world_p: of the tracker's frame in the world; thing, thing_p: of the object in the body; plain: both are
+    none. q (4,), v (3,): to work with.
+    """
+    d, record = datagram[0], seen[0]
+    squares = 0.0
+    for i in range(4):
+        squares += d.orientation_wxyz[i] ** 2
+    if not abs(math.sqrt(squares) - 1.0) <= _UNIT_TOLERANCE:
+        return False
+    for i in range(3):
+        if not abs(d.position[i]) <= _FAR_M:
+            return False
+    if plain:
+        for i in range(3):
+            record.position[i] = d.position[i]
+        for i in range(4):
+            record.orientation_wxyz[i] = d.orientation_wxyz[i]
+    else:
+        norm = math.sqrt(squares)
+        for i in range(4):
+            d.orientation_wxyz[i] /= norm
+        _turned(d.orientation_wxyz, thing_p, v)
+        for i in range(3):
+            d.position[i] += v[i]
+        _turned(world, d.position, v)
+        for i in range(3):
+            record.position[i] = world_p[i] + v[i]
+        _product(world, d.orientation_wxyz, q)
+        _product(q, thing, record.orientation_wxyz)
+    record.seen = d.seen
+    return True
 
 
 class TrackerLink:
     """An ObjectTracker that listens at a loopback or network address. `address` is where to send."""
 
-    def __init__(self, host: str = "127.0.0.1", port: int = 0) -> None:
-        """Listen; port 0 takes a free one. Raises OSError."""
+    def __init__(
+        self,
+        host: str = "127.0.0.1",
+        port: int = 0,
+        frames: TrackerFrames | None = None,
+        times: TrackerTimes | None = None,
+        robot_clock: ClockRelation | None = None,
+    ) -> None:
+        """Listen; port 0 takes a free one. robot_clock: see hal.tracker.TrackerRequest; None: the datagrams have the
+        robot's time, and none of them is too old. Raises OSError."""
+        self._frames, self._times, self._robot = frames or TrackerFrames(), times or TrackerTimes(), robot_clock
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         try:
@@ -23,20 +100,84 @@ class TrackerLink:
             self._socket.close()
             raise
         self.address: tuple[str, int] = self._socket.getsockname()
+        self.tracker_clock = ClockRelation()  # of the tracker's own clock (a) and the host's (b)
+        self._latency_ns = round(1e6 * self._times.latency_ms)
         self._seen, self._given = ObjectPose.empty(), ObjectPose.empty()
-        self._datagram = np.zeros(1, DATAGRAM)
+        self._datagram = np.zeros(1, OBJECT_POSE)
         self._overlong = bytearray(DATAGRAM.itemsize + 1)
+        self._place = self._placer()
+
+    def _placer(self) -> Callable[[], bool]:
+        frames = self._frames
+        world = np.array(frames.orientation_wxyz) / np.linalg.norm(frames.orientation_wxyz)
+        if frames.up == "y":
+            turned = np.zeros(4)
+            _product(world, np.array(_UP_Y), turned)
+            world = turned
+        thing = np.array(frames.object_orientation_wxyz) / np.linalg.norm(frames.object_orientation_wxyz)
+        return bound(
+            _place, self._datagram, self._seen.record, world, np.array(frames.position), thing,
+            np.array(frames.object_position), frames == TrackerFrames(), np.zeros(4), np.zeros(3),
+        )  # fmt: skip
 
     def latest(self) -> ObjectPose:
-        """Return the newest pose that has arrived, without blocking. Datagrams of another size are ignored."""
+        """Return the newest pose that has arrived, without blocking. A datagram that is no pose is ignored."""
         with contextlib.suppress(BlockingIOError):
             while True:
                 if self._socket.recv_into(self._overlong) == DATAGRAM.itemsize:
-                    self._datagram.view(np.uint8)[:] = self._overlong[:-1]
-                    self._seen.record[:] = self._datagram
-        self._given.record[:] = self._seen.record
+                    self._datagram.view(DATAGRAM).view(np.uint8)[:] = self._overlong[:-1]
+                    self._take()
+        given = self._given.record
+        given[:] = self._seen.record
+        if self._is_old():
+            given["seen"] = 0
         return self._given
+
+    def _take(self) -> None:
+        robot, t_ns = self._robot, int(self._datagram["t_ns"][0])
+        now_ns = time.monotonic_ns()
+        if self._times.clock != "robot" and (robot is None or not robot.known):
+            return  # no state of an arm has come yet, and no trial runs
+        if not self._place():
+            return
+        if robot is not None and self._times.clock != "robot":
+            if self._times.clock == "own":
+                self.tracker_clock.update(t_ns, now_ns)
+                now_ns = self.tracker_clock.b_of(t_ns)
+            t_ns = robot.a_of(now_ns - self._latency_ns)
+        self._seen.record["t_ns"] = t_ns
+
+    def _is_old(self) -> bool:
+        """Whether the object was seen too long ago."""
+        if self._robot is None or not self._robot.known or not math.isfinite(self._times.largest_age_ms):
+            return False
+        age_ns = self._robot.a_of(time.monotonic_ns()) - int(self._given.record["t_ns"][0])
+        return age_ns > 1e6 * self._times.largest_age_ms
 
     def close(self) -> None:
         """Stop listening."""
         self._socket.close()
+
+
+def open_link(request: TrackerRequest) -> TrackerLink:
+    """Listen at a tracker's address for datagrams. Raises OSError."""
+    return TrackerLink(request.host, request.port, request.frames, request.times, request.robot_clock)
+
+
+class NoTracker:
+    """An ObjectTracker without a camera: the object is never seen."""
+
+    def __init__(self) -> None:
+        self._pose = ObjectPose.empty()
+
+    def latest(self) -> ObjectPose:
+        """Return a pose with seen = 0."""
+        return self._pose
+
+    def close(self) -> None:
+        """Do nothing: nothing was opened."""
+
+
+def open_none(_request: TrackerRequest) -> NoTracker:
+    """Return the tracker of a cell that has none."""
+    return NoTracker()

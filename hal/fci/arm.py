@@ -157,6 +157,11 @@ class FciArm:
         if finished:
             self._control = None
 
+    @property
+    def t_ns(self) -> int:
+        """Robot's time of the state that was read last, ns."""
+        return self._state.t_ns
+
     def read(self) -> ArmState:
         """Block until the next state. See hal.arm.Arm.
 

@@ -1,25 +1,28 @@
 """Robots at two addresses over the Franka Control Interface, and the tracker that watches their object."""
 
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import cast
 
-from hal.cell import Cell
+from hal.cell import LEFT, Cell
+from hal.clock_relation import ClockRelation
 from hal.collisions import CollisionBehaviour
 from hal.errors import HardwareError
 from hal.extensions import ExtensionError, ExtensionPoint
 from hal.fci import FciPair, Tool, ask_for_urdf, limits_in, open_pair
 from hal.limits import OwnLimits
-from hal.tracker import ClosableTracker
+from hal.tracker import ClosableTracker, TrackerRequest
 from rtstack.cells.kinds import CellKind, CellRequest
 from rtstack.cells.metal import check_boxes, check_real_cell, on_this_machine
-from rtstack.model.cell_description import CellDescription, TrackerAddress
+from rtstack.model.cell_description import CellDescription, TrackerDescription
 from rtstack.safety.limits import ForcePhase
 from rtstack.trials.errors import TrialError
 from rtstack.trials.tightening import difference_of_limits, limits_of_arms
 
-# each a callable (host: str, port: int) -> ClosableTracker, with [tracker] address of the cell's file
-TRACKERS = ExtensionPoint[Callable[[str, int], ClosableTracker]]("rtstack.trackers", "tracker", cast(type, Callable))
+TRACKERS = ExtensionPoint[Callable[[TrackerRequest], ClosableTracker]](
+    "rtstack.trackers", "tracker", cast(type, Callable)
+)
 
 
 def fci_addresses(kind: str) -> tuple[str, str]:
@@ -60,7 +63,8 @@ def _open(request: CellRequest) -> Cell:
     left, right = fci_addresses(request.kind)
     check_real_cell((left, right), request.description, request.cell_file)
     check_boxes(request.description)
-    tracker = _listen(request.description.tracker)
+    robot_clock = ClockRelation()
+    tracker = _listen(request.description.tracker, request.object_name, robot_clock)
     own, said = _own_limits((left, right))
     try:
         real = request.description.enforce_realtime and not (on_this_machine(left) and on_this_machine(right))
@@ -72,8 +76,8 @@ def _open(request: CellRequest) -> Cell:
         tracker.close()
         raise
     return Cell(
-        request.kind, pair.left, pair.right, tracker, _TrackedLink(pair, tracker), own_clocks=True, own_limits=own,
-        warning=said or difference_of_limits(request.description, own),
+        request.kind, pair.left, pair.right, tracker, _TrackedLink(pair, tracker, robot_clock), own_clocks=True,
+        own_limits=own, warning=said or difference_of_limits(request.description, own),
     )  # fmt: skip
 
 
@@ -87,18 +91,20 @@ def _own_limits(addresses: tuple[str, str]) -> tuple[tuple[OwnLimits, OwnLimits]
     return (left, right), ""
 
 
-def _tracker(tracker: TrackerAddress) -> Callable[[str, int], ClosableTracker]:
+def _tracker(tracker: TrackerDescription) -> Callable[[TrackerRequest], ClosableTracker]:
     try:
         return TRACKERS.load(tracker.kind)
     except ExtensionError as error:
         raise TrialError(f"{error}; see [tracker] kind in the cell's file") from None
 
 
-def _listen(tracker: TrackerAddress) -> ClosableTracker:
-    """Listen for the object's poses. Raises HardwareError with one line, TrialError for an unknown tracker."""
+def _listen(tracker: TrackerDescription, object_name: str, robot_clock: ClockRelation) -> ClosableTracker:
+    """Listen for the object's poses. Raises HardwareError with one line, TrialError for an unknown tracker or body."""
     factory = _tracker(tracker)
     try:
-        return factory(*tracker.listener)
+        return factory(tracker.request(object_name, robot_clock))
+    except ValueError as error:
+        raise TrialError(f"the tracker of the cell's file: {error}") from None
     except (OSError, OverflowError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise HardwareError(
@@ -108,14 +114,27 @@ def _listen(tracker: TrackerAddress) -> ClosableTracker:
 
 
 class _TrackedLink:
-    """Both arms at their addresses, and the tracker that is listened to."""
+    """Both arms at their addresses, the tracker that is listened to, and how the robot's time is the host's: that of
+    the left arm, whose states are the beat."""
 
-    def __init__(self, pair: FciPair, tracker: ClosableTracker) -> None:
+    def __init__(self, pair: FciPair, tracker: ClosableTracker, robot_clock: ClockRelation) -> None:
         self._pair = pair
         self._tracker = tracker
-        self.start, self.wait, self.move = pair.start, pair.wait, pair.move
+        self._clock, self._arrived_ns, self._t_ns = robot_clock, 0, 0
+        self.start, self.move = pair.start, pair.move
         self.stop, self.recover = pair.stop, pair.recover
         self.set_collisions = pair.set_collisions
+
+    def wait(self) -> int:
+        """See hal.cell.ArmLink. The state that was waited for before has been read by now."""
+        t_ns = self._pair.left.t_ns
+        if t_ns != self._t_ns:
+            self._clock.update(t_ns, self._arrived_ns)
+            self._t_ns = t_ns
+        mask = self._pair.wait()
+        if mask & LEFT:
+            self._arrived_ns = time.monotonic_ns()
+        return mask
 
     def close(self) -> None:
         """Disconnect, and stop listening."""

@@ -1,25 +1,40 @@
 """What a lab knows about its cell: where the arms stand, what they carry, where a trial starts."""
 
 import datetime
+import math
 import re
 from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import AfterValidator, Field
 from pydantic.dataclasses import dataclass as checked
 
+from hal.clock_relation import ClockRelation
 from hal.configuration import STRICT, ConfigurationError, NotNegative, Positive, load_toml, place_of
 from hal.robots import DEFAULT, RobotModel, reference_in, robot
+from hal.tracker import TrackerFrames, TrackerRequest, TrackerTimes
 from rtstack.model.rotation import rotation_from_quaternion
 from rtstack.safety.body import Base, Tool
 from rtstack.safety.limits import hardware_limits
 from rtstack.samples import Reaction
 
+_UNIT_TOLERANCE = 1e-2  # four rounded digits
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Vector = tuple[Number, Number, Number]
+
+
+def _unit(q: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    if abs(math.hypot(*q) - 1.0) > _UNIT_TOLERANCE:
+        raise ValueError(f"a unit quaternion wxyz is expected, not one of norm {math.hypot(*q):.3g}")
+    return q
+
+
+Quaternion = Annotated[tuple[Number, Number, Number, Number], AfterValidator(_unit)]
 Friction = Annotated[float, Field(gt=0.0, le=2.0, allow_inf_nan=False)]
 # at most twice the paper's, N/m and Nm/rad: an untested gain is not accepted for real arms
 Stiffness = Annotated[float, Field(ge=0.0, le=4000.0, allow_inf_nan=False)]
@@ -92,22 +107,51 @@ class ObjectDescription:
 
 
 @checked(frozen=True, slots=True, config=STRICT)
-class TrackerAddress:
-    """Where the object's poses arrive. kind: a name of rtstack.trackers; udp: at HOST:PORT, as datagrams
-    (hal.tracker_link).
+class TrackedBody:
+    """What a tracker follows of an object. id: its number of the rigid body. position m, orientation_wxyz: of the
+    object's frame in the body's."""
 
+    id: Annotated[int, Field(ge=0, lt=2**31)]
+    position: Vector = (0.0, 0.0, 0.0)
+    orientation_wxyz: Quaternion = (1.0, 0.0, 0.0, 0.0)
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class TrackerDescription:
+    """Where the object's poses come from, in which frame and with which times: see hal.tracker.
+
+    kind: a name of rtstack.trackers. udp: datagrams (hal.tracker_link) that are sent to HOST:PORT; natnet: Motive at
+    HOST:PORT; none: nothing sees the object. clock: of the poses' times, udp alone; position, orientation_wxyz: of the
+    tracker's frame in the world. bodies: by the objects' names.
     place_tolerance_m: an object that is seen further from its place than this is put back before a trial.
     """
 
     kind: str = "udp"
     address: Annotated[str, Field(pattern=r"^[^\s:]+:\d{1,5}$")] = "127.0.0.1:1341"
     place_tolerance_m: Annotated[float, Field(gt=0.0, le=1.0, allow_inf_nan=False)] = 0.06
+    clock: Literal["robot", "own", "arrival"] = "robot"
+    latency_ms: Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False)] = 0.0
+    largest_age_ms: Annotated[float, Field(gt=0.0)] = math.inf
+    multicast: Annotated[str, Field(pattern=r"^(\d{1,3}(\.\d{1,3}){3})?$")] = ""
+    up: Literal["y", "z"] = "z"
+    position: Vector = (0.0, 0.0, 0.0)
+    orientation_wxyz: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    bodies: dict[str, TrackedBody] = field(default_factory=dict)
 
-    @property
-    def listener(self) -> tuple[str, int]:
-        """Return host and port."""
+    def request(self, object_name: str, robot_clock: ClockRelation) -> TrackerRequest:
+        """Return what the tracker is opened with; see hal.tracker.TrackerRequest. Raises ValueError for an object that
+        is not among the bodies, where there are any."""
         host, _, port = self.address.rpartition(":")
-        return host, int(port)
+        body = self.bodies.get(object_name)
+        if self.bodies and object_name and body is None:
+            raise ValueError(f"[tracker.bodies] has no {object_name}; it has {', '.join(self.bodies)}")
+        thing = body or TrackedBody(0)
+        return TrackerRequest(
+            host, int(port),
+            TrackerFrames(self.up, self.position, self.orientation_wxyz, thing.position, thing.orientation_wxyz),
+            TrackerTimes("own" if self.kind == "natnet" else self.clock, self.latency_ms, self.largest_age_ms),
+            robot_clock, None if body is None else body.id, self.multicast,
+        )  # fmt: skip
 
 
 @checked(frozen=True, slots=True, config=STRICT)
@@ -182,7 +226,7 @@ class CellDescription:
     pad: Pad
     table: Table
     objects: Annotated[dict[str, ObjectDescription], Field(min_length=1)]
-    tracker: TrackerAddress = field(default_factory=TrackerAddress)
+    tracker: TrackerDescription = field(default_factory=TrackerDescription)
     start_motion: StartMotionLimits = field(default_factory=StartMotionLimits)
     torque_filter: TorqueFilter = field(default_factory=TorqueFilter)
     contact_friction: ContactFriction = field(default_factory=ContactFriction)

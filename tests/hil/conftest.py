@@ -21,7 +21,7 @@ from hal.cell import Cell
 from hal.fci import Tool
 from hal.tracker_link import TrackerLink
 from rtstack.cells import default_cell_file, open_cell
-from rtstack.model.cell_description import CellDescription, TrackerAddress, load_cell_description
+from rtstack.model.cell_description import CellDescription, TrackerDescription, load_cell_description
 from tests.support.hil.report import Entry, write_report
 from tests.support.hil.robot import Robot
 
@@ -59,7 +59,7 @@ def robot(request: pytest.FixtureRequest) -> Iterator[Robot]:
     at, marks = request.config.getoption("cell", None), bool(request.config.getoption("marks", False))
     if at is not None:
         left, right = at.split(",")
-        yield Robot(left, right, False, marks, TrackerAddress().address)
+        yield Robot(left, right, False, marks, TrackerDescription().address)
         return
     left, right, tracker = _addresses()
     command = [BIN / "rtstack", "sim", "--lockstep", "--left", left, "--right", right, "--tracker", tracker]

@@ -1,0 +1,62 @@
+"""Two clocks, and messages between them that are late."""
+
+import numpy as np
+import pytest
+
+from hal.clock_relation import ClockRelation
+
+LEAST_NS = 1_500_000  # the delay that no estimator can see
+
+
+def told(relation, rng, *, start_s, end_s, hz, offset_ns, ppm=0.0, jitter_ms=0.0, loss=0.0, origin_ns=0):
+    """Send messages: clock b is offset + (1 + ppm) a; they arrive after the least delay and a random one."""
+    for a_ns in range(origin_ns + round(start_s * 1e9), origin_ns + round(end_s * 1e9), round(1e9 / hz)):
+        if rng.random() >= loss:
+            b_ns = offset_ns + round((1.0 + 1e-6 * ppm) * a_ns) + LEAST_NS + round(1e6 * jitter_ms * rng.random())
+            relation.update(a_ns, b_ns)
+
+
+@pytest.mark.parametrize("ppm", [-50.0, 0.0, 50.0])
+@pytest.mark.parametrize(("hz", "jitter_ms"), [(1000, 1.0), (240, 20.0), (100, 20.0)])
+def test_offset_and_drift_are_found_under_jitter_and_loss(ppm, hz, jitter_ms):
+    relation, rng = ClockRelation(), np.random.default_rng(hz)
+    offset_ns = 1_700_000_000_000_000_000
+    told(relation, rng, start_s=0, end_s=30, hz=hz, offset_ns=offset_ns, ppm=ppm, jitter_ms=jitter_ms, loss=0.05)
+    # of n uniform delays the least is 1/(n+1) of the jitter on average; a block has hz/2
+    share = jitter_ms * 1e6 / (0.95 * hz / 2)
+    for a_s in (15.0, 30.0):
+        truth_ns = offset_ns + round((1.0 + 1e-6 * ppm) * a_s * 1e9) + LEAST_NS
+        assert abs(relation.b_of(round(a_s * 1e9)) - truth_ns) < 4.0 * share + 5e4
+        assert abs(relation.a_of(truth_ns) - a_s * 1e9) < 4.0 * share + 5e4
+    assert relation.resets == 0
+    assert relation.drift_ppm == pytest.approx(ppm, abs=4e-3 * share / 20.0 + 5.0)
+    assert relation.rms_ns < 3.0 * share + 1e4
+
+
+def test_the_first_message_is_a_relation_already():
+    relation = ClockRelation()
+    assert not relation.known
+    relation.update(5_000_000, 8_000_000)
+    assert relation.known
+    assert (relation.b_of(6_000_000), relation.a_of(9_000_000)) == (9_000_000, 6_000_000)
+
+
+@pytest.mark.parametrize("step_ms", [-3600e3, -40.0, -10.0, 10.0, 40.0, 3600e3])
+def test_a_step_of_a_clock_is_followed(step_ms):
+    relation, rng = ClockRelation(), np.random.default_rng(3)
+    told(relation, rng, start_s=0, end_s=20, hz=240, offset_ns=0, jitter_ms=5.0)
+    told(relation, rng, start_s=20, end_s=24, hz=240, offset_ns=round(step_ms * 1e6), jitter_ms=5.0)
+    truth_ns = 24_000_000_000 + round(step_ms * 1e6) + LEAST_NS
+    assert relation.resets == 1
+    assert abs(relation.b_of(24_000_000_000) - truth_ns) < 2e6
+
+
+def test_messages_that_were_held_up_change_nothing():
+    relation, rng = ClockRelation(), np.random.default_rng(4)
+    told(relation, rng, start_s=0, end_s=10, hz=240, offset_ns=0, jitter_ms=2.0)
+    before = relation.b_of(10_000_000_000)
+    for k in range(4):
+        relation.update(10_000_000_000 + k, 10_800_000_000)
+    told(relation, rng, start_s=10, end_s=12, hz=240, offset_ns=0, jitter_ms=2.0)
+    assert relation.resets == 0
+    assert abs(relation.b_of(10_000_000_000) - before) < 1e5

@@ -1,0 +1,123 @@
+"""NatNet 3 and 4: frames taken apart, and a tracker that follows a body over the wire."""
+
+import math
+import struct
+import time
+
+import numpy as np
+import pytest
+
+from hal.clock_relation import ClockRelation
+from hal.natnet import NatNetError, NatNetTracker, frame_of, version_in
+from hal.tracker import TrackerFrames, TrackerRequest, TrackerTimes
+from tests.support.trackers.motive import Motive, frame, server_info
+
+VERSIONS = [(3, 0), (3, 1), (4, 0), (4, 1), (4, 2)]
+BODIES = [
+    (3, (0.1, 0.2, 0.3), (0.0, 0.0, 0.0, 1.0), True),
+    (4, (0.4, 0.5, 0.6), (0.5, 0.5, 0.5, 0.5), True),
+    (5, (0.7, 0.8, 0.9), (0.0, 0.0, 0.0, 1.0), False),
+]
+# a frame of NatNet 4.1 with one body, byte by byte: nothing of it is made by a program of ours
+BY_HAND = bytes.fromhex(
+    "0700 8600 01000000"  # frame of data, 134 bytes, number 1
+    "00000000 00000000 00000000 00000000"  # no marker sets, no markers without a name: each a count and a size
+    "01000000 26000000"  # one body, 38 bytes
+    "2a000000 0000803f 00000040 00004040"  # 42 at (1, 2, 3)
+    "00000000 00000000 00000000 0000803f 0000003f 0100"  # not turned, error 0.5, tracked
+    "00000000 00000000 00000000 00000000 00000000 00000000"  # skeletons, assets, labeled markers
+    "00000000 00000000 00000000 00000000"  # force plates, devices
+    "00000000 00000000 000000000000f83f"  # time code; 1.5 s
+    "00000000 00000000 00000000 00000000 00000000 00000000"  # three times of a fine clock
+    "00000000 00000000 0000 00000000"
+)
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_the_bodies_that_are_tracked_are_found_among_all_that_a_frame_has(version):
+    stamp_s, bodies = frame_of(frame(version, 1, 12.5, BODIES), version)
+    assert stamp_s == 12.5
+    assert bodies.keys() == {3, 4}
+    for number, position, xyzw, _ in BODIES[:2]:
+        assert np.allclose(bodies[number], (*position, *xyzw), atol=1e-7)
+
+
+def test_a_frame_that_was_written_by_hand_is_read():
+    assert frame_of(BY_HAND, (4, 1)) == (1.5, {42: (1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0)})
+
+
+def test_a_server_tells_its_version():
+    assert version_in(server_info((4, 1))) == (4, 1)
+    with pytest.raises(NatNetError, match=r"2\.10"):
+        version_in(server_info((2, 10)))
+
+
+@pytest.mark.parametrize("version", [(3, 1), (4, 1)])
+def test_what_is_no_frame_is_refused_and_nothing_else_happens(version):
+    rng, whole = np.random.default_rng(5), frame(version, 1, 12.5, BODIES)
+    refused = 0
+    for length in range(8, len(whole) - 38):
+        with pytest.raises(NatNetError):
+            frame_of(whole[:length], version)
+    for _ in range(3000):
+        message = bytearray(whole)
+        for place in rng.integers(8, len(whole), 4):
+            message[place] = rng.integers(256)
+        try:
+            frame_of(bytes(message), version)
+        except NatNetError:
+            refused += 1
+    assert refused > 100
+
+
+@pytest.mark.parametrize("version", [(3, 1), (4, 1)])
+def test_a_body_is_followed_in_the_world_and_in_the_robots_time(version):
+    robot_clock = ClockRelation()
+    offset_ns = 77_000_000_000  # of the robot's time to the host's
+
+    def robot_ns():
+        return time.monotonic_ns() - offset_ns
+
+    half = math.sqrt(0.5)
+    frames = TrackerFrames("y", (1.0, 2.0, 0.5), (half, 0.0, 0.0, half), (0.0, 0.1, 0.0))
+    times = TrackerTimes("own", latency_ms=4.0, largest_age_ms=200.0)
+    motive = Motive(version)
+    tracker = NatNetTracker(TrackerRequest(*motive.address, frames, times, robot_clock, body=42))
+    try:
+        motive.wait_for_client()
+        assert tracker.latest().record["seen"][0] == 0
+        robot_clock.update(robot_ns(), time.monotonic_ns())
+        end_s = time.monotonic() + 60.0
+        sent, seen, errors_ms = 0, None, []
+        while len(errors_ms) < 100:
+            assert time.monotonic() < end_s
+            exposed_ns, sent = robot_ns(), sent + 1
+            time.sleep(4e-3)
+            stamp_s = 5000.0 + 1.00005 * 1e-9 * exposed_ns  # a clock of its own, 50 ppm fast
+            # Motive has y up: up by 0.3, 0.2 to the right, and what it calls -z is ahead
+            motive.send(stamp_s, [(42, (0.2, 0.3, 0.0), (0.0, 0.0, 0.0, 1.0), True), BODIES[0]])
+            time.sleep(1e-3)
+            pose = tracker.latest()
+            if pose.record["seen"][0] and pose.t_ns != seen:
+                seen = pose.t_ns
+                errors_ms.append(1e-6 * abs(pose.t_ns - exposed_ns))
+        # (0.2, 0, 0.3) and 0.1 along the body's y, which is up, turned by 90 degrees about z, from (1, 2, 0.5)
+        assert np.allclose(pose.position, (1.0, 2.2, 0.9), atol=1e-6)
+        assert np.allclose(np.abs(pose.orientation_wxyz), 0.5, atol=1e-6)
+        assert np.median(errors_ms) < 5.0
+        motive.send_raw(b"\x07\x00\xff\xff")
+        motive.send_raw(struct.pack("<HH", 7, 0) + bytes(300))
+        motive.send(stamp_s + 1.0, [(42, (9.0, 9.0, 9.0), (0.0, 0.0, 0.0, 1.0), False)])  # occluded
+        motive.send(stamp_s + 1.0, [(42, (9.0, math.nan, 9.0), (0.0, 0.0, 0.0, 1.0), True)])
+        while tracker.latest().record["seen"][0]:
+            assert time.monotonic() < end_s
+            time.sleep(1e-2)
+        assert np.allclose(tracker.latest().position, (1.0, 2.2, 0.9), atol=1e-6)
+    finally:
+        tracker.close()
+        motive.close()
+
+
+def test_without_the_bodys_number_it_is_refused():
+    with pytest.raises(ValueError, match=r"\[tracker\.bodies\.OBJECT\] id"):
+        NatNetTracker(TrackerRequest("127.0.0.1", 1, TrackerFrames(), TrackerTimes(), ClockRelation()))
