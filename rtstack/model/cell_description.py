@@ -24,6 +24,7 @@ from rtstack.safety.limits import hardware_limits
 from rtstack.samples import Reaction
 
 _UNIT_TOLERANCE = 1e-2  # four rounded digits
+NO_TRACKER = "none"  # [tracker] kind of a cell in which nothing sees the object
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Vector = tuple[Number, Number, Number]
 
@@ -268,6 +269,15 @@ def base_frame(mounting: ArmMounting) -> Frame:
     """Return T_world_base of an arm."""
     rotation = rotation_from_quaternion(np.array(mounting.base_orientation_wxyz))
     return Frame(rotation=rotation, translation=np.array(mounting.base_position))
+
+
+def base_poses(description: CellDescription) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return T_world_base (4, 4) of the left and of the right arm."""
+    poses = np.tile(np.eye(4), (2, 1, 1))
+    for T, mounting in zip(poses, (description.left, description.right), strict=True):
+        frame = base_frame(mounting)
+        T[:3, :3], T[:3, 3] = frame.rotation, frame.translation
+    return poses[0], poses[1]
 
 
 def load_cell_description(path: Path) -> CellDescription:

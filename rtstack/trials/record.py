@@ -5,8 +5,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
-import numpy as np
-
 from hal.cell import Cell
 from hal.realtime import obtainable
 from hal.robots import FR3
@@ -16,7 +14,7 @@ from rtstack.log.writer import Attachment, CellFrames, Evidence, LogProcess
 from rtstack.loop.end import End
 from rtstack.loop.history import Columns, History
 from rtstack.loop.watchdogs import WatchdogTrip
-from rtstack.model.cell_description import CellDescription, base_frame
+from rtstack.model.cell_description import CellDescription, base_poses
 from rtstack.references.spreading import ExtendedReference
 from rtstack.samples import SIDES
 from rtstack.trials.controllers import CONTROLLERS
@@ -278,13 +276,7 @@ def logged_urdfs(attachments: Sequence[Attachment]) -> tuple[str, str]:
 
 def frames(description: CellDescription, object_name: str) -> CellFrames:
     """Return where the arms stand and how large pads and object are, for /tf and for who draws the log."""
-    mounts = []
-    for mounting in (description.left, description.right):
-        T = np.eye(4)
-        frame = base_frame(mounting)
-        T[:3, :3] = frame.rotation
-        T[:3, 3] = frame.translation
-        mounts.append(T)
+    mounts = base_poses(description)
     thing = description.objects.get(object_name)
     table = description.table
     return CellFrames(

@@ -27,7 +27,8 @@ class TrialResult(Result):
 
     average_force_norm is the mean of (33) over the 200 ms around the nominal impact time; _linear_n its force part
     alone. peak_torque_ratio and peak_velocity_ratio are the largest |tau_J| and |dq| over their limits. success: the
-    object was held until release and no safety limit was hit. impact_verdict is expected, unexpected or none (not known
+    object was held until release and no safety limit was hit; without a tracker (object_observed is false) that is told
+    from the pads. impact_verdict is expected, unexpected or none (not known
     before the trial ended), None where no monitor judged; impact_reason is the first condition that was not met and
     impact_kind what it probably was; impact_margin is 1 where all was as meant and negative beyond a bound.
     real_time_factor: robot's seconds over the host's, from the first tick to the last, logging included.
@@ -60,6 +61,7 @@ class TrialResult(Result):
     impact_verdict_time_s: float | None = None
     displacement_x_mm: float = 0.0
     yaw_deg: float = 0.0
+    object_observed: bool = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtstack.control.parameters import DetectorParameters
+from rtstack.log.derived import base_pose
 from rtstack.log.reader import Event, Log, read_log
 from rtstack.loop.history import Columns
 from rtstack.references.motion import Motion
+from rtstack.samples import SIDES
 from rtstack.trials.record import logged_urdfs
 from rtstack.trials.scoring import Score, SuccessCriterion, score
 
@@ -61,6 +63,7 @@ def review_log(path: Path) -> Review:
             SuccessCriterion(),
             Motion(trial.get("motion", Motion.GRAB)),
             logged_urdfs(log.attachments),
+            _bases(log) if recorded.get("object_observed") == "false" else None,
         )
     return Review(
         path=Path(path),
@@ -74,6 +77,11 @@ def review_log(path: Path) -> Review:
         events=log.events,
         fault=log.metadata.get("fault"),
     )
+
+
+def _bases(log: Log) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    left, right = (base_pose(log, side) for side in SIDES)
+    return None if left is None or right is None else (left, right)
 
 
 def log_columns(log: Log) -> Columns:

@@ -23,6 +23,9 @@ class SuccessCriterion:
     below the pads' rise since the impact: half a pad's height less a margin, past which the pads' centres leave it.
     A push succeeds when the object has gone `pushed_m` at least, and never `apart_m` more or less than the pad since
     the impact.
+
+    In a cell without a tracker a grab is judged by the pads alone: while they are up, they are never `closer_m` nearer
+    to each other than when they have come up, and both feel `squeeze_n` at least, N, in the mean of 50 ms.
     """
 
     lifted_m: float = 0.06
@@ -30,13 +33,17 @@ class SuccessCriterion:
     release_margin_s: float = 0.05
     pushed_m: float = 0.06
     apart_m: float = 0.02
+    closer_m: float = 0.015
+    squeeze_n: float = 5.0
 
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """What the samples say. See TrialResult for the meaning of each. seen: the tracker saw the object meanwhile."""
+    """What the samples say. See TrialResult for the meaning of each. seen: the tracker saw the object meanwhile.
+    by_pads: no tracker sees it, and `held` is told from the pads."""
 
     seen: bool
+    by_pads: bool
     held: bool
     average_force_norm: float | None
     average_force_norm_linear_n: float | None
@@ -51,15 +58,19 @@ class Score:
     compute_us_p99: float
 
 
+_MEAN_TICKS = 50
 FORCE_WINDOW_S = 0.1  # on each side of the nominal impact time: the 200 ms of the paper's Figure 11
 
 
 def score(
     columns: Columns, start_t_ns: int, nominal_impact_s: float, release_s: float,
     detected_impact_s: float | None, criterion: SuccessCriterion, motion: Motion = Motion.GRAB,
-    urdfs: tuple[str, str] = (FR3.urdf, FR3.urdf),
+    urdfs: tuple[str, str] = (FR3.urdf, FR3.urdf), bases: tuple[Array, Array] | None = None,
 ) -> Score:  # fmt: skip
-    """Score a trial that began at the robot's time start_t_ns. urdfs: of the left and of the right arm."""
+    """Score a trial that began at the robot's time start_t_ns. urdfs: of the left and of the right arm.
+
+    bases: T_world_base (4, 4) of both arms, where the cell has no tracker: what the object did is told from the pads.
+    """
     ratings = np.stack([_ratings(urdf) for urdf in urdfs])
     t_s = (columns.arm[0]["t_ns"] - start_t_ns) * 1e-9
     wrench = columns.control["wrench_desired"]  # (2, n, 6)
@@ -71,11 +82,15 @@ def score(
     followed = _held if motion is Motion.GRAB else _pushed
     end_s = release_s - criterion.release_margin_s
     seen = bool(np.any(columns.object["t_ns"] > start_t_ns))  # what waited in the socket before is no evidence
-    held = False
-    if seen and detected_impact_s is not None and t_s[-1] >= end_s:
-        held = followed(columns, start_t_ns, t_s, detected_impact_s, end_s, criterion)
+    held, by_pads = False, bases is not None and not seen and motion is Motion.GRAB
+    if detected_impact_s is not None and t_s[-1] >= end_s:
+        if by_pads and bases is not None:
+            held = _squeezed(columns, bases, t_s, detected_impact_s, end_s, criterion)
+        elif seen:
+            held = followed(columns, start_t_ns, t_s, detected_impact_s, end_s, criterion)
     return Score(
         seen=seen,
+        by_pads=by_pads,
         held=held,
         average_force_norm=_mean(norm[window]),
         average_force_norm_linear_n=_mean(linear[window]),
@@ -107,15 +122,35 @@ def _max_lift_mm(poses: NDArray) -> float:
     return float(height.max() - np.median(height[: min(20, len(height))])) * 1e3
 
 
+def _risen(columns: Columns, t_s: Array, impact_s: float) -> Array:
+    """How far the pads are above where they were at the impact, m: so that the mounting drops out."""
+    pad_z = columns.arm["O_T_EE"][:, :, 2, 3].mean(axis=0)
+    return pad_z - pad_z[min(int(np.searchsorted(t_s, impact_s)), len(pad_z) - 1)]
+
+
+def _squeezed(
+    columns: Columns, bases: tuple[Array, Array], t_s: Array, impact_s: float, end_s: float, criterion: SuccessCriterion
+) -> bool:
+    """Whether the pads had something between them from the lift to the release."""
+    pads = [
+        arm["O_T_EE"][:, :3, 3] @ base[:3, :3].T + base[:3, 3] for arm, base in zip(columns.arm, bases, strict=True)
+    ]
+    gap = np.linalg.norm(pads[0] - pads[1], axis=1)
+    force = np.linalg.norm(columns.arm["O_F_ext_hat_K"][:, :, :3], axis=2)
+    carried = (t_s > impact_s) & (t_s < end_s) & (_risen(columns, t_s, impact_s) > criterion.lifted_m)
+    if np.count_nonzero(carried) < _MEAN_TICKS:
+        return False
+    means = [np.convolve(side[carried], np.full(_MEAN_TICKS, 1.0 / _MEAN_TICKS), "valid") for side in force]
+    together = gap[carried] > gap[carried][0] - criterion.closer_m
+    return bool(together.all() and np.min(means) >= criterion.squeeze_n)
+
+
 def _held(
     columns: Columns, start_t_ns: int, t_s: Array, impact_s: float, end_s: float, criterion: SuccessCriterion
 ) -> bool:
     """Whether the object followed the pads from the lift to the release, between impact_s and end_s."""
     poses = columns.object
-    # the measured pads, in the base's frame: only their rise counts, so that the mounting drops out
-    pad_z = columns.arm["O_T_EE"][:, :, 2, 3].mean(axis=0)
-    at_impact = np.searchsorted(t_s, impact_s)
-    pad_rise = pad_z - pad_z[min(at_impact, len(pad_z) - 1)]
+    pad_rise = _risen(columns, t_s, impact_s)
     pose_t_s = (poses["t_ns"] - start_t_ns) * 1e-9
     height = poses["position"][:, 2]
     lift = height - np.median(height[: min(20, len(height))])
@@ -150,6 +185,8 @@ def failure_reason(
         return f"{end}: {detail}" if detail else str(end)
     if interventions:
         return f"the safety judge changed {interventions} torques"
+    if values is not None and values.by_pads:
+        return None if values.held else "the pads did not hold the object until release, by their gap and force"
     if values is not None and not values.seen:
         return "the object was never seen: no pose of the tracker arrived; see [tracker] in the cell's file"
     if values is not None and not values.held:

@@ -10,7 +10,7 @@ import numpy as np
 from hal.cell import Cell
 from rtstack.control.watch import FREE_AFTER_S, UNTIL_BEFORE_S
 from rtstack.loop.session import Plan, SessionOutcome
-from rtstack.model.cell_description import CellDescription
+from rtstack.model.cell_description import NO_TRACKER, CellDescription, base_poses
 from rtstack.monitor.pair import PairParameters
 from rtstack.monitor.records import Verdict
 from rtstack.references.motion import Motion
@@ -154,6 +154,7 @@ def run_trial(
             run.history.columns(), outcome.start_t_ns, reference.nominal_impact_s, reference.release_s,
             run.first_impact_s, criterion or SuccessCriterion(), reference.motion,
             (prepared.description.left.robot.urdf, prepared.description.right.robot.urdf),
+            base_poses(prepared.description) if prepared.description.tracker.kind == NO_TRACKER else None,
         )  # fmt: skip
         return run.finished(_result(prepared, cell.name, outcome, values, run))
 
@@ -172,6 +173,7 @@ def _result(prepared: PreparedTrial, cell: str, outcome: SessionOutcome, values:
         displacement_mm=specification.displacement_mm,
         displacement_x_mm=specification.displacement_x_mm,
         yaw_deg=specification.yaw_deg,
+        object_observed=values.seen,
         seed=specification.seed,
         cell=cell,
         nominal_impact_time_s=prepared.reference.nominal_impact_s,

@@ -10,10 +10,10 @@ from hal.cell import Cell
 from hal.errors import CommandRejected, ConnectionLost, RecoveryRefused
 from hal.fci import FciPair, Tool, open_pair
 from hal.state import RobotMode
+from hal.tracker_link import NoTracker
 from rtstack.cells.simulator import Simulator
 from rtstack.live.idle import IdleView
 from rtstack.log.ring import Rings
-from tests.support.nominal_cell import NoTracker
 
 PAD = Tool.pad((0.1, 0.1, 0.03), 0.35, 0.03)
 

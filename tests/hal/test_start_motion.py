@@ -13,10 +13,10 @@ from hal.fci import FciPair, open_pair
 from hal.joint_path import JointSpeed
 from hal.state import RobotMode
 from hal.tracker import ObjectPose
+from hal.tracker_link import NoTracker
 from rtstack.cells.simulator import Simulator
 from rtstack.trials.errors import TrialError
 from rtstack.trials.start_motion import start_motion
-from tests.support.nominal_cell import NoTracker
 
 QUICK = JointSpeed(1.0, 5.0)
 

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-from hal.tracker import ObjectPose
 from sim_robot.cell import SimulatedCell
 from sim_robot.plant import Plant
 from sim_robot.plant_parameters import ZEROS, PlantParameters, load_plant_parameters
@@ -18,14 +17,3 @@ def nominal_cell(object_name: str) -> SimulatedCell:
 def frictionless(parameters: PlantParameters) -> PlantParameters:
     """Return the same plant without joint friction."""
     return replace(parameters, joints=replace(parameters.joints, friction_p1=ZEROS))
-
-
-class NoTracker:
-    """An ObjectTracker without a camera: the object is never seen."""
-
-    def __init__(self) -> None:
-        self._pose = ObjectPose.empty()
-
-    def latest(self) -> ObjectPose:
-        """Return a pose with seen = 0."""
-        return self._pose

@@ -2,10 +2,10 @@
 
 from dataclasses import replace
 
+from hal.tracker_link import NoTracker
 from rtstack.cells import open_cell
 from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
-from tests.support.nominal_cell import NoTracker
 
 
 class Frozen:
