@@ -15,8 +15,8 @@ from typing import Protocol
 
 import numpy as np
 from numba import types
-from numpy.typing import NDArray
 
+from hal.arrays import Array
 from hal.compilation import bound, compiled
 from hal.realtime import beside_realtime
 
@@ -102,7 +102,7 @@ class Held(Protocol):
 
     socket: int
 
-    def last_command(self) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
+    def last_command(self) -> tuple[Array | None, Array | None]:
         """Return the posture and the torque, (7,), of its last command, None for what it is not controlled by; a
         posture of NaN where none was sent yet."""
         ...

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hal.arrays import Array
 from rtstack.control.parameters import DetectorParameters
 from rtstack.log.derived import base_pose
 from rtstack.log.reader import Event, Log, read_log
@@ -79,7 +80,7 @@ def review_log(path: Path) -> Review:
     )
 
 
-def _bases(log: Log) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+def _bases(log: Log) -> tuple[Array, Array] | None:
     left, right = (base_pose(log, side) for side in SIDES)
     return None if left is None or right is None else (left, right)
 
