@@ -18,6 +18,7 @@ from hal.tracker import OBJECT_POSE, ObjectPose, TrackerFrames, TrackerRequest, 
 
 DATAGRAM = OBJECT_POSE.newbyteorder("<")
 _UNIT_TOLERANCE = 1e-2  # of a quaternion's norm: float32 and rounding, no more
+_EARLY_NS, _LATEST_NS = 50_000_000, 2_000_000_000  # of an exposure before its datagram's arrival: what a network may do
 _FAR_M = 100.0  # no laboratory is larger
 _UP_Y = (math.sqrt(0.5), math.sqrt(0.5), 0.0, 0.0)  # turns y up to z up, about x
 
@@ -42,28 +43,38 @@ def _turned(q, v, out):
 
 
 @compiled
-def _place(datagram, seen, world, world_p, thing, thing_p, plain, q, v):
-    """Write the object's pose in the world into seen, False for a datagram that is no pose.
-
-    world, world_p: of the tracker's frame in the world; thing, thing_p: of the object in the body; plain: both are
-    none. q (4,), v (3,): to work with.
-    """
-    d, record = datagram[0], seen[0]
+def _is_pose(datagram):
+    """Whether a datagram is a pose."""
+    d = datagram[0]
     squares = 0.0
     for i in range(4):
         squares += d.orientation_wxyz[i] ** 2
     if not abs(math.sqrt(squares) - 1.0) <= _UNIT_TOLERANCE:
         return False
+    far = False
     for i in range(3):
-        if not abs(d.position[i]) <= _FAR_M:
-            return False
+        far |= not abs(d.position[i]) <= _FAR_M
+    return not far
+
+
+@compiled
+def _place(datagram, seen, world, world_p, thing, thing_p, plain, q, v):
+    """Write the object's pose in the world into seen.
+
+    world, world_p: of the tracker's frame in the world; thing, thing_p: of the object in the body; plain: both are
+    none. q (4,), v (3,): to work with.
+    """
+    d, record = datagram[0], seen[0]
     if plain:
         for i in range(3):
             record.position[i] = d.position[i]
         for i in range(4):
             record.orientation_wxyz[i] = d.orientation_wxyz[i]
     else:
-        norm = math.sqrt(squares)
+        norm = 0.0
+        for i in range(4):
+            norm += d.orientation_wxyz[i] ** 2
+        norm = math.sqrt(norm)
         for i in range(4):
             d.orientation_wxyz[i] /= norm
         _turned(d.orientation_wxyz, thing_p, v)
@@ -75,7 +86,6 @@ def _place(datagram, seen, world, world_p, thing, thing_p, plain, q, v):
         _product(world, d.orientation_wxyz, q)
         _product(q, thing, record.orientation_wxyz)
     record.seen = d.seen
-    return True
 
 
 class TrackerLink:
@@ -101,13 +111,17 @@ class TrackerLink:
             raise
         self.address: tuple[str, int] = self._socket.getsockname()
         self.tracker_clock = ClockRelation()  # of the tracker's own clock (a) and the host's (b)
+        self._newest = (
+            -1 << 63,
+            0,
+        )  # time of the newest pose, by the tracker's clock, and the steps of that clock before
         self._latency_ns = round(1e6 * self._times.latency_ms)
         self._seen, self._given = ObjectPose.empty(), ObjectPose.empty()
         self._datagram = np.zeros(1, OBJECT_POSE)
         self._overlong = bytearray(DATAGRAM.itemsize + 1)
-        self._place = self._placer()
+        self._is_pose, self._place = bound(_is_pose, self._datagram), self._placer()
 
-    def _placer(self) -> Callable[[], bool]:
+    def _placer(self) -> Callable[[], None]:
         frames = self._frames
         world = np.array(frames.orientation_wxyz) / np.linalg.norm(frames.orientation_wxyz)
         if frames.up == "y":
@@ -136,14 +150,21 @@ class TrackerLink:
     def _take(self) -> None:
         robot, t_ns = self._robot, int(self._datagram["t_ns"][0])
         now_ns = time.monotonic_ns()
+        if not self._is_pose():
+            return
         if self._times.clock != "robot" and (robot is None or not robot.known):
             return  # no state of an arm has come yet, and no trial runs
-        if not self._place():
-            return
+        if self._times.clock == "own":
+            self.tracker_clock.update(t_ns, now_ns)
+            steps = self.tracker_clock.resets
+            exposed_ns = self.tracker_clock.b_of(t_ns)
+            if not now_ns - _LATEST_NS <= exposed_ns <= now_ns + _EARLY_NS:
+                return  # of another time
+            if t_ns <= self._newest[0] and steps == self._newest[1]:
+                return  # overtaken on the way
+            self._newest, now_ns = (t_ns, steps), exposed_ns
+        self._place()
         if robot is not None and self._times.clock != "robot":
-            if self._times.clock == "own":
-                self.tracker_clock.update(t_ns, now_ns)
-                now_ns = self.tracker_clock.b_of(t_ns)
             t_ns = robot.a_of(now_ns - self._latency_ns)
         self._seen.record["t_ns"] = t_ns
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import cast
 
-from hal.cell import LEFT, Cell
+from hal.cell import Cell
 from hal.clock_relation import ClockRelation
 from hal.collisions import CollisionBehaviour
 from hal.errors import HardwareError
@@ -120,21 +120,19 @@ class _TrackedLink:
     def __init__(self, pair: FciPair, tracker: ClosableTracker, robot_clock: ClockRelation) -> None:
         self._pair = pair
         self._tracker = tracker
-        self._clock, self._arrived_ns, self._t_ns = robot_clock, 0, 0
+        self._clock, self._t_ns = robot_clock, pair.left.t_ns
         self.start, self.move = pair.start, pair.move
         self.stop, self.recover = pair.stop, pair.recover
         self.set_collisions = pair.set_collisions
 
     def wait(self) -> int:
         """See hal.cell.ArmLink. The state that was waited for before has been read by now."""
+        # now, not when it arrived: the state that is read may be a later one than that which was waited for
         t_ns = self._pair.left.t_ns
         if t_ns != self._t_ns:
-            self._clock.update(t_ns, self._arrived_ns)
-            self._t_ns = t_ns
-        mask = self._pair.wait()
-        if mask & LEFT:
-            self._arrived_ns = time.monotonic_ns()
-        return mask
+            self._clock.update(t_ns, time.monotonic_ns())
+        self._t_ns = t_ns
+        return self._pair.wait()
 
     def close(self) -> None:
         """Disconnect, and stop listening."""

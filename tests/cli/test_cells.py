@@ -117,8 +117,8 @@ STILL = """
 from hal.tracker import ObjectPose
 
 class Still:
-    def __init__(self, host, port):
-        self.listens_at = host, port
+    def __init__(self, request):
+        self.listens_at = request.host, request.port
 
     def latest(self):
         return ObjectPose.empty()
@@ -159,5 +159,7 @@ def test_a_tracker_of_another_package_is_opened_by_the_cells_file(install, tmp_p
 
 def test_an_unknown_tracker_is_refused_before_a_stack_starts(tmp_path):
     file = edited(tmp_path, "[tracker]\n", '[tracker]\nkind = "camera"\n')
-    with pytest.raises(TrialError, match=r"unknown tracker 'camera': choose one of udp; see \[tracker\] kind"):
+    with pytest.raises(
+        TrialError, match=r"unknown tracker 'camera': choose one of natnet, none, udp; see \[tracker\] kind"
+    ):
         live_source(file, "fci:127.0.0.11,127.0.0.12")
