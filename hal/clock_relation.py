@@ -17,11 +17,13 @@ _RATE_MAX = 1e-3  # no clock of a computer drifts by more: quartz has 100 ppm at
 _SLOPE_BLOCKS = 8  # before these the drift is taken as none: jitter would be taken for it
 _STEP_NS = 100e6  # a message that is further off than this, or earlier, is from another time
 _STEP_BLOCK_NS = 3e6  # a block's least delayed message that is further off, twice
-_STEPS = 5  # so many messages one after the other: not one that was lost on the way for long
+_STEPS = 5  # so many messages one after the other
+_LATE_NS = 1_000_000_000  # and, of messages that come later than they should, for so long: a network may hold some up
 
 RELATION = np.dtype(
     [
         ("samples", "i8"), ("first_a", "i8"), ("first_b", "i8"), ("blocks", "i8"), ("steps", "i8"), ("odd", "i8"),
+        ("odd_since", "i8"),
         ("block_end", "f8"), ("least_a", "f8"), ("least_d", "f8"), ("offset", "f8"), ("slope", "f8"), ("rms", "f8"),
         ("a", "f8", (BLOCKS,)), ("d", "f8", (BLOCKS,)), ("resets", "i8"),
     ]
@@ -86,8 +88,10 @@ def _update(memory, a_ns, b_ns):
     d = float(b_ns - r.first_b) - a
     late = d - r.offset - r.slope * a
     if abs(late) > _STEP_NS:
+        if r.steps == 0:
+            r.odd_since = b_ns
         r.steps += 1
-        if r.steps >= _STEPS:
+        if r.steps >= _STEPS and (late < 0.0 or b_ns - r.odd_since >= _LATE_NS):
             _begin(memory, a_ns, b_ns)
             r.resets += 1
         return

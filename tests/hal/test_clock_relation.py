@@ -55,8 +55,8 @@ def test_messages_that_were_held_up_change_nothing():
     relation, rng = ClockRelation(), np.random.default_rng(4)
     told(relation, rng, start_s=0, end_s=10, hz=240, offset_ns=0, jitter_ms=2.0)
     before = relation.b_of(10_000_000_000)
-    for k in range(4):
-        relation.update(10_000_000_000 + k, 10_800_000_000)
-    told(relation, rng, start_s=10, end_s=12, hz=240, offset_ns=0, jitter_ms=2.0)
+    for k in range(200):  # of 0.8 s, all at once
+        relation.update(10_000_000_000 + 4_000_000 * k, 10_800_000_000 + LEAST_NS)
+    told(relation, rng, start_s=10.8, end_s=12, hz=240, offset_ns=0, jitter_ms=2.0)
     assert relation.resets == 0
     assert abs(relation.b_of(10_000_000_000) - before) < 1e5
