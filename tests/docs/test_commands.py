@@ -20,7 +20,7 @@ NOT_RUN = {
     "on the robot's PC": 3,
     "in real time": 3,
     "on several machines": 1,
-    "from a clone": 4,
+    "from a clone": 5,
     "while rtstack up runs": 4,
     "on a desktop": 1,
 }
