@@ -170,7 +170,7 @@ class _Client:
                     self._take(ready.recv(65536))
 
     def _ask(self) -> None:
-        """Connect; once connected, say regularly that this client is there: a server stops sending to one that is silent."""
+        """Connect; once connected, say regularly that this client is there: a server ends a silent one."""
         message, text = (CONNECT, b"Ping\0") if self._version is None else (KEEP_ALIVE, b"\0")
         with contextlib.suppress(OSError):
             self._asking.sendto(struct.pack("<HH", message, len(text)) + text, self._server)
