@@ -107,6 +107,8 @@ WRONG = {
     "desk stop": ("--left 127.0.0.9:4443", "where is Desk of the boxes?"),
     "desk shutdown": ("--left 127.0.0.9:4443", "where is Desk of the boxes?"),
     "review": ("none.mcap", "cannot read none.mcap"),
+    "excite": ("none/log.mcap", "the directory none does not exist"),
+    "twin": ("none.mcap --out twin", "cannot read none.mcap"),
     "replay": ("none.mcap", "cannot read none.mcap"),
     "recover": ("none.mcap", "cannot read none.mcap"),
     "recover-arms": ("--cell moon", "cell 'moon': the robots' addresses are given as fci:LEFT,RIGHT"),
