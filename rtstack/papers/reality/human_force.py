@@ -48,5 +48,5 @@ def _alarms(force, velocity, parameters: DetectorParameters) -> int:
     for f, v in zip(force, velocity, strict=True):
         if detector.update(f, v):
             alarms += 1
-            detector.reset()
+            detector = ImpactDetector(parameters, PERIOD_S)
     return alarms
