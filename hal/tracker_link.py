@@ -111,10 +111,8 @@ class TrackerLink:
             raise
         self.address: tuple[str, int] = self._socket.getsockname()
         self.tracker_clock = ClockRelation()  # of the tracker's own clock (a) and the host's (b)
-        self._newest = (
-            -1 << 63,
-            0,
-        )  # time of the newest pose, by the tracker's clock, and the steps of that clock before
+        # time of the newest pose, by the tracker's clock, and the steps of that clock before
+        self._newest = -1 << 63, 0
         self._latency_ns = round(1e6 * self._times.latency_ms)
         self._seen, self._given = ObjectPose.empty(), ObjectPose.empty()
         self._datagram = np.zeros(1, OBJECT_POSE)

@@ -56,8 +56,8 @@ def _opened(name: str, request: Request, quick: bool) -> Experiment[Any, Any]:
     for option, given in (("logs", request.logs), ("cell_file", request.cell_file), ("profile", request.profile),
                           ("data", request.data)):  # fmt: skip
         if given is not None and option not in kind.options:
-            what = "the campaign reality" if option == "data" else "campaigns that compare controllers"
-            raise TrialError(f"--{option.replace('_', '-')}: {name} takes none: it is for {what}")
+            taken = ", ".join(f"--{each.replace('_', '-')}" for each in sorted(kind.options)) or "none of these options"
+            raise TrialError(f"--{option.replace('_', '-')}: {name} takes none; it takes {taken}")
     return kind(kind.read(request.file.path, quick), request)
 
 

@@ -137,7 +137,7 @@ def _trial_line(result: TrialResult) -> str:
     verdict = result.impact_verdict or "not watched"
     if result.impact_kind is not None:
         verdict += f" ({result.impact_kind}: {(result.impact_reason or '').replace('_', ' ')})"
-    lift = "-" if result.max_lift_mm is None else f"{result.max_lift_mm:.0f} mm"
+    lift = "not observed" if result.max_lift_mm is None else f"{result.max_lift_mm:.0f} mm"
     shift = Displacement.given(result.displacement_mm, result.displacement_x_mm, result.yaw_deg)
     norm = "-" if result.average_force_norm is None else f"{result.average_force_norm:.1f}"
     return (

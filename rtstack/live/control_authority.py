@@ -21,6 +21,7 @@ from rtstack.trials.run_observer import RunEvent
 
 # the loop's own watchdog is the first to stop a motion without an operator, so that the log has the true reason
 _LOOP_FIRST_S = 0.3
+_STOP_LASTS_S = 1.0  # a guide that is ordered within it may have been ordered before the STOP was seen
 _RUN_EVENTS = 256  # not yet published
 
 
@@ -49,6 +50,7 @@ class ControlAuthority:
         self._clock = clock
         self._run_events: deque[RunEvent] = deque(maxlen=_RUN_EVENTS)
         self._since_s = time.time()
+        self._stopped_s = -_STOP_LASTS_S  # monotonic: of the last STOP that was reported
         self._stop_due_s: float | None = None  # monotonic: when a motion has to have begun to stop
 
     # the lease
@@ -121,7 +123,8 @@ class ControlAuthority:
     def stop(self, operator: str) -> None:
         """Stop all motion, and disarm. Needs no lease."""
         self._mailbox.request_stop()  # before any lock
-        with self._acting():
+        with self._acting() as now_s:
+            self._stopped_s = now_s
             self._arming.disarm()
             self._note("stop", operator, f"{operator} pressed STOP", Level.WARNING)
 
@@ -131,8 +134,11 @@ class ControlAuthority:
             if self._mailbox.stop_requested:  # since it was armed
                 self._arming.disarm()
             if by_hand:
+                if now_s - self._stopped_s < _STOP_LASTS_S:
+                    raise Refused("STOP was pressed a moment ago; hold the button again if that is what you want")
                 self._arming.begin_by_hand(operator, now_s)
-                self._mailbox.clear_stop()  # of the fault that it may lead out of
+                # of the motion that ended in the fault; a STOP whose report is still to come is asked for again by it
+                self._mailbox.clear_stop()
             else:
                 self._arming.begin(operator, now_s)
             self._note("begin", operator, f"{operator} ordered {what}")

@@ -24,6 +24,7 @@ from rtstack.safety.limits import hardware_limits
 from rtstack.samples import Reaction
 
 _UNIT_TOLERANCE = 1e-2  # four rounded digits
+LARGEST_AGE_MS = 100.0  # ten frames of a slow tracker; ours
 NO_TRACKER = "none"  # [tracker] kind of a cell in which nothing sees the object
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Vector = tuple[Number, Number, Number]
@@ -123,7 +124,7 @@ class TrackerDescription:
 
     kind: a name of rtstack.trackers. udp: datagrams (hal.tracker_link) that are sent to HOST:PORT; natnet: Motive at
     HOST:PORT; none: nothing sees the object. clock: of the poses' times, udp alone; position, orientation_wxyz: of the
-    tracker's frame in the world. bodies: by the objects' names.
+    tracker's frame in the world. bodies: by the objects' names. largest_age_ms: None: 100, any by the robot's clock.
     place_tolerance_m: an object that is seen further from its place than this is put back before a trial.
     """
 
@@ -132,7 +133,7 @@ class TrackerDescription:
     place_tolerance_m: Annotated[float, Field(gt=0.0, le=1.0, allow_inf_nan=False)] = 0.06
     clock: Literal["robot", "own", "arrival"] = "robot"
     latency_ms: Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False)] = 0.0
-    largest_age_ms: Annotated[float, Field(gt=0.0)] = math.inf
+    largest_age_ms: Annotated[float, Field(gt=0.0)] | None = None
     multicast: Annotated[str, Field(pattern=r"^(\d{1,3}(\.\d{1,3}){3})?$")] = ""
     up: Literal["y", "z"] = "z"
     position: Vector = (0.0, 0.0, 0.0)
@@ -147,10 +148,12 @@ class TrackerDescription:
         if self.bodies and object_name and body is None:
             raise ValueError(f"[tracker.bodies] has no {object_name}; it has {', '.join(self.bodies)}")
         thing = body or TrackedBody(0)
+        clock = "own" if self.kind == "natnet" else self.clock
+        age_ms = self.largest_age_ms or (math.inf if clock == "robot" else LARGEST_AGE_MS)
         return TrackerRequest(
             host, int(port),
             TrackerFrames(self.up, self.position, self.orientation_wxyz, thing.position, thing.orientation_wxyz),
-            TrackerTimes("own" if self.kind == "natnet" else self.clock, self.latency_ms, self.largest_age_ms),
+            TrackerTimes(clock, self.latency_ms, age_ms),
             robot_clock, None if body is None else body.id, self.multicast,
         )  # fmt: skip
 

@@ -276,3 +276,20 @@ def test_nobody_takes_over_from_a_motion_or_from_somebody_else_than_named(bench)
         bench.authority.take("ben", over_from="anna")
     assert bench.authority.view().holder == "anna"
     assert not bench.mailbox.stop_requested
+
+
+def test_a_stop_in_a_fault_is_not_lost_to_a_guide_that_was_ordered_at_the_same_time(bench):
+    authority, mailbox = bench.authority, bench.mailbox
+    authority.take("anna")
+    authority.fault("safety stop: left arm: the end effector is too fast")
+    mailbox.request_stop()  # of the motion that ended so
+    authority.stop("ben")
+    with pytest.raises(Refused, match="STOP was pressed a moment ago"):
+        authority.begin("anna", "guide 1: both arms by hand", by_hand=True)
+    assert mailbox.stop_requested
+    bench.now_s += 1.1
+    authority.beat("anna")
+    authority.begin("anna", "guide 2: both arms by hand", by_hand=True)
+    assert not mailbox.stop_requested
+    authority.stop("ben")  # whose report comes after the order
+    assert mailbox.stop_requested
