@@ -15,6 +15,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from console.niceness import stand_back
 from rtstack.model.cell_description import CellDescription
 from rtstack.playback.run import fastest_playback
 from rtstack.references.acceptance import Acceptance
@@ -22,7 +23,6 @@ from rtstack.references.recording import ReferenceError
 from rtstack.trials.errors import TrialError
 from rtstack.trials.extraction import extract
 
-_NICE = 5  # the robot's loop may run on this machine
 Progress = Callable[[float], None]
 
 
@@ -42,7 +42,7 @@ QUESTIONS: dict[str, Callable[[Path, CellDescription, Any, Progress], Any]] = {
 
 def main() -> None:
     """Answer."""
-    os.nice(_NICE)
+    stand_back()
     out = os.fdopen(os.dup(sys.stdout.fileno()), "w", buffering=1)
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what libraries print is no answer
     kind, path, cell, more = pickle.load(sys.stdin.buffer)

@@ -10,12 +10,12 @@ import threading
 from dataclasses import dataclass
 from pathlib import Path
 
+from console.niceness import stand_back
 from console.queue.entry import TrialOrder
 from console.scene_ghost import GhostPlayer, Shown, motion_of
 from rtstack.log.errors import LogError
 from rtstack.log.reader import read_log
 
-_NICE = 10  # the robot's loop may run on this machine
 _LONGEST_S = 300.0
 _END_S = 5.0
 
@@ -71,7 +71,7 @@ class Preview:
             log = Path(folder) / "preview.mcap"
             process = subprocess.Popen(
                 [*command, "--log", str(log)], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-                env={**os.environ, "OPENBLAS_NUM_THREADS": "1"}, preexec_fn=lambda: os.nice(_NICE) and None,
+                env={**os.environ, "OPENBLAS_NUM_THREADS": "1"}, preexec_fn=stand_back,
             )  # fmt: skip
             with self._lock:
                 self._process = process

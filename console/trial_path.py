@@ -5,7 +5,6 @@
 It takes the robot's model and seconds, beside a loop that must not wait.
 """
 
-import os
 import sys
 from pathlib import Path
 
@@ -13,6 +12,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from console.niceness import stand_back
 from rtstack.model.cell_description import load_cell_description
 from rtstack.references.recording import ReferenceError
 from rtstack.references.source import load_reference
@@ -21,7 +21,6 @@ from rtstack.trials.assembly import arm_controllers, cell_parameters
 
 EXTENSION_S = 0.15  # how much of an extension is drawn: beyond it the paths leave the table
 _STEP_S = 0.02  # between two points that are drawn
-_NICE = 10  # the robot's loop may run on this machine
 
 Points = list[list[list[float]]]  # (2, n, 3) m, of (left, right)
 
@@ -64,7 +63,7 @@ def path_of(reference: ExtendedReference) -> TrialPath:
 
 def main() -> int:
     """Print the path as JSON. Returns 1 where there is none, with one line on stderr."""
-    os.nice(_NICE)
+    stand_back()
     file, cell = Path(sys.argv[1]), load_cell_description(Path(sys.argv[2]))
     parameters = cell_parameters(cell)
     try:

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from console.niceness import stand_back
 from console.review.columns import ColumnWriter, Index, Mark
 from rtstack.log.derived import DERIVED_TOPICS, DerivedBatches
 from rtstack.log.errors import LogError
@@ -23,7 +24,6 @@ from rtstack.log.signals import CURVES
 from rtstack.samples import SIDES, Level, Mode
 from rtstack.topics import ARM_TOPICS, CONTROL_TOPICS, EVENT_TOPIC, PLOTTED_TOPICS
 
-_NICE = 5  # the robot's loop may run on this machine
 _NS = 1e-9
 
 
@@ -72,7 +72,7 @@ def _nothing() -> None:
 
 
 def _give_way() -> None:
-    os.nice(_NICE)
+    stand_back()
 
 
 def convert(log: Log, folder: Path, begun: Callable[[], None] = _nothing) -> Index:
