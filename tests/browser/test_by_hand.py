@@ -121,6 +121,7 @@ def check_recording(log):
         assert np.ptp(control["pose_ref"][:, 0]) < 0.01
 
 
+@pytest.mark.long
 def test_a_grab_by_hand_becomes_a_reference_and_its_trial_is_reviewed(console, operator, tmp_path):
     page = console.page
     record_grab(operator)

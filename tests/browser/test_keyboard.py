@@ -61,7 +61,10 @@ def settled(page: Page) -> None:
         page.wait_for_timeout(500)
 
 
-@pytest.mark.parametrize("address", ["/", "/trials", "/campaigns", "/logs", "/access"])
+@pytest.mark.parametrize(
+    "address",
+    ["/", *(pytest.param(each, marks=pytest.mark.long) for each in ("/trials", "/campaigns", "/logs", "/access"))],
+)
 def test_tab_reaches_every_control_in_the_order_of_the_page_and_shows_it(console, address):
     page = console.page
     page.goto(address)

@@ -50,6 +50,7 @@ PAGES = {
     "/access": ("access", "#audit tbody tr"),
     "/api": ("api", "#operations-access-access_me"),
 }
+ALWAYS = ("/", "/logs/{trial}")  # the others with `make long`
 
 # Every control and every piece of text that is seen: inside of the window, or of something that scrolls; not cut off,
 # but with an ellipsis and the whole of it as the title.
@@ -181,7 +182,9 @@ def test_every_page_of_the_console_is_looked_at_and_has_its_picture():
     assert served == ours
 
 
-@pytest.mark.parametrize("pattern", PAGES)
+@pytest.mark.parametrize(
+    "pattern", [pytest.param(each, marks=[] if each in ALWAYS else pytest.mark.long) for each in PAGES]
+)
 def test_a_page_in_both_themes_and_every_window(console, addresses, pattern, tmp_path):
     page, (name, ready) = console.page, PAGES[pattern]
     page.goto(addresses[pattern])

@@ -11,7 +11,7 @@ from playwright.sync_api import Page, TimeoutError, expect
 
 from rtstack.safety.arming import LEASE_S
 
-pytestmark = [pytest.mark.browser, pytest.mark.alone]
+pytestmark = [pytest.mark.browser, pytest.mark.alone, pytest.mark.long]
 FINDS_DEMONSTRATION = True
 PATIENCE_MS = 120_000
 TRIES = 200

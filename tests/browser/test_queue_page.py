@@ -24,6 +24,7 @@ def trials(console):
     return console
 
 
+@pytest.mark.long
 def test_a_queue_is_filled_ordered_and_run_and_its_results_lead_to_their_logs(trials, tmp_path):
     page = trials.page
     rows = page.locator("#queue tbody tr")

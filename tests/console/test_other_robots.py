@@ -14,7 +14,9 @@ from tests.support.robot_files import cell_of
 pytestmark = pytest.mark.alone
 
 
-@pytest.mark.parametrize("kind", ["direct", pytest.param("realtime", marks=pytest.mark.realtime)])
+@pytest.mark.parametrize(
+    "kind", [pytest.param("direct", marks=pytest.mark.long), pytest.param("realtime", marks=pytest.mark.realtime)]
+)
 def test_pandas_are_demonstrated_and_tried_from_the_page(kind: str, tmp_path: Path) -> None:
     stack = Stack(tmp_path / "logs", ["--cell-kind", kind, "--cell-file", str(cell_of(tmp_path))])
     try:

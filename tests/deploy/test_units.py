@@ -178,6 +178,7 @@ def _managing(folder: Path, unprivileged: list[str]) -> Iterator[Manager]:
 
 
 @pytest.mark.alone
+@pytest.mark.long
 def test_the_units_commands_run_without_privileges_and_never_restart_into_motion(manager):
     robot = manager.start("rtstack-robot.service")
     client = RobotClient(manager.folder / "run/robot.sock")

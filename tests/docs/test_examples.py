@@ -84,6 +84,7 @@ def _was_held_up(done: subprocess.CompletedProcess[str]) -> bool:
 
 
 @pytest.mark.alone
+@pytest.mark.long
 def test_nine_and_ten_talk_to_a_console(folder):
     token = _token(folder)
     for _ in range(4):

@@ -10,7 +10,7 @@ from tests.support.foreign_robot import addresses, served
 
 TICKS = 1500
 
-pytestmark = [pytest.mark.alone, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.alone, pytest.mark.long, pytest.mark.timeout(900)]
 
 
 def test_a_robot_that_was_told_a_wrong_hand_fails_the_check(cell: CellDescription, tmp_path) -> None:

@@ -51,7 +51,7 @@ STALLS = (
 )  # fmt: skip
 
 
-@pytest.fixture(scope="module", params=["franka-sim", "franky-sim"])
+@pytest.fixture(scope="module", params=["franka-sim", pytest.param("franky-sim", marks=pytest.mark.long)])
 def robot(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ForeignRobot]:
     """Two arms of another author's, in the pose in which they begin."""
     with served(request.param, tmp_path_factory.mktemp(request.param), addresses()) as robot:
