@@ -20,6 +20,8 @@ from tests.support.console.operator_hands import Operator
 ARM_PATIENCE_S = 120.0
 JOB_TIMEOUT_MS = 120_000  # software rendering beside it makes a paced run several times slower
 
+expect.set_options(timeout=60_000)  # software rendering beside it makes every answer late
+
 MAY_BE_LATE = ("/api/take", "/api/arm")  # the lease of a page that is held up ends between its view and the click
 
 COMMAND = Path(sys.executable).with_name("rtstack")

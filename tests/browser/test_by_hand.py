@@ -16,7 +16,6 @@ from rtstack.samples import SIDES, Mode
 from tests.support.console.operator_hands import READY_MS, ClutchLost
 
 pytestmark = [pytest.mark.browser, pytest.mark.alone, pytest.mark.timeout(900)]
-expect.set_options(timeout=60_000)
 ATTEMPTS = 5  # a page that a busy machine held up for longer than a clutch is held without a word has lost the hand
 RAISED_M, CLOSED_M, LIFTED_M = 0.05, 0.31, 0.15
 SPEED_M_S = "0.3"

@@ -16,7 +16,6 @@ from rtstack.safety.arming import LEASE_S
 pytestmark = [pytest.mark.browser, pytest.mark.alone]
 FINISHED_MS = 120_000
 ATTEMPTS = 5
-expect.set_options(timeout=30_000)  # software rendering beside it makes every answer late
 
 
 def test_signing_in_leaves_a_clean_address_and_the_token_works_once(console, browser, printed_address):

@@ -18,7 +18,6 @@ from tests.support.console.curve_pixels import drawn, highest_seen
 from tests.support.console.served_console import serve_console
 
 pytestmark = pytest.mark.browser
-expect.set_options(timeout=60_000)  # software rendering beside it makes every answer late
 SPIKE_NM, SPIKE_S = 400.0, 1.0
 
 

@@ -10,7 +10,6 @@ from rtstack.samples import SIDES
 from tests.support.console.operator_hands import READY_MS, ClutchLost
 
 pytestmark = [pytest.mark.browser, pytest.mark.alone, pytest.mark.timeout(900)]
-expect.set_options(timeout=60_000)
 FINDS_DEMONSTRATION = True
 ATTEMPTS = 5
 RAISED_M = 0.05
