@@ -61,7 +61,7 @@ class Guide(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class SessionPlan:
     """What to follow: ante and post (2, n) of POINT, the mode to begin with, and the stiffness (6,).
 
     guide: writes ante[:, 0] each tick; None for references that are there already. phase: what the pads are to do.
@@ -79,7 +79,7 @@ class Plan:
     impact_s: tuple[float, float] | None = None
 
     @classmethod
-    def guided(cls, guide: Guide, stiffness: NDArray[np.floating], period_s: float, phase: ForcePhase) -> "Plan":
+    def guided(cls, guide: Guide, stiffness: NDArray[np.floating], period_s: float, phase: ForcePhase) -> "SessionPlan":
         """Return the plan whose only point the guide writes anew each tick."""
         return cls(guide.points, guide.points, Mode.TELEOPERATION, stiffness, period_s, guide, phase)
 
@@ -125,7 +125,7 @@ class Session:
         controller: Controller,
         judges: tuple[SafetyJudge, SafetyJudge],
         publisher: Publisher,
-        plan: Plan,
+        plan: SessionPlan,
         stop: StopSignal | None = None,
         between_ticks: Callable[[int], None] | None = None,
         cutoff_hz: float = 0.0,

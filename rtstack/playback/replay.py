@@ -22,7 +22,7 @@ from rtstack.log.errors import LogError
 from rtstack.log.reader import Log, read_log
 from rtstack.loop.end import End
 from rtstack.loop.history import Columns
-from rtstack.loop.session import Plan
+from rtstack.loop.session import SessionPlan
 from rtstack.model.cell_description import CellDescription, load_cell_description
 from rtstack.playback.logged_cell import LoggedGuide, LoggedStop, logged_cell
 from rtstack.safety.limits import ForcePhase
@@ -169,7 +169,7 @@ def _by_hand(
     parameters = cell_parameters(description)
     control = parameters.control
     guide = LoggedGuide(log_columns(log))
-    plan = Plan.guided(guide, control.stiffness_teleoperation, control.period_s, ForcePhase.CONTACT)
+    plan = SessionPlan.guided(guide, control.stiffness_teleoperation, control.period_s, ForcePhase.CONTACT)
     with Run(description, parameters, plan, limits_of_arms(description), context, None) as run:
         run.follow(cell, following(Strategy.PROPOSED), 0.0)
         run.close({})

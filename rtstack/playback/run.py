@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hal.cell import Cell
 from rtstack.control.modes import Strategy
 from rtstack.control.records import POINT
-from rtstack.loop.session import Plan
+from rtstack.loop.session import SessionPlan
 from rtstack.model.cell_description import CellDescription
 from rtstack.playback.guide import PlaybackGuide, SoftStop
 from rtstack.playback.limits import check_playback, check_speed, fastest
@@ -143,7 +143,7 @@ def run_playback(
     """
     specification, control = prepared.specification, prepared.parameters.control
     guide = PlaybackGuide(prepared.stations, pace(prepared.duration_s, specification.speed), soft_stop)
-    plan = Plan.guided(guide, control.stiffness, control.period_s, ForcePhase.APPROACH)
+    plan = SessionPlan.guided(guide, control.stiffness, control.period_s, ForcePhase.APPROACH)
     context = context.with_watchdog(guide)
     with Run(prepared.description, prepared.parameters, plan, prepared.limits, context, way) as run:
         run.share = lambda: guide.share

@@ -6,7 +6,7 @@ import numpy as np
 
 from hal.cell import Cell
 from rtstack.control.modes import Strategy
-from rtstack.loop.session import Plan, SessionOutcome
+from rtstack.loop.session import SessionOutcome, SessionPlan
 from rtstack.model.cell_description import CellDescription
 from rtstack.references.demonstration import Grab, grab, scripted_targets
 from rtstack.safety.limits import ForcePhase
@@ -50,7 +50,7 @@ def run_demonstration(
         period_s,
     )
     stiffness = parameters.control.stiffness_teleoperation
-    plan = Plan(targets, targets, Mode.TELEOPERATION, stiffness, period_s, phase=ForcePhase.CONTACT)
+    plan = SessionPlan(targets, targets, Mode.TELEOPERATION, stiffness, period_s, phase=ForcePhase.CONTACT)
     with Run(description, parameters, plan, limits_of_arms(description), context, way) as run:
         settle = partial(settle_load, description, specification.object, context)
         outcome = run.follow(cell, following(Strategy.PROPOSED), 0.0, settle=settle)

@@ -9,7 +9,7 @@ from rtstack.control.modes import Strategy
 from rtstack.control.records import POINT
 from rtstack.control.tick import DualArmController
 from rtstack.loop.end import End
-from rtstack.loop.session import Plan
+from rtstack.loop.session import SessionPlan
 from rtstack.loop.watchdogs import WatchdogTrip
 from rtstack.model.cell_description import CellDescription
 from rtstack.safety.body import Tool
@@ -76,7 +76,7 @@ def run_guide(
     before = beyond(limits, where)
     hand, parameters = _Hand(seconds), cell_parameters(description)
     control = parameters.control
-    plan = Plan.guided(hand, control.stiffness_teleoperation, control.period_s, ForcePhase.CONTACT)
+    plan = SessionPlan.guided(hand, control.stiffness_teleoperation, control.period_s, ForcePhase.CONTACT)
 
     def controller(request: ControllerRequest) -> DualArmController:
         left, right = (

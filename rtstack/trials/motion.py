@@ -3,7 +3,7 @@
 from hal.cell import Cell
 from rtstack.control.modes import Strategy
 from rtstack.loop.history import Columns
-from rtstack.loop.session import Plan
+from rtstack.loop.session import SessionPlan
 from rtstack.model.cell_description import CellDescription
 from rtstack.trials.assembly import Parameters, following
 from rtstack.trials.run import Run
@@ -14,7 +14,7 @@ from rtstack.trials.tightening import limits_of_arms
 
 
 def run_motion(
-    plan: Plan,
+    plan: SessionPlan,
     description: CellDescription,
     parameters: Parameters,
     cell: Cell,

@@ -9,7 +9,7 @@ import numpy as np
 
 from hal.cell import Cell
 from rtstack.control.modes import Strategy
-from rtstack.loop.session import Plan
+from rtstack.loop.session import SessionPlan
 from rtstack.model.cell_description import CellDescription, base_frame
 from rtstack.references.demonstration import end_effector_pose
 from rtstack.safety.limits import ForcePhase, PairLimits
@@ -70,7 +70,7 @@ def run_move(prepared: PreparedMove, cell: Cell, context: RunContext = NO_CONTEX
     reach = Reach.within(prepared.limits[0])
     mover = Mover(reach, float(stiffness[0]), OPENING_M, motion is HandMotion.PUT_DOWN, home)
     phase = ForcePhase.APPROACH if motion is HandMotion.START else ForcePhase.CONTACT
-    plan = Plan.guided(mover, stiffness, control.period_s, phase)
+    plan = SessionPlan.guided(mover, stiffness, control.period_s, phase)
     with Run(description, parameters, plan, prepared.limits, context.with_watchdog(mover), None) as run:
         run.share = lambda: mover.share
         outcome = run.follow(cell, following(Strategy.PROPOSED), 0.0)

@@ -13,7 +13,7 @@ from rtstack.loop.end import End
 from rtstack.loop.fault import Fault
 from rtstack.loop.history import History
 from rtstack.loop.publisher import Publisher
-from rtstack.loop.session import Plan, Session, SessionOutcome
+from rtstack.loop.session import Session, SessionOutcome, SessionPlan
 from rtstack.loop.watchdogs import WatchdogTrip
 from rtstack.model.cell_description import CellDescription
 from rtstack.safety.limits import ForcePhase, PairLimits
@@ -46,7 +46,7 @@ class Run:
     share: Callable[[], float] | None = None
 
     def __init__(
-        self, description: CellDescription, parameters: Parameters, plan: Plan, limits: PairLimits,
+        self, description: CellDescription, parameters: Parameters, plan: SessionPlan, limits: PairLimits,
         context: RunContext, way: StartMotion | None,
     ) -> None:  # fmt: skip
         self._description = description

@@ -7,7 +7,7 @@ from hal.cell import Cell
 from rtstack.control.modes import Strategy
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox
-from rtstack.loop.session import Plan
+from rtstack.loop.session import SessionPlan
 from rtstack.loop.timeline import TICK_NS
 from rtstack.model.cell_description import CellDescription
 from rtstack.safety.limits import ForcePhase
@@ -48,7 +48,7 @@ def run_teleoperation(
     reach = Reach.within(limits[0])
     guide = TeleoperationGuide(mailbox, specification.job, reach, specification.stop_on_release, clock)
     control = parameters.control
-    plan = Plan.guided(guide, control.stiffness_teleoperation, control.period_s, ForcePhase.CONTACT)
+    plan = SessionPlan.guided(guide, control.stiffness_teleoperation, control.period_s, ForcePhase.CONTACT)
     with Run(description, parameters, plan, limits, context.with_watchdog(guide), way) as run:
         outcome = run.follow(cell, following(Strategy.PROPOSED), 0.0)
         interventions = outcome.safety_interventions

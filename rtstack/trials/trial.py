@@ -9,7 +9,7 @@ import numpy as np
 
 from hal.cell import Cell
 from rtstack.control.watch import FREE_AFTER_S, UNTIL_BEFORE_S
-from rtstack.loop.session import Plan, SessionOutcome
+from rtstack.loop.session import SessionOutcome, SessionPlan
 from rtstack.model.cell_description import NO_TRACKER, CellDescription, base_poses
 from rtstack.monitor.pair import PairParameters
 from rtstack.monitor.records import Verdict
@@ -138,7 +138,7 @@ def run_trial(
     """
     specification, reference = prepared.specification, prepared.reference
     control = prepared.parameters.control
-    plan = Plan(
+    plan = SessionPlan(
         reference.ante, reference.post, Mode.ANTE_IMPACT, control.stiffness, reference.period_s,
         impact_s=_impact_window_s(reference),
     )  # fmt: skip

@@ -18,7 +18,7 @@ from rtstack.control.limits import acceleration_bounds, torque_bounds
 from rtstack.control.program import DaqpProgram
 from rtstack.control.records import POINT
 from rtstack.log.reader import read_log
-from rtstack.loop.session import Plan
+from rtstack.loop.session import SessionPlan
 from rtstack.model.cell_description import CellDescription
 from rtstack.model.rotation import exp_so3
 from rtstack.references.demonstration import end_effector_pose
@@ -166,7 +166,7 @@ def test_a_motion_into_the_vendor_s_own_limit_stays_before_it(cell, tmp_path):
             turn = np.zeros((3, 3))
             exp_so3(np.array([0.0, 0.0, angle if side == 0 else -angle]), 1.0, turn)
             points[side]["rotation"][k] = rotation @ turn
-    plan = Plan(points, points, Mode.TELEOPERATION, parameters.control.stiffness_teleoperation, 1e-3)
+    plan = SessionPlan(points, points, Mode.TELEOPERATION, parameters.control.stiffness_teleoperation, 1e-3)
     specification = DemonstrationSpecification()
     opened = open_cell("direct", "", 0.0, 0)
     try:

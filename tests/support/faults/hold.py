@@ -8,7 +8,7 @@ from rtstack.control.modes import Strategy
 from rtstack.control.records import POINT
 from rtstack.loop.end import End
 from rtstack.loop.publisher import Publisher
-from rtstack.loop.session import Plan, Session
+from rtstack.loop.session import Session, SessionPlan
 from rtstack.model.cell_description import CellDescription
 from rtstack.safety.limits import ForcePhase
 from rtstack.samples import Mode
@@ -28,7 +28,7 @@ def hold(cell: Cell, description: CellDescription) -> None:
         work = arm.workspace[0]
         points[side]["position"], points[side]["rotation"] = work["position"], work["rotation"]
         points[side]["xi"] = arm.sample["q"][0, parameters.control.posture_joint]
-    plan = Plan(
+    plan = SessionPlan(
         points, points, Mode.TELEOPERATION, parameters.control.stiffness_teleoperation, parameters.control.period_s,
         phase=ForcePhase.CONTACT,  # after a fault in a grab the pads still press on the object
     )  # fmt: skip
