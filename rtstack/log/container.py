@@ -4,6 +4,7 @@ Only complete records are yielded. https://mcap.dev/spec
 """
 
 import struct
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from io import BytesIO
@@ -16,7 +17,6 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Schema
-from mcap.stream_reader import get_chunk_data_stream
 from numpy.typing import NDArray
 
 from rtstack.log.errors import LogError
@@ -26,6 +26,7 @@ FOOTER_SIZE = 9 + 20  # record header, two offsets and a checksum
 DATA_END_SIZE = 9 + 4  # record header, checksum: what the summary follows
 _RECORD = struct.Struct("<BQ")  # opcode, length
 _MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
+LARGEST_CHUNK = 64 << 20  # bytes, uncompressed; our writer's have about 1 MiB
 _CHUNK_HEADER = 40  # two times, size, checksum, length of an empty compression name, length of the data
 RECORD_HEADER = _RECORD.size
 MESSAGE_HEADER = _MESSAGE.size
@@ -117,19 +118,35 @@ def tail_chunk(file: BinaryIO, offset: int) -> bytes:
         compression = body.read_prefixed_string()
         body.read8()  # length of the data
         compressed = data[RECORD_HEADER + body.count :]
-        if compression == "lz4":
-            return lz4.frame.LZ4FrameDecompressor().decompress(compressed)
-        if compression == "zstd":
-            return zstandard.ZstdDecompressor().decompressobj().decompress(compressed)
-        return compressed
+        return _decompressed(compressed, compression, LARGEST_CHUNK)
     except Exception:  # whatever a decoder makes of half a record
         return b""
 
 
+def _decompressed(data: bytes, compression: str, largest: int) -> bytes:
+    """Return at most so many bytes of compressed data, which may be cut off or expand to more than memory holds."""
+    if compression == "lz4":
+        return lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=largest)
+    if compression == "zstd":
+        return zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=False).read(largest)
+    if compression:
+        raise ValueError(f"a chunk's compression is {compression!r}: only lz4 and zstd are known")
+    return data
+
+
 def chunk_data(chunk: Chunk) -> bytes:
-    """Return the uncompressed data of a chunk. Raises whatever the decompressor does for a broken one."""
-    stream, size = get_chunk_data_stream(chunk, validate_crc=True)
-    return stream.read(size)
+    """Return the uncompressed data of a chunk. Raises whatever the decompressor does for a broken one, and ValueError
+    for one whose data are not of the size that it says, or of more than LARGEST_CHUNK.
+    """
+    size = chunk.uncompressed_size
+    if size > LARGEST_CHUNK:
+        raise ValueError(f"a chunk of {size} bytes: at most {LARGEST_CHUNK} are read")
+    data = _decompressed(chunk.data, chunk.compression, size + 1)
+    if len(data) != size:
+        raise ValueError(f"a chunk says that it has {size} bytes, and has {'more' if len(data) > size else len(data)}")
+    if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
+        raise ValueError("a chunk's checksum is wrong")
+    return data
 
 
 def walk(data: bytes) -> Iterator[tuple[int, int, int]]:
