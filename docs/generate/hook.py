@@ -35,7 +35,7 @@ PAGES = {
     "reference/http.md": http_api_page,
     "examples.md": examples_page,
 }
-TOP_PAGES = ("ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md")
+TOP_PAGES = ("ARCHITECTURE.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md", "SUPPORT.md", "CODE_OF_CONDUCT.md")
 _VERSION = re.compile(r"\{\{ version\(\"([^\"]+)\"\) \}\}")
 FILLED = {
     "{{ topic_table }}": topic_table,
