@@ -9,7 +9,7 @@ from hal.arrays import Array
 from rtstack.control.parameters import ControlParameters
 from rtstack.control.records import POINT
 from rtstack.control.tick import ArmController
-from rtstack.loop.session import Plan
+from rtstack.loop.session import SessionPlan
 from rtstack.model.cell_description import CellDescription
 from rtstack.references.quintic import ViaPoint, quintic_path
 from rtstack.samples import SIDES, Mode
@@ -34,7 +34,7 @@ class Sweep:
     begin_s and end_s count."""
 
     joint: int
-    plan: Plan
+    plan: SessionPlan
     begin_s: float
     end_s: float
 
@@ -62,11 +62,11 @@ def sweep(description: CellDescription, arms: tuple[ArmController, ArmController
         q[:, joint] += (1.0 if k == 0 else MIRROR[joint]) * away
         _follow(arm, q, control.period_s, targets[k])
     _check_room(description, targets, f"the sweep of joint {joint + 1}")
-    plan = Plan(targets, targets, Mode.TELEOPERATION, control.stiffness, control.period_s)
+    plan = SessionPlan(targets, targets, Mode.TELEOPERATION, control.stiffness, control.period_s)
     return Sweep(joint, plan, begin_s, end_s)
 
 
-def all_joints(description: CellDescription, arms: tuple[ArmController, ArmController], run: int) -> Plan:
+def all_joints(description: CellDescription, arms: tuple[ArmController, ArmController], run: int) -> SessionPlan:
     """Return a motion of all joints of both arms at once, mirror images: two tones a joint, other phases each run.
 
     All frequencies differ, so that no joint's friction or inertia can pass for another one's. Raises TrialError where
@@ -94,7 +94,7 @@ def all_joints(description: CellDescription, arms: tuple[ArmController, ArmContr
         q = home + share[:, None] * (_centre(arm, home, k) - home) + (away if k == 0 else MIRROR * away)
         _follow(arm, q, control.period_s, targets[k])
     _check_room(description, targets, "the motion of all joints")
-    return Plan(targets, targets, Mode.TELEOPERATION, control.stiffness, control.period_s)
+    return SessionPlan(targets, targets, Mode.TELEOPERATION, control.stiffness, control.period_s)
 
 
 def _check_room(description: CellDescription, targets: NDArray, what: str) -> None:

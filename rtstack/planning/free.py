@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from hal.arrays import Array
 from rtstack.control.parameters import ControlParameters
 from rtstack.control.records import POINT
-from rtstack.loop.session import Plan
+from rtstack.loop.session import SessionPlan
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
 from rtstack.planning.joints import JointMotion, feedforward, joint_motion
@@ -41,7 +41,7 @@ class FreeMotion:
     """A part of a plan to be run with nothing in the way. The points begin..end of `plan` are those of the planned
     motion at the same ticks, without an object's force; what is before and after leads there and to rest."""
 
-    plan: Plan
+    plan: SessionPlan
     begin: int
     end: int
 
@@ -72,7 +72,7 @@ def free_motion(
         whole["wrench_ff"], whole["beta"] = feedforward(moved, acceleration, np.zeros((len(whole), 7)), joint)
         targets.append(whole)
     both = np.array(targets)
-    return FreeMotion(Plan(both, both, Mode.TELEOPERATION, control.stiffness, recording.period_s), begin, end)
+    return FreeMotion(SessionPlan(both, both, Mode.TELEOPERATION, control.stiffness, recording.period_s), begin, end)
 
 
 def compensated(planned: PlannedMotion, acceleration: Array) -> PlannedMotion:

@@ -97,6 +97,7 @@ def test_a_process_ends_as_it_is_said_here(recording, tmp_path, command_line):
 
 
 WRONG = {
+    "demo": ("--out none/demo", "cannot make the folder none/demo: No such file or directory; choose another one"),
     "teach": ("ref.mcap --object anvil", "unknown object 'anvil'"),
     "trial": ("--reference none.mcap", "cannot read none.mcap"),
     "play": ("none.mcap", "cannot read none.mcap"),
@@ -256,6 +257,16 @@ def test_ctrl_c_brakes_finishes_the_log_and_ends_without_a_traceback(tmp_path):
     assert "stop requested" in out
     assert err == ""
     assert read_log(path).complete
+
+
+def test_the_demo_goes_the_whole_way(tmp_path, command_line):
+    done = command_line("demo", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "success | proposed, rice_box, -30 mm" in done.stdout
+    assert sorted(path.name for path in (tmp_path / "demo").iterdir()) == ["demonstration.mcap", "trial.mcap"]
+    again = command_line("demo", cwd=tmp_path)
+    assert (again.returncode, again.stdout) == (2, "")
+    assert "cannot make the folder demo: File exists; choose another one with --out" in again.stderr
 
 
 def test_teach_refuses_what_it_cannot_do(tmp_path, command_line):

@@ -27,6 +27,16 @@ commands = typer.Typer()
 
 
 @commands.command()
+def demo(
+    out: Annotated[Path, typer.Option(metavar="FOLDER", help="A new folder, for both logs.")] = Path("demo"),
+) -> None:
+    """The whole way once, simulated: a demonstration, a trial of it with the object displaced, its review."""
+    from rtstack.cli.demo import run
+
+    run(out)
+
+
+@commands.command()
 def teach(
     output: Annotated[Path, typer.Argument(metavar="OUT.mcap", help="The recording to write.")],
     object_name: ObjectName = "rice_box",
