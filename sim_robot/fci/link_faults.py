@@ -18,12 +18,10 @@ class FaultyLink(Link):
     """A link that loses states, distorts them, or hangs up."""
 
     def __init__(self, *arguments, injection: Injection, side: int, **callbacks) -> None:
+        self._injection, self._side, self._wanted = injection, side, True
         super().__init__(*arguments, **callbacks)
-        self._injection, self._side = injection, side
         self._sent = np.zeros(1, ROBOT_STATE)
         self._sent_bytes = self._sent.view(np.uint8).data
-        self._off = False
-        self.follow()
 
     @property
     def deaf(self) -> bool:
@@ -37,12 +35,14 @@ class FaultyLink(Link):
         if not self.deaf:
             super().send_state(self._sent_bytes)
 
+    def listen(self, wanted: bool) -> None:
+        """As without faults; but while the script has the arm's FCI off, each connection is refused."""
+        self._wanted = wanted
+        super().listen(wanted and not self._injection.off(self._side))
+
     def follow(self) -> None:
-        """Refuse connections, the client's too, while the script has the arm's FCI off."""
-        off = self._injection.off(self._side)
-        if off != self._off:  # where the script says nothing of it, Desk may
-            self.listen(not off)
-            self._off = off
+        """Do what the script says of the arm's FCI now."""
+        self.listen(self._wanted)
 
     def hang_up(self) -> None:
         """Close the client's connection."""

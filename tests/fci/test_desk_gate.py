@@ -119,6 +119,19 @@ def test_one_program_at_a_time_has_control(boxes, franky):
     other.close()
 
 
+def test_an_fci_that_a_script_has_off_stays_off_whatever_desk_was_told(tmp_path):
+    script = tmp_path / "off.toml"
+    script.write_text('[[fault]]\nkind = "mode"\narm = "left"\nstate = "fci_off"\n')
+    trust = Trust(tmp_path)
+    with serve("--desk", "--lockstep", f"--faults={script}") as served:
+        for address in (served.left, served.right):
+            with contextlib.closing(desk_of(address, trust)) as desk:
+                list(start(desk, trust, desk_address(address)))
+        connected(served.right).close()  # both boxes look at Desk in the same millisecond
+        with pytest.raises(ConnectionLost, match="Connection to FCI refused"):
+            FciArm(served.left)
+
+
 def test_a_stop_that_is_pressed_shows_on_desk_and_lets_nothing_be_unlocked(tmp_path):
     script = tmp_path / "stop.toml"
     script.write_text('[[fault]]\nkind = "user_stop"\narm = "left"\nat_s = 0.05\nduration_s = 600.0\n')
