@@ -184,6 +184,11 @@ class ControlAuthority:
             arming = self._arming
             return AuthorityView(arming.phase, arming.reason, arming.holder, self._since_s, self._refusal())
 
+    @property
+    def armed(self) -> bool:
+        """Whether motion is allowed, and none runs. Never waits: for the loop's thread."""
+        return self._arming.phase is Phase.ARMED
+
     def run_events(self) -> Iterable[RunEvent]:
         """Return what was done since the last call, oldest first. Never waits: for the loop's thread."""
         while self._run_events:

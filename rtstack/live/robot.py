@@ -24,6 +24,7 @@ from hal.configuration import ConfigurationError
 from hal.errors import HardwareError, ObjectOutOfReach, RecoveryRefused, UnknownObject
 from hal.realtime import beside_realtime
 from hal.state import ARM_STATE
+from rtstack.control.parameters import DetectorParameters
 from rtstack.live.audit import FILE_NAME, AuditTrail
 from rtstack.live.client import SOCKET_NAME
 from rtstack.live.idle import IdleView
@@ -44,6 +45,7 @@ from rtstack.safety.judge import Cause
 from rtstack.samples import ARM_SAMPLE, SIDES, Level
 from rtstack.trials.assembly import safety_judges
 from rtstack.trials.errors import TrialError
+from rtstack.trials.estimate import check_estimate
 from rtstack.trials.run_observer import RunEvent
 
 _RETRY_S = 2.0  # between two attempts to open a cell that was lost
@@ -73,6 +75,7 @@ class Robot:
         self._logs = logs
         self._idle = IdleView(rings)
         self._end: End | None = None  # of the last session
+        self._armed = False  # when the arms were looked at last
         self._pulse = pulse or Pulse(Notifier())
         watchdogs = (
             job_manager,
@@ -114,12 +117,27 @@ class Robot:
             if not self._job_manager.has_news:
                 self._reopen()
             return
-        manager = self._job_manager
+        manager, was_armed = self._job_manager, self._armed
+        armed = self._armed = manager.authority.armed
         try:
-            self._idle.watch(self._jobs.cell, lambda: manager.has_news, manager.refused, self.run_events)
+            if armed and not was_armed:
+                self._look_at_estimate(self._jobs.cell)
+            self._idle.watch(
+                self._jobs.cell, lambda: manager.has_news or manager.authority.armed != armed, manager.refused,
+                self.run_events,
+            )  # fmt: skip
         except HardwareError as error:
             self._jobs.close()
             manager.authority.fault(str(error))
+
+    def _look_at_estimate(self, cell: Cell) -> None:
+        """Say what the arms feel at rest, once they are armed: what is ordered next may be a trial."""
+        try:
+            bias = check_estimate(cell, self._source.description, DetectorParameters())
+        except TrialError as error:
+            bias = f"a trial would be refused: {error}"
+        if bias:
+            self._idle.tell(Level.WARNING, bias)
 
     def _reopen(self) -> None:
         """Try again to reach a cell that was lost: it is read and shown, and the fault stays until it is recovered."""

@@ -142,6 +142,35 @@ def test_an_idle_cell_is_shown_and_never_commanded(robot):
     assert robot.rings.reader("/object/pose").latest()["seen"][0]
 
 
+class Still:
+    """A link, for arms that are asked for their states and do not move."""
+
+    def close(self):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("kg", "says"), [(0.3, "the detector counts from it"), (1.5, "a trial would be refused: the left arm feels")]
+)
+def test_what_the_arms_feel_at_rest_is_said_when_they_are_armed(tmp_path, kg, says):
+    class Loaded(RunningRobot):
+        def _open(self, *what):
+            cell = super()._open(*what)
+            self.opened[-1].plant.joints["payload_error"] = kg
+            return replace(cell, link=Still())
+
+    robot, told = Loaded(tmp_path), []
+    events = robot.rings.reader("/events")
+    try:
+        wait_for(lambda: robot.latest("left") is not None and robot.latest("left")["t_ns"] > 300_000_000)
+        robot.authority.take("anna")
+        assert not any(says in event["text"].decode() for event in events.drain())
+        robot.authority.arm("anna")
+        wait_for(lambda: told.extend(e["text"].decode() for e in events.drain()) or any(says in text for text in told))
+    finally:
+        robot.close()
+
+
 def test_a_motion_moves_the_arms_of_the_cell_that_is_open_after_a_fault_too(robot):
     wait_for(lambda: robot.latest("left") is not None)
     robot.opened[0].boxes[0].trip(error_bit("joint_reflex"))
