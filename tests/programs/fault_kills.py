@@ -1,6 +1,6 @@
 """kill -9 of each process in real time: who stops the arms, what becomes of the log, what is left behind.
 
-    python -m tests.programs.fault_kills [--kill NAME] [--out DIR]
+    python -m tests.programs.fault_kills [--kill NAME] [--out DIR] [--profile honest --phase-us 400 --drift-ppm 50]
 
 Part of `make faults`, after the matrix. Exit status 1 where anything was missed.
 """
@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,6 +20,7 @@ import psutil
 from mcap.exceptions import McapError
 
 from hal.errors import HardwareError
+from rtstack.cells import IDEAL
 from rtstack.log.errors import LogError
 from tests.support.faults.evidence import MOST_LOST_S, read_evidence
 from tests.support.faults.kill_scenes import LONGEST_END_S, Robots, SceneFailed, Stack, Trial
@@ -66,12 +68,12 @@ KILLS = (
 class Scene:
     """One kill, from robots that stand still to robots that stand still again."""
 
-    def __init__(self, kill: Kill, reference: Path, folder: Path) -> None:
+    def __init__(self, kill: Kill, reference: Path, folder: Path, robot: Sequence[str]) -> None:
         self._kill, self._folder = kill, folder
         self._result = CaseResult(f"kill -9: {kill.who}", kill.scene, "arms at rest, log kept, nobody left behind")
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
-        self._robots = Robots(folder)
+        self._robots = Robots(folder, robot)
         self._runs: Trial | Stack | None = None
         try:
             trial = kill.scene == "rtstack trial"
@@ -173,12 +175,12 @@ class Scene:
         self._robots.close()
 
 
-def play_kill(kill: Kill, reference: Path, folder: Path) -> CaseResult:
-    """Play a kill, again where its moment was not reached."""
+def play_kill(kill: Kill, reference: Path, folder: Path, robot: Sequence[str]) -> CaseResult:
+    """Play a kill, again where its moment was not reached. robot: options of `rtstack sim`."""
     began_s, failures = time.monotonic(), []
     for _ in range(TRIES):
         try:
-            scene = Scene(kill, reference, folder)
+            scene = Scene(kill, reference, folder, robot)
         except (SceneFailed, HardwareError) as failed:
             failures.append(str(failed))
             continue
@@ -201,16 +203,20 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--kill", action="append", choices=[kill.name for kill in KILLS], help="only this one")
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "faults")
+    parser.add_argument("--profile", default=IDEAL, help="of the simulated robot: ideal, honest, harsh")
+    parser.add_argument("--phase-us", default="0", help="how much later the right arm's clock ticks")
+    parser.add_argument("--drift-ppm", default="0", help="how much faster the right arm's clock is")
     options = parser.parse_args(arguments)
+    robot = [f"--profile={options.profile}", f"--phase-us={options.phase_us}", f"--drift-ppm={options.drift_ppm}"]
     chosen = [kill for kill in KILLS if not options.kill or kill.name in options.kill]
     take_charge()
     results: list[CaseResult] = []
     began_s = time.monotonic()
     try:
-        ground = make_ground(options.out / "ground" / sources_digest()[:16])
+        ground = make_ground(options.out / "ground" / f"{sources_digest()[:16]}-{options.profile}", options.profile)
         reference = Path(ground.prepared.specification.reference)
         for number, kill in enumerate(chosen, 1):
-            result = play_kill(kill, reference, options.out / "kills" / kill.name.replace(" ", "-"))
+            result = play_kill(kill, reference, options.out / "kills" / kill.name.replace(" ", "-"), robot)
             results.append(result)
             left_s = (time.monotonic() - began_s) / number * (len(chosen) - number)
             said = f"MISSED: {'; '.join(result.misses)}" if result.misses else "ok"

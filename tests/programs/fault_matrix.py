@@ -1,7 +1,7 @@
 """The fault matrix: each fault at each moment, in lockstep, over the real client and with the real log process.
 
     python -m tests.programs.fault_matrix [--fault NAME] [--moment NAME] [--case FAULT.MOMENT] [--jobs 2] [--out DIR]
-        [--fresh]
+        [--fresh] [--profile honest]
 
 Writes table.md and table.csv. Exit status 1 where anything was missed. Ctrl-C ends it; started again it goes on, unless
 the sources have changed since. docs/faults.md says how to read the table and to add a fault.
@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rtstack.cells import load_description, open_cell
+from rtstack.cells import IDEAL, load_description, open_cell, with_profile
 from rtstack.log.reader import read_log
 from rtstack.samples import Mode
 from rtstack.trials.demonstration import run_demonstration
@@ -49,6 +49,7 @@ class Choice:
     jobs: int
     folder: Path
     fresh: bool
+    profile: str
 
 
 def sources_digest() -> str:
@@ -61,7 +62,7 @@ def sources_digest() -> str:
     return digest.hexdigest()
 
 
-def make_ground(folder: Path) -> Ground:
+def make_ground(folder: Path, profile: str) -> Ground:
     """Record a demonstration, and find out when its trial meets the box, in a process that is then forgotten.
 
     Kept for the present sources; what belongs to others is removed.
@@ -76,7 +77,7 @@ def make_ground(folder: Path) -> Ground:
         if child == 0:
             status = 1
             try:
-                found.write_text(str(_look_for_impact(reference)))
+                found.write_text(str(_look_for_impact(reference, profile)))
                 status = 0
             finally:
                 os._exit(status)
@@ -84,12 +85,13 @@ def make_ground(folder: Path) -> Ground:
             raise SystemExit("the demonstration and its trial do not run without any fault: see above")
     description, _ = load_description(None)
     prepared = prepare_trial(TrialSpecification(str(reference), seed=1), description)
-    return Ground(prepared, int(found.read_text()))
+    return Ground(prepared, int(found.read_text()), profile)
 
 
-def _look_for_impact(reference: Path) -> int:
+def _look_for_impact(reference: Path, profile: str) -> int:
     description, source = load_description(None)
-    cell = open_cell("direct", "rice_box", 0.0, 0, description)
+    direct, lockstep = with_profile("direct", profile), with_profile("lockstep", profile)
+    cell = open_cell(direct, "rice_box", 0.0, 0, description)
     specification = DemonstrationSpecification()
     log = open_log(reference, specification, description, "direct", source, overwrite=True)
     run_demonstration(specification, description, cell, RunContext(log))
@@ -97,14 +99,14 @@ def _look_for_impact(reference: Path) -> int:
     trial = TrialSpecification(str(reference), seed=1)
     prepared = prepare_trial(trial, description)
     # what runs in this process runs in lockstep, too, bit for bit
-    cell = open_cell("direct", "rice_box", 0.0, 1, description)
+    cell = open_cell(direct, "rice_box", 0.0, 1, description)
     path = reference.with_name("trial.mcap")
     log = open_log(path, trial, description, "direct", source, reference=prepared.reference, overwrite=True)
     result = run_trial(prepared, cell, RunContext(log))
     cell.close()
     if not result.success:
         raise SystemExit(f"the trial without any fault failed: {result.failure_reason}")
-    cell = open_cell("lockstep", "rice_box", 0.0, 1, description)  # compiles what only the server needs
+    cell = open_cell(lockstep, "rice_box", 0.0, 1, description)  # compiles what only the server needs
     hold(cell, description)
     cell.close()
     return int(np.flatnonzero(read_log(path).topic("/left/control")["mode"] == Mode.INTERIM)[0])
@@ -133,7 +135,7 @@ class Kept:
 
 def play(choice: Choice) -> list[CaseResult]:
     """Play what is not kept; return all results in the order of the choice. KeyboardInterrupt leaves no process."""
-    digest = sources_digest()
+    digest = f"{sources_digest()}-{choice.profile}"
     kept = Kept(choice.folder / "cases", digest)
     results: dict[str, CaseResult] = {}
     waiting = []
@@ -148,7 +150,7 @@ def play(choice: Choice) -> list[CaseResult]:
     try:
         if waiting:
             print(f"{count} cases, {len(results)} kept; recording the demonstration they stand on", flush=True)
-            ground = make_ground(choice.folder / "ground" / digest[:16])
+            ground = make_ground(choice.folder / "ground" / f"{digest[:16]}-{choice.profile}", choice.profile)
             began_s = time.monotonic()
         while waiting or running:
             while waiting and len(running) < choice.jobs:
@@ -186,6 +188,7 @@ def choose(arguments: list[str] | None) -> Choice:
     parser.add_argument("--jobs", type=int, default=2, help="cases at a time")
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "faults", help="where results and the table go")
     parser.add_argument("--fresh", action="store_true", help="play again what is kept")
+    parser.add_argument("--profile", default=IDEAL, help="of the simulated robot: ideal, honest, harsh")
     options = parser.parse_args(arguments)
     names = [fault.name for fault in fault_catalogue.FAULTS]
     for name in options.fault or ():
@@ -203,7 +206,7 @@ def choose(arguments: list[str] | None) -> Choice:
     )
     if not cases:
         parser.error("there is no such case")
-    return Choice(cases, options.jobs, options.out, options.fresh)
+    return Choice(cases, options.jobs, options.out, options.fresh, options.profile)
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -59,10 +59,11 @@ RECOVERY_S = 30.0
 
 @dataclass(frozen=True, slots=True)
 class Ground:
-    """What all cases stand on: a prepared trial, and the tick in which its impact is detected."""
+    """What all cases stand on: a prepared trial, the tick in which its impact is detected, and the robot's profile."""
 
     prepared: PreparedTrial
     impact_tick: int
+    profile: str
 
     def tick(self, moment: Moment) -> int:
         """Return the tick in which the fault of a moment is to be seen."""
@@ -97,7 +98,7 @@ class Case:
         performed = isinstance(self._fault.how, Performed)
         stage = Stage(
             self._ground.prepared.description, self._script(), self._fault.own_clocks,
-            self._fire if idle and performed else None,
+            self._fire if idle and performed else None, self._ground.profile,
         )  # fmt: skip
         try:
             stage.on_tick = lambda mode: self._step(stage, mode)

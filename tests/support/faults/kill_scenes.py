@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import psutil
@@ -33,16 +34,16 @@ class SceneFailed(Exception):
 
 
 class Robots:
-    """`rtstack sim` at addresses of its own: it outlives who moves it, and keeps 1 kHz."""
+    """`rtstack sim` at addresses of its own: it outlives who moves it, and keeps 1 kHz. options: more of its own."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, options: Sequence[str] = ()) -> None:
         prefix = f"127.{70 + os.getpid() // 250 % 20}.{1 + os.getpid() % 250}"
         number = 4 * (next(_numbers) % 60)
         self.left, self.right = f"{prefix}.{number + 1}", f"{prefix}.{number + 2}"
         tracker = f"{prefix}.{number + 3}:1341"
         self.cell = folder / "cell.toml"
         self.cell.write_text(default_cell_file().read_text().replace("127.0.0.1:1341", tracker))
-        arguments = ["sim", "--left", self.left, "--right", self.right, "--tracker", tracker]
+        arguments = ["sim", "--left", self.left, "--right", self.right, "--tracker", tracker, *options]
         self.process = subprocess.Popen([str(COMMAND), *arguments], stdout=subprocess.PIPE, text=True)
         assert self.process.stdout is not None
         if not self.process.stdout.readline().startswith("serving"):

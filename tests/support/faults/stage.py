@@ -88,6 +88,7 @@ class Stage:
         script: Path | None,
         own_clocks: bool,
         begin: Callable[["Stage"], None] | None,
+        profile: str,
     ) -> None:
         self._stack = ExitStack()
         self.mailbox = Mailbox.create(f"rtstack-{os.getpid()}-mailbox")
@@ -95,7 +96,8 @@ class Stage:
         self.signs = Signs(self.mailbox)
         self._stack.callback(self.signs.close)
         self._tool = Tool.pad(description.pad.size, description.pad.mass, description.pad.flange_to_face)
-        self.simulator = Simulator("rice_box", 0.0, 1, lockstep=True, faults=script)
+        self._profile = profile
+        self.simulator = Simulator("rice_box", 0.0, 1, lockstep=True, faults=script, profile=profile)
         self._stack.callback(self.simulator.close)
         self.own_clocks = own_clocks
         self.pair = self.connect()
@@ -133,7 +135,7 @@ class Stage:
     def new_robot(self) -> None:
         """Replace the robot by another one. Raises HardwareError."""
         self.simulator.close()
-        self.simulator = Simulator("rice_box", 0.0, 1, lockstep=True)
+        self.simulator = Simulator("rice_box", 0.0, 1, lockstep=True, profile=self._profile)
         self._stack.callback(self.simulator.close)
 
     def log_process(self) -> psutil.Process:
