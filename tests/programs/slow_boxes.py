@@ -4,9 +4,15 @@ python -m tests.programs.slow_boxes [--profile harsh] [--times 200] [--slower 1]
 
 Each time torque control begins and ends, the left arm first or the right one in turn; once in a while one arm is sent a
 torque that jumps, and both are recovered. --unheld: as it was before the other arm was held meanwhile.
+
+Beside it a process a CPU, of a higher priority than the client's, sleeps for 1 ms again and again: where it wakes late
+by more than a period, the host took the CPU away. A packet that is lost within three periods of that is the host's.
 """
 
 import argparse
+import json
+import os
+import subprocess
 import sys
 import time
 from collections import Counter
@@ -19,19 +25,49 @@ from hal.cell import LEFT, RIGHT
 from hal.errors import CommandRejected
 from hal.fci import FciPair, open_pair
 from hal.joint_path import JointSpeed
-from hal.realtime import realtime_thread
+from hal.realtime import PRIORITY, realtime_thread
 from tests.support.fci.server import serve
 
 TICKS = 40
+LATE_PERIODS = 3  # from a stall to the state that tells of the lost packet
+PROBE = """
+import json, os, select, sys, time
+os.sched_setaffinity(0, {int(sys.argv[1])})
+os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(int(sys.argv[2])))
+last, stalls = time.monotonic(), []
+while not select.select([0], [], [], 0.001)[0]:
+    now = time.monotonic()
+    stalls += [(last, now)] if now - last > float(sys.argv[3]) else []
+    last = now
+print(json.dumps(stalls))
+"""
+
+
+class Probe:
+    """When the host took a CPU away for longer than over_s."""
+
+    def __init__(self, over_s: float) -> None:
+        words = [sys.executable, "-c", PROBE]
+        self._processes = [
+            subprocess.Popen([*words, str(cpu), str(PRIORITY + 1), str(over_s)], stdin=subprocess.PIPE,
+                             stdout=subprocess.PIPE, text=True)
+            for cpu in os.sched_getaffinity(0)
+        ]  # fmt: skip
+
+    def stalls(self) -> list[tuple[float, float]]:
+        """End it; return from when to when, s of time.monotonic()."""
+        return [tuple(each) for process in self._processes for each in json.loads(process.communicate("")[0])]
 
 
 @dataclass
 class Figures:
-    """errors: of the arm that should have stayed well, by name; lost: packets, by an arm's success rate."""
+    """errors: of the arm that should have stayed well, by name; lost: when a packet was, by an arm's success rate."""
 
     times: int = 0
     errors: Counter = field(default_factory=Counter)
-    lost: int = 0
+    lost: list[float] = field(default_factory=list)
+    stalls: list[tuple[float, float]] = field(default_factory=list)
+    said: list[str] = field(default_factory=list)
     recoveries: int = 0
     longest_s: dict[str, float] = field(default_factory=dict)
 
@@ -44,15 +80,15 @@ def _control(pair: FciPair, figures: Figures) -> None:
     began = time.monotonic()
     pair.start()
     figures.timed("start", began)
-    arms, rates = (pair.left, pair.right), ([], [])
-    while min(map(len, rates)) < TICKS:
+    arms, ticks, rates = (pair.left, pair.right), [0, 0], [1.0, 1.0]
+    while min(ticks) < TICKS:
         mask = pair.wait()
         for k in (0, 1):
             if mask & (LEFT, RIGHT)[k]:
-                state = arms[k].read()
-                rates[k].append(float(state.record["control_command_success_rate"][0]))
+                rate = float(arms[k].read().record["control_command_success_rate"][0])
+                figures.lost += [time.monotonic()] * round(100.0 * max(0.0, rates[k] - rate))
+                rates[k], ticks[k] = rate, ticks[k] + 1
                 arms[k].write(np.zeros(7))
-    figures.lost += sum(round(100.0 * (1.0 - min(each))) for each in rates)
 
 
 def _recover(pair: FciPair, figures: Figures) -> None:
@@ -79,9 +115,10 @@ def _break(pair: FciPair, side: int, figures: Figures) -> None:
 
 def measure(profile: str, times: int, slower: float, recoveries: int, held: bool) -> Figures:
     """Return what came of it."""
-    figures = Figures()
+    figures, probe = Figures(), Probe(1e-3 * slower)
     every = max(1, times // recoveries) if recoveries else 0
-    with serve("--profile", profile, "--slower", str(slower), "--phase-us", "400") as served, realtime_thread():
+    clocks = "--phase-us", "400", "--drift-ppm", "50"
+    with serve("--profile", profile, "--slower", str(slower), *clocks) as served, realtime_thread():
         pair = open_pair(served.left, served.right)
         if not held:
             pair.holding = lambda arm: nullcontext()  # type: ignore[method-assign]
@@ -113,7 +150,7 @@ def measure(profile: str, times: int, slower: float, recoveries: int, held: bool
                     _recover(pair, figures)
         finally:
             pair.close()
-    figures.said = served.said  # type: ignore[attr-defined]
+    figures.said, figures.stalls = served.said, probe.stalls()
     return figures
 
 
@@ -129,8 +166,11 @@ def main() -> int:
     longest = ", ".join(f"{what} {1e3 * seconds:.0f} ms" for what, seconds in figures.longest_s.items())
     print(f"{options.profile}, {options.slower:g} times slower than real time: {figures.times} starts and stops,")
     print(f"{figures.recoveries} recoveries; longest: {longest}")
-    print(f"errors that should not be: {dict(figures.errors) or 'none'}; packets lost while held: {figures.lost}")
-    print("\n".join(figures.said))  # type: ignore[attr-defined]
+    late_s = LATE_PERIODS * 1e-3 * options.slower
+    hosts = sum(any(began <= at <= ended + late_s for began, ended in figures.stalls) for at in figures.lost)
+    print(f"errors that should not be: {dict(figures.errors) or 'none'}; packets lost: {len(figures.lost)}, of which")
+    print(f"{hosts} within {LATE_PERIODS} periods of one of {len(figures.stalls)} stalls of this host")
+    print("\n".join(figures.said))
     return int(bool(figures.errors))
 
 
