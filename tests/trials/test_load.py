@@ -7,8 +7,9 @@ import pytest
 
 from hal.robot_errors import error_bit
 from rtstack.loop.end import End
+from rtstack.loop.watchdogs import WatchdogTrip
 from rtstack.model.cell_description import CellDescription, LoadPolicy
-from rtstack.trials.load import settle_load
+from rtstack.trials.load import HELD_AFTER, settle_load
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
@@ -22,15 +23,14 @@ FALLEN_M = 3e-3
 
 
 class Act:
-    """A watchdog that never trips and does something in one tick; a stop signal, once it is told."""
+    """A watchdog that does something in one tick, and trips if that says so; a stop signal, once it is told."""
 
     def __init__(self, act=None) -> None:
         self._act, self.tick, self.stop_requested = act, 0, False
 
     def trip(self):
         self.tick += 1
-        if self.tick == CARRIED_TICKS:
-            self._act(self)
+        return self._act(self) if self.tick == CARRIED_TICKS else None
 
 
 def height(plant: SimulatedCell, cell: CellDescription) -> float:
@@ -48,9 +48,9 @@ def carried(cell, demonstration):
         plant = simulated_cell(OBJECT, 0.0, 0, faults=faults_in({"fault": list(faults)}, ""))
         heights = []
 
-        def act(watch: Act) -> None:
+        def act(watch: Act) -> WatchdogTrip | None:
             heights.append(height(plant, cell))
-            happens(watch, plant)
+            return happens(watch, plant)
 
         watch = Act(act)
         prepared = prepare_trial(TrialSpecification(str(demonstration.path)), described)
@@ -59,7 +59,10 @@ def carried(cell, demonstration):
         for _ in range(AFTER_TICKS):
             plant.next_state()
         moved = [float(np.linalg.norm(arm["O_T_EE"][:3, 3] - pad)) for arm, pad in zip(plant.states, pads, strict=True)]
-        return plant, heights[0], height(plant, cell), result, moved
+        after = height(plant, cell)
+        said = result.failure_reason or "success"
+        print(f"{said} ({policy}): {1e3 * heights[0]:.0f} mm above the table, 2 s later {1e3 * after:.0f} mm")
+        return plant, heights[0], after, result, moved
 
     return run
 
@@ -136,6 +139,39 @@ def test_after_the_judges_stop_the_cells_file_decides(carried, policy, falls):
     assert (abs(after) < 2.0 * FALLEN_M) == falls
     forces = [np.linalg.norm(state["O_F_ext_hat_K"][:3]) for state in plant.states]
     assert (max(forces) < 3.0) == falls  # neither pad touches it any more
+
+
+def raises(_watch: Act, _plant: SimulatedCell) -> None:
+    raise RuntimeError("a defect of the loop's own")
+
+
+def trips(end: End):
+    return lambda *_: WatchdogTrip(end, "")
+
+
+USER_STOP = {"kind": "user_stop", "arm": "left", "at_s": CARRIED_TICKS * 1e-3}
+TRIPS = (
+    End.NO_IMPACT, End.UNEXPECTED_IMPACT, End.CRASH, End.CONSOLE_GONE, End.OPERATOR_GONE, End.RELEASED,
+    End.CLUTCH_QUIET, End.PARENT_GONE, End.LOG_FAILED, End.TICK_OVERRUN,
+)  # fmt: skip
+# what ends it, whether the cell's file decides then, and the plant's fault
+ENDS = {end.name: (trips(end), end not in HELD_AFTER, ()) for end in TRIPS} | {
+    "CONTROLLER_EXCEPTION": (raises, True, ()),
+    "user stop of one robot": (lambda *_: None, False, (USER_STOP,)),
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("policy", LoadPolicy)
+@pytest.mark.parametrize(("happens", "decides", "faults"), ENDS.values(), ids=ENDS)
+def test_after_each_kind_of_end_it_is_held_or_put_where_the_cells_file_says(carried, happens, decides, faults, policy):
+    _, before, after, result, _ = carried(happens, policy, *faults)
+    assert not result.success
+    assert before > 0.1
+    if decides and policy is not LoadPolicy.HOLD:
+        assert abs(after) < 2.0 * FALLEN_M
+    else:
+        assert after == pytest.approx(before, abs=0.02)
 
 
 def test_an_end_in_which_something_was_hit_moves_nothing(cell):
