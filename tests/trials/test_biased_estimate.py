@@ -51,7 +51,7 @@ def trial(cell, demonstration):
         prepared = prepare_trial(TrialSpecification(str(demonstration.path)), cell, parameters)
         plant = biased("rice_box", force_n, ("left", "right"))
         # the torque loop believes its sensors: biased arms come to the box at another time
-        truth = Truth(plant, force_n)
+        truth = Truth(plant)
         arms = plant.as_cell("direct")
         try:
             result = run_trial(prepared, arms, RunContext())
