@@ -28,7 +28,6 @@ import numpy as np
 
 from rtstack.cells import default_cell_file, load_description, open_cell
 from rtstack.control.parameters import DetectorParameters
-from rtstack.log.reader import read_log
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import ArmMounting, CellDescription
 from rtstack.references.demonstration import end_effector_pose
@@ -39,7 +38,7 @@ from rtstack.trials.estimate import check_estimate
 from rtstack.trials.record import open_log
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
-from rtstack.trials.trial import prepare_trial, run_trial
+from rtstack.trials.trial import PreparedTrial, prepare_trial, run_trial
 from sim_robot.cell import SimulatedCell, simulated_cell
 from sim_robot.faults.file import faults_in
 
@@ -84,20 +83,19 @@ class Truth:
     def __init__(self, cell: SimulatedCell) -> None:
         plant = cell.plant
         self._model, self._data, self._advance = plant.model, plant.data, cell.next_state
-        bodies = plant.model.geom_bodyid
-        self._object = np.flatnonzero(bodies == plant._object_body)
-        self._pads = [np.flatnonzero(bodies == body) for body in plant.pad_bodies]
+        # of each geom: 1 the object's, 2 and 4 the pads'; a contact of both has the sum
+        bodies = (plant._object_body, *plant.pad_bodies)
+        self._kind = sum(2**k * (plant.model.geom_bodyid == body) for k, body in enumerate(bodies))
         self._wrench = np.zeros(6)
         self.tick, self.first, self.largest = 0, -1, 0.0
         cell.next_state = self._look  # type: ignore[method-assign]
 
     def _look(self) -> None:
         self._advance()
-        pairs = self._data.contact.geom
-        touching = np.isin(pairs, self._object).any(axis=1)
-        for pad in self._pads if touching.any() else ():
+        kinds = self._kind[self._data.contact.geom].sum(axis=1)
+        for pad in (3, 5):
             push = 0.0
-            for index in np.flatnonzero(touching & np.isin(pairs, pad).any(axis=1)):
+            for index in np.flatnonzero(kinds == pad):
                 self.first = self.tick if self.first < 0 else self.first
                 mujoco.mj_contactForce(self._model, self._data, int(index), self._wrench)
                 push += self._wrench[0]  # along the normal: the contacts of one face have the same
@@ -121,13 +119,12 @@ def refused(case: Case, cell: CellDescription) -> bool:
     return False
 
 
-def one(cell: CellDescription, reference: Path, law: str, case: Case) -> dict[str, object]:
+def one(cell: CellDescription, prepared: PreparedTrial, law: str, case: Case) -> dict[str, object]:
     """Run a trial; return what became of it."""
     row: dict[str, object] = {name: getattr(case, name) for name in case.__slots__} | {"law": law}
     if law == "tare" and refused(case, cell):
         return row | {"kind": "refused", "success": False, "peak": 0.0, "late_ms": None, "reason": ""}
-    parameters = replace(cell_parameters(cell), detector=LAWS[law])
-    prepared = prepare_trial(TrialSpecification(str(reference), seed=case.seed), cell, parameters)
+    prepared = replace(prepared, specification=replace(prepared.specification, seed=case.seed))
     plant = case.plant(cell)
     truth = Truth(plant)
     result = run_trial(prepared, plant.as_cell("direct"), RunContext())
@@ -167,11 +164,16 @@ def main() -> int:
         arms = open_cell("direct", OBJECT, 0.0, 0)
         log = open_log(reference, DemonstrationSpecification(), cell, "direct", default_cell_file())
         run_demonstration(DemonstrationSpecification(), cell, arms, RunContext(log))
-        read_log(reference)
+        prepared = {
+            law: prepare_trial(
+                TrialSpecification(str(reference)), cell, replace(cell_parameters(cell), detector=detector)
+            )
+            for law, detector in LAWS.items()
+        }
         for number, newtons in enumerate(asked.bias, 1):
             cases = [Case(newtons, *more) for more in each]
             for law in LAWS:
-                of = [one(cell, reference, law, case) for case in cases]
+                of = [one(cell, prepared[law], law, case) for case in cases]
                 rows += of
                 left_s = (time.monotonic() - began_s) / number * (len(asked.bias) - number)
                 print(f"{newtons:g} N, {law}: {said(of)} ({left_s / 60:.0f} min left)", flush=True)

@@ -162,9 +162,13 @@ ENDS = {end.name: (trips(end), end not in HELD_AFTER, ()) for end in TRIPS} | {
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("policy", LoadPolicy)
-@pytest.mark.parametrize(("happens", "decides", "faults"), ENDS.values(), ids=ENDS)
-def test_after_each_kind_of_end_it_is_held_or_put_where_the_cells_file_says(carried, happens, decides, faults, policy):
+@pytest.mark.parametrize(
+    ("end", "policy"),
+    # where the cell's file does not decide, the object is held even under the policy that would let it fall
+    [(end, policy) for end in ENDS for policy in (LoadPolicy if ENDS[end][1] else (LoadPolicy.RELEASE,))],
+)
+def test_after_each_kind_of_end_it_is_held_or_put_where_the_cells_file_says(carried, end, policy):
+    happens, decides, faults = ENDS[end]
     _, before, after, result, _ = carried(happens, policy, *faults)
     assert not result.success
     assert before > 0.1
