@@ -48,6 +48,15 @@ def place_of(source: str, text: str, key: Sequence[str | int]) -> str:
 
     key: names of tables and key, and numbers in arrays, from the outside.
     """
+    lines = _lines_of(text)
+    for length in range(len(key), 0, -1):
+        if number := lines.get(tuple(key[:length])):
+            return f"{source}:{number}"
+    return source
+
+
+def _lines_of(text: str) -> dict[tuple[str | int, ...], int]:
+    """Return the line, from 1, of each table and key."""
     lines: dict[tuple[str | int, ...], int] = {}
     table: tuple[str | int, ...] = ()
     counts: dict[tuple[str | int, ...], int] = {}
@@ -60,10 +69,37 @@ def place_of(source: str, text: str, key: Sequence[str | int]) -> str:
             lines.setdefault(table, number)
         elif entry := re.match(r"""\s*([\w."'-]+)\s*=""", line):
             lines.setdefault((*table, *_names(entry[1])), number)
-    for length in range(len(key), 0, -1):
-        if number := lines.get(tuple(key[:length])):
-            return f"{source}:{number}"
-    return source
+    return lines
+
+
+def with_values(text: str, values: dict[tuple[str, ...], Any]) -> str:
+    """Return a TOML file's text with other values of some keys; comments and everything else stay.
+
+    values: by the names of table and key. A key that is not there comes below its table's name, a table at the end.
+    """
+    for key, value in reversed(values.items()):
+        lines, found = text.splitlines(), _lines_of(text)
+        written = value.isoformat() if hasattr(value, "isoformat") else json.dumps(value, allow_nan=False)
+        line = f"{_key(key[-1])} = {written}"
+        if number := found.get(key):
+            end = number
+            while not _is_toml("\n".join(lines[number - 1 : end])) and end < len(lines):
+                end += 1  # an array over several lines
+            comment = re.search(r"\s+#[^\"]*$", lines[end - 1])
+            lines[number - 1 : end] = [line + (comment[0] if comment else "")]
+        elif number := found.get(key[:-1]):
+            lines.insert(number, line)
+        else:
+            lines += ["", f"[{'.'.join(map(_key, key[:-1]))}]", line]
+        text = "\n".join(lines) + "\n"
+    return text
+
+
+def _is_toml(text: str) -> bool:
+    try:
+        return bool(tomllib.loads(text))
+    except ValueError:
+        return False
 
 
 def _names(dotted: str) -> tuple[str | int, ...]:

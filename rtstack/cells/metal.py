@@ -60,10 +60,11 @@ def check_real_cell(addresses: tuple[str, str], description: CellDescription, ce
             f"{cell_file}: the calibration of {calibration.date} was valid until {ends}: measure the cell again, "
             "then write the new date under [calibration]"
         )
-    if calibration.rms_mm is not None and calibration.rms_mm > LARGEST_RMS_MM:
-        raise TrialError(
-            f"{cell_file}: [calibration] rms_mm = {calibration.rms_mm:g} is above {LARGEST_RMS_MM:g}: measure again"
-        )
+    for name, millimetres in (("rms_mm", calibration.rms_mm), ("uncertainty_mm", calibration.uncertainty_mm)):
+        if millimetres is not None and millimetres > LARGEST_RMS_MM:
+            raise TrialError(
+                f"{cell_file}: [calibration] {name} = {millimetres:g} is above {LARGEST_RMS_MM:g}: measure again"
+            )
     written = date.fromtimestamp(cell_file.stat().st_mtime)
     if written < calibration.date:
         raise TrialError(

@@ -40,6 +40,7 @@ class HoldToRun:
         self._cell = f"{description.name} ({cell_kind})"
         self._name = description.name
         self._held_ns = 0
+        self._confirmed = False
         if self._needed and not (sys.stdin.isatty() and sys.stderr.isatty()):
             raise TrialError(
                 f"the arms of {self._cell} are not simulated: they move only while a person holds the space bar, so "
@@ -50,18 +51,21 @@ class HoldToRun:
     def held(self, what: str, stop: Interrupt) -> Iterator[tuple[Watchdog, ...]]:
         """Ask, and wait until the space bar is held; give the watchdogs of the run. stop: raised once it is let go.
 
-        Raises TrialError where the person does not confirm.
+        A second time the arms' name is not asked for again. Raises TrialError where the person does not confirm.
         """
         if not self._needed:
             yield ()
             return
-        self._confirm(what)
+        if not self._confirmed:
+            self._confirm(what)
+        self._confirmed, self._held_ns = True, 0
         descriptor = sys.stdin.fileno()
         before = termios.tcgetattr(descriptor)
         done = threading.Event()
         watch = threading.Thread(target=self._watch, args=(descriptor, stop, done), daemon=True, name="hold-to-run")
         try:
             tty.setcbreak(descriptor)
+            _say("Hold the space bar. The arms move while it is held; let it go, and they stop.")
             self._await_key(descriptor, stop)
             watch.start()
             yield (Heartbeat(lambda: self._held_ns, CLUTCH_S, End.RELEASED),)
@@ -77,7 +81,6 @@ class HoldToRun:
         _say(f"Type the cell's name, {self._name}, and Enter: ", "")
         if sys.stdin.readline().strip() != self._name:
             raise TrialError("not confirmed: nothing has moved")
-        _say("Hold the space bar. The arms move while it is held; let it go, and they stop.")
 
     def _await_key(self, descriptor: int, stop: Interrupt) -> None:
         before_ns = 0

@@ -25,6 +25,7 @@ PEAKS = (0.1, 0.3, 1.0)
 LEG_S = 1.125  # from one end to the other: a quintic from rest to rest, whose peak is 1.875 times its mean
 TONES_S = 18.0  # of the motion of all joints: amplitude rad, Hz of joint 1, and how much more for each joint
 TONES = ((0.12, 0.23, 0.031), (0.035, 0.9, 0.083))
+WIGGLE_RAD, WIGGLE_S = np.radians(1.0), 1.0
 MIRROR = np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])  # the right arm is the left one's mirror image
 
 
@@ -95,6 +96,21 @@ def all_joints(description: CellDescription, arms: tuple[ArmController, ArmContr
         _follow(arm, q, control.period_s, targets[k])
     _check_room(description, targets, "the motion of all joints")
     return SessionPlan(targets, targets, Mode.TELEOPERATION, control.stiffness, control.period_s)
+
+
+def wiggle(arms: tuple[ArmController, ArmController], q: Array, side: int, joint: int) -> Plan:
+    """Return a turn of one joint (0 to 6) of one arm by WIGGLE_RAD and back, both arms beginning at q (2, 7), rad."""
+    control = ControlParameters()
+    t = np.arange(round((2 * REST_S + 2 * WIGGLE_S) / control.period_s)) * control.period_s
+    way = [ViaPoint(REST_S, 0.0), ViaPoint(REST_S + WIGGLE_S, 1.0), ViaPoint(REST_S + 2 * WIGGLE_S, 0.0)]
+    away, _ = quintic_path(way, t)
+    targets = np.zeros((2, len(t)), POINT)
+    for k, arm in enumerate(arms):
+        moved = np.tile(q[k], (len(t), 1))
+        if k == side:
+            moved[:, joint] += WIGGLE_RAD * away * (-1.0 if q[k, joint] > 0.0 else 1.0)  # to the middle of its range
+        _follow(arm, moved, control.period_s, targets[k])
+    return Plan(targets, targets, Mode.TELEOPERATION, control.stiffness, control.period_s)
 
 
 def _check_room(description: CellDescription, targets: NDArray, what: str) -> None:

@@ -16,6 +16,14 @@ def _flange_model(robot: RobotModel) -> pin.Model:
     return pin.buildModelFromXML(robot.urdf)
 
 
+def flange_pose(robot: RobotModel, q: Array) -> Array:
+    """Return T_base_flange (4, 4), row-major, m, of a robot at q (7,), rad."""
+    model = _flange_model(robot)
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, np.asarray(q, dtype=float))
+    return data.oMf[model.getFrameId("link8")].homogeneous.copy()
+
+
 def build_model(mounting: ArmMounting, pad: Pad) -> pin.Model:
     """Return the Pinocchio model of an arm on its base, with the pad as a solid box fixed to the flange."""
     model = pin.Model(_flange_model(mounting.robot))

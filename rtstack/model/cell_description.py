@@ -198,11 +198,17 @@ class Gains:
 
 @checked(frozen=True, slots=True, config=STRICT)
 class Calibration:
-    """When the geometry of real arms was measured, how long that holds, and the rms of what was left, mm."""
+    """When the geometry of real arms was measured, how long that holds, and how well: `rtstack calibrate`.
+
+    rms_mm: of what was left at the points; uncertainty_mm: in 95 % of such calibrations no pad was further off at
+    them; points: how many of them.
+    """
 
     date: datetime.date
     valid_days: Annotated[int, Field(ge=1, le=3650)] = 180
     rms_mm: NotNegative | None = None
+    uncertainty_mm: NotNegative | None = None
+    points: int | None = None
 
 
 class LoadPolicy(StrEnum):

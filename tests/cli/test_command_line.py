@@ -103,6 +103,8 @@ WRONG = {
     "play": ("none.mcap", "cannot read none.mcap"),
     "identify-friction": ("none/friction.toml", "the folder none does not exist"),
     "guide": ("--cell moon", "unknown cell 'moon'"),
+    "wiggle": ("left --cell moon", "unknown cell 'moon'"),
+    "calibrate": ("none.toml", "none.toml: cannot be read"),
     "desk status": ("--left 127.0.0.9:4443", "where is Desk of the boxes?"),
     "desk start": ("--left 127.0.0.9:4443", "where is Desk of the boxes?"),
     "desk stop": ("--left 127.0.0.9:4443", "where is Desk of the boxes?"),

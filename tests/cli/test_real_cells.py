@@ -45,6 +45,7 @@ WRONG = {
         [(CALIBRATED, f"[calibration]\ndate = {days(-8)}\nvalid_days = 7\n")], LEFT, RIGHT, "valid until",
     ),
     "badly calibrated": ([(CALIBRATED, CALIBRATED + "rms_mm = 3.1\n")], LEFT, RIGHT, "rms_mm"),
+    "too coarsely calibrated": ([(CALIBRATED, CALIBRATED + "uncertainty_mm = 3.1\n")], LEFT, RIGHT, "uncertainty_mm"),
     "exchanged": ([], RIGHT, LEFT, r"\[left\] address"),
     "another left arm": ([], "192.0.2.9", RIGHT, r"\[left\] address"),
     "another right arm": ([], LEFT, "192.0.2.9", r"\[right\] address"),

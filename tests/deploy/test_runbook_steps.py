@@ -6,18 +6,25 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from rtstack.cells import default_cell_file
+from rtstack.calibration.points import Point, nominal_geometry, save_points
+from rtstack.cells import default_cell_file, load_description
+from rtstack.model.arm_model import ArmModel
+from rtstack.references.demonstration import end_effector_pose
 from sim_robot.desk.server import PASSWORD, USER
 from tests.support.desk import desk_address
 from tests.support.fci.server import Served, serve
+from tests.support.wrong_cell import touched_points
 
 RUNBOOK = Path(__file__).resolve().parents[2] / "docs/runbook"
 COMMAND = Path(sys.executable).with_name("rtstack")
 # what is executed here; `up` and what moves arms by itself have tests of their own (tests/console, tests/cli)
-EXECUTED = re.compile(r"(?:^|/|sudo )rtstack ((?:desk [a-z]+|check|guide)(?: --[^`]*)?)$")
-MORE = {"guide": ("--seconds=0.3",)}
+EXECUTED = re.compile(
+    r"(?:^|/|sudo )rtstack ((?:desk [a-z]+|check|guide|wiggle [a-z]+|calibrate [a-z.]+)(?: --[^`]*)?)$"
+)
+MORE = {"guide": ("--seconds=0.3",), "calibrate": ("--seconds=0.3",)}
 # what a page takes for granted: it begins with arms that are unlocked
 BEGINS_READY = ("calibration.md", "recovery.md", "upgrade.md")
 # whose commands stand on the other pages too
@@ -46,6 +53,14 @@ def cell_file(boxes: Served, tmp_path: Path) -> Path:
     path = tmp_path / "cell.toml"
     path.write_text(text)
     return path
+
+
+def _write_points(path: Path, cell_file: Path) -> None:
+    """Write points that were measured, and one for which the arms already stand where they are to be led."""
+    cell, _ = load_description(cell_file)
+    points = touched_points(cell, nominal_geometry(cell), 3e-4)
+    place, _ = end_effector_pose(ArmModel(cell.left, cell.pad), np.array(cell.left.home))
+    save_points(path, points | {"home": Point("touch", "left", tuple(place.tolist()))})
 
 
 def test_the_pages_have_commands_that_are_executed_here():
@@ -81,6 +96,7 @@ def test_the_steps_of_a_page_can_be_done(page: Path, boxes: Served, cell_file: P
         if words[0] == "check" and "--left" in words:
             assert "FCI" not in done.stdout, done.stdout
 
+    _write_points(tmp_path / "points.toml", cell_file)
     own = f"--cell-file={cell_file}"
     if page.name in BEGINS_READY:
         run(["desk", "start", own])

@@ -17,7 +17,7 @@ USES = {Use.RUN, Use.FILE, Use.BACKGROUND} | ({Use.SLOW} if os.environ.get("RTST
 # blocks outside of the runbook that CI does not run, by their titles: who marks another one counts it here
 NOT_RUN = {
     "takes minutes": 8,
-    "on the robot's PC": 3,
+    "on the robot's PC": 4,
     "in real time": 3,
     "on several machines": 1,
     "from a clone": 5,

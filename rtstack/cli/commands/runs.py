@@ -169,3 +169,37 @@ def guide(
     from rtstack.cli.guide import guide as run
 
     run(with_profile(cell, profile), seconds, cell_file, json)
+
+
+@commands.command()
+def wiggle(
+    side: Annotated[str, typer.Argument(metavar="left|right", help="Which arm, as the cell's file calls it.")],
+    joint: Annotated[int, typer.Option(help="Which joint.", min=1, max=7)] = 1,
+    cell: CellKind = "direct",
+    profile: Profile = None,
+    cell_file: CellFile = None,
+) -> None:
+    """Turn one joint of an arm by a degree and back, so that a person sees which one is the left arm."""
+    from rtstack.cells import with_profile
+    from rtstack.cli.calibrate import wiggle as run
+
+    if side not in ("left", "right"):
+        raise typer.BadParameter(f"{side}: left or right")
+    run(side, joint, with_profile(cell, profile), cell_file)
+
+
+@commands.command()
+def calibrate(
+    points: Annotated[Path, typer.Argument(metavar="POINTS.toml", help="What is touched; what was measured is kept.")],
+    cell: Annotated[
+        str | None, typer.Option(help="The arms that are led to the points still to be measured, as by `guide`.")
+    ] = None,
+    seconds: Annotated[float | None, typer.Option(help="Lead to each point for so long at most.", min=0.1)] = None,
+    write: Annotated[bool, typer.Option("--write", help="Put the result into the cell's file.")] = False,
+    cell_file: CellFile = None,
+    json: Json = False,
+) -> None:
+    """Find bases, tracker, pads and payloads from points that the pads touch, and say how well."""
+    from rtstack.cli.calibrate import run_calibrate as run
+
+    run(points, cell, cell_file, seconds, write, json)

@@ -1,0 +1,1 @@
+"""Bases, pads, tracker and what the arms carry, by least squares from measured points."""
