@@ -98,7 +98,7 @@ def all_joints(description: CellDescription, arms: tuple[ArmController, ArmContr
     return SessionPlan(targets, targets, Mode.TELEOPERATION, control.stiffness, control.period_s)
 
 
-def wiggle(arms: tuple[ArmController, ArmController], q: Array, side: int, joint: int) -> Plan:
+def wiggle(arms: tuple[ArmController, ArmController], q: Array, side: int, joint: int) -> SessionPlan:
     """Return a turn of one joint (0 to 6) of one arm by WIGGLE_RAD and back, both arms beginning at q (2, 7), rad."""
     control = ControlParameters()
     t = np.arange(round((2 * REST_S + 2 * WIGGLE_S) / control.period_s)) * control.period_s
@@ -110,7 +110,7 @@ def wiggle(arms: tuple[ArmController, ArmController], q: Array, side: int, joint
         if k == side:
             moved[:, joint] += WIGGLE_RAD * away * (-1.0 if q[k, joint] > 0.0 else 1.0)  # to the middle of its range
         _follow(arm, moved, control.period_s, targets[k])
-    return Plan(targets, targets, Mode.TELEOPERATION, control.stiffness, control.period_s)
+    return SessionPlan(targets, targets, Mode.TELEOPERATION, control.stiffness, control.period_s)
 
 
 def _check_room(description: CellDescription, targets: NDArray, what: str) -> None:
