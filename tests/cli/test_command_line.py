@@ -113,6 +113,7 @@ WRONG = {
     "excite": ("none/log.mcap", "the directory none does not exist"),
     "twin": ("none.mcap --out twin", "cannot read none.mcap"),
     "replay": ("none.mcap", "cannot read none.mcap"),
+    "export": ("none.mcap data.h5 --to hdf5", "cannot read none.mcap"),
     "recover": ("none.mcap", "cannot read none.mcap"),
     "recover-arms": ("--cell moon", "cell 'moon': the robots' addresses are given as fci:LEFT,RIGHT"),
     "up": ("--left 127.0.0.11", "give --left and --right"),

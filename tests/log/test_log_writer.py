@@ -20,7 +20,7 @@ from rtstack.log.ring import CAPACITY, LogState, Rings
 from rtstack.log.scenery import scenery_schemas
 from rtstack.log.writer import LogProcess, check_log_path
 from rtstack.topics import TOPICS
-from tests.support.log.samples import MS, RESULT, TRIAL, WrittenLog, push_all, random_records
+from tests.support.log.samples import CELL, MS, RESULT, TRIAL, WrittenLog, push_all, random_records
 
 # a trial that is killed: pushes for ever, at ten times the robot's pace, and says what it has pushed
 TRIAL_PROGRAM = """
@@ -92,9 +92,7 @@ def test_metadata_attachments_and_events_come_back(written: WrittenLog) -> None:
     assert log.metadata["result"] == RESULT
     assert log.metadata["log"]["ended"] == "closed"
     assert log.metadata["log"]["lost"] == "0"
-    assert [(a.name, a.media_type, a.data) for a in log.attachments] == [
-        ("cell.toml", "application/toml", b"name = 'grab'\n")
-    ]
+    assert [(a.name, a.media_type, a.data) for a in log.attachments] == [("cell.toml", "application/toml", CELL)]
     assert [event.text for event in log.events] == [f"event {i}" for i in range(5)]
     assert log.duration_s == pytest.approx(1.499)
 

@@ -1,5 +1,6 @@
 """Commands about one log."""
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -8,6 +9,12 @@ import typer
 from rtstack.cli.commands.options import Json
 
 commands = typer.Typer()
+
+
+class DatasetKind(StrEnum):
+    """Forms of a data set."""
+
+    HDF5 = "hdf5"
 
 
 @commands.command()
@@ -73,6 +80,19 @@ def plot(
     if len(kinds) > 1:
         raise typer.BadParameter(f"--{kinds[0]} and --{kinds[1]}: give one of them")
     run(words, kinds[0] if kinds else None, output, start, end, impact, reference, align)
+
+
+@commands.command()
+def export(
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG.mcap...", help="Each becomes an episode.")],
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="The file to write; it must not exist.")],
+    to: Annotated[DatasetKind, typer.Option("--to", help="The form of the data set.")],
+    json: Json = False,
+) -> None:
+    """Make a data set of logs, for learning code. An export that was interrupted goes on where it ended."""
+    from rtstack.cli.export import run
+
+    run(logs, out, json)
 
 
 @commands.command()

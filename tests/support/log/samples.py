@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtstack.log.ring import Rings
-from rtstack.log.writer import CellFrames, LogProcess, LogSummary
+from rtstack.log.writer import Attachment, CellFrames, LogProcess, LogSummary
 from rtstack.topics import TOPICS
 
 TICKS = 1500
 MS = 1_000_000
 TRIAL = {"kind": "trial", "specification": '{"controller": "proposed"}', "seed": "7"}
+CELL = b"name = 'grab'\n[objects.rice_box]\nmass = 1.25\nsize = [0.2, 0.3, 0.2]\n"
 RESULT = {"success": "true", "peak_force_norm": "12.5"}
 
 
@@ -65,3 +66,16 @@ class WrittenLog:
     columns: dict[str, NDArray[Any]]
     cell: CellFrames
     summary: LogSummary
+
+
+def write_log(path: Path, ticks: int = TICKS, seed: int = 0, trial: dict[str, str] = TRIAL) -> WrittenLog:
+    """Write a complete log of random records."""
+    columns = {topic: random_records(topic, 5 if topic == "/events" else ticks, seed) for topic in TOPICS}
+    left, right = np.eye(4), np.diag([-1.0, -1.0, 1.0, 1.0])
+    left[:3, 3], right[:3, 3] = (0.0, 0.4, 0.1), (0.0, -0.4, 0.1)
+    cell = CellFrames(left, right, (0.1, 0.1, 0.03), (0.2, 0.3, 0.2), (0.08, 0.0, 0.1), (0.56, 0.8, 0.2))
+    with Rings.create() as rings:
+        log = LogProcess.start(path, rings, {"trial": trial}, [Attachment("cell.toml", "application/toml", CELL)], cell)
+        push_all(rings, columns, log)
+        summary = log.close(RESULT)
+    return WrittenLog(path, columns, cell, summary)

@@ -1,0 +1,121 @@
+"""An episode: a log in memory, with what its data set says of it."""
+
+import hashlib
+import json
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from hal.topic import Topic
+from rtstack.log.errors import LogError
+from rtstack.log.job import Attachment
+from rtstack.log.reader import Log, read_log
+from rtstack.topics import ARM_TOPICS, TOPICS
+
+_STAMP = re.compile(r"(\d{8})-(\d{6})-")  # of the logs of `rtstack up`: UTC
+NONE = "none"  # a label that the log does not have
+
+
+@dataclass(frozen=True)
+class Episode:
+    """A log in memory. digest: SHA-256 of its file. records: by topic, (n,) each, t_ns in ns of the robot's time."""
+
+    path: Path
+    digest: str
+    start_ns: int
+    metadata: Mapping[str, Mapping[str, str]]
+    attachments: tuple[Attachment, ...]
+    records: Mapping[str, NDArray[Any]]
+
+    @property
+    def labels(self) -> dict[str, str]:
+        """What came out: success (true or false), impact_verdict and failure_reason; "none" where the log has none."""
+        result = self.metadata.get("result", {})
+        found = {name: result.get(name, "null") for name in ("success", "impact_verdict", "failure_reason")}
+        return {name: NONE if value == "null" else value for name, value in found.items()}
+
+    @property
+    def facts(self) -> dict[str, str]:
+        """What was asked: kind, object, controller, cell, seed; "none" where the log does not say it."""
+        trial, result = self.metadata.get("trial", {}), self.metadata.get("result", {})
+        names = ("kind", "object", "controller", "cell", "seed")
+        return {name: trial.get(name) or result.get(name) or NONE for name in names}
+
+    @property
+    def task(self) -> str:
+        """The task in words, by the object and the motion of the reference."""
+        thing = self.facts["object"]
+        if thing == NONE:
+            return "move both arms"
+        return f"{self.metadata.get('trial', {}).get('motion', 'grab')} the {thing.replace('_', ' ')} with both arms"
+
+    @property
+    def recorded(self) -> datetime:
+        """When it was recorded, UTC: by the name that `rtstack up` gives a log, else by the file's last change."""
+        named = _STAMP.match(self.path.name)
+        if named:
+            return datetime.strptime(named[1] + named[2], "%Y%m%d%H%M%S").replace(tzinfo=UTC)
+        return datetime.fromtimestamp(self.path.stat().st_mtime, UTC)
+
+    @cached_property
+    def cell(self) -> Mapping[str, Any]:
+        """The cell's file as the log has it, empty where it has none."""
+        for attachment in self.attachments:
+            if attachment.name == "cell.toml":
+                return tomllib.loads(attachment.data.decode())
+        return {}
+
+    @property
+    def source(self) -> str:
+        """Everything that the log says in words, as JSON: its records of metadata, its name and its digest."""
+        return json.dumps(
+            {"file": self.path.name, "sha256": self.digest} | {k: dict(v) for k, v in self.metadata.items()}
+        )
+
+
+def check_log(path: Path) -> Log:
+    """Open a log that may become an episode. Raises LogError with one line."""
+    log = read_log(path)
+    for topic in ARM_TOPICS:
+        if not log.count(topic):
+            raise LogError(f"{path}: it has no samples of both arms: there is nothing to export")
+    return log
+
+
+def digest_of(path: Path) -> str:
+    """Return the SHA-256 of a file."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def read_episode(path: Path, digest: str) -> Episode:
+    """Read a whole log. Raises LogError with one line."""
+    log = check_log(path)
+    records = {name: log.topic(name) for name in TOPICS}
+    return Episode(path, digest, log.start_ns, log.metadata, log.attachments, records)
+
+
+def field_attributes(topic: Topic) -> dict[str, dict[str, str]]:
+    """Return of each field of a topic what its values are: unit, frame, axes, text, values of an enumeration, bits."""
+    return {
+        field.name: {
+            name: value
+            for name, value in (
+                ("unit", field.unit),
+                ("frame", field.frame),
+                ("axes", " ".join(field.axes)),
+                ("description", field.comment.replace("column-major", "row-major")),
+                ("values", ", ".join(f"{int(each)} {each.name.lower()}" for each in field.enum or ())),
+                ("bits", " ".join(field.bits)),
+            )
+            if value
+        }
+        for field in topic.message.fields
+    }

@@ -1,0 +1,109 @@
+"""HDF5 in the form of the TU/e Impact-Aware Robotics Database: one file, a group Rec_<UTC time> for each recording.
+
+The names in capitals, `datalog`, `transforms` and their attributes are those that the database's published readers ask
+for (docs/howto/dataset.md says which parts are known).
+"""
+
+import itertools
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from hal.topic import Topic
+from rtstack.datasets.episode import Episode, field_attributes
+from rtstack.topics import OBJECT_TOPIC, TOPICS
+
+TIME = "Time(s)"  # the first column of a datalog, s since the recording's first sample
+_FILTERS = {"compression": "gzip", "compression_opts": 1, "shuffle": True}  # which every reader of HDF5 has
+_ROWS = 2048  # of a chunk: 2 s of the fastest topics
+_CORNERS = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
+
+
+class Hdf5:
+    """One HDF5 file."""
+
+    needs = ("h5py",)
+    settings = "hdf5"
+
+    def write(self, episode: Episode, path: Path) -> None:
+        """See Format."""
+        import h5py
+
+        with h5py.File(path, "w") as file:
+            recording = file.create_group(f"Rec_{episode.recorded:%Y%m%dT%H%M%SZ}")
+            recording.attrs["recording_timestamp"] = f"{episode.recorded:%Y-%m-%dT%H:%M:%SZ}"
+            recording.attrs["note"] = f"{episode.facts['kind']}: {episode.task}"
+            for name, value in {**episode.facts, **episode.labels}.items():
+                recording.attrs[name] = value
+            recording["METADATA/source.json"] = episode.source
+            for attachment in episode.attachments:
+                kind = "ROBOT" if attachment.name.endswith(".urdf") else "ENVIRONMENT"
+                recording[f"{kind}/{attachment.name}"] = attachment.data.decode(errors="replace")
+            for name, topic in TOPICS.items():
+                if len(episode.records[name]):
+                    self._sensor(recording, episode, topic)
+            self._object(recording, episode)
+
+    def join(self, episodes: Sequence[Path], whole: Path) -> None:
+        """See Format. Compressed chunks are copied as they are."""
+        import h5py
+
+        with h5py.File(whole, "w") as target:
+            target.attrs["note"] = "Trials of a dual-arm cell, made by rtstack export --to hdf5"
+            for path in episodes:
+                with h5py.File(path, "r") as source:
+                    (name,) = source
+                    free = (f"{name}{'' if k == 0 else f'_{k}'}" for k in itertools.count())
+                    source.copy(name, target, next(each for each in free if each not in target))
+
+    def _sensor(self, recording: Any, episode: Episode, topic: Topic) -> None:
+        """Write a topic: a table of all its records, and what each column is, as attributes FIELD.unit and so on."""
+        sensor = recording.create_group(f"SENSOR_MEASUREMENT/{topic.name[1:].replace('/', '_')}")
+        sensor.attrs["model"], sensor.attrs["note"] = topic.message.schema, topic.message.text
+        records = episode.records[topic.name]
+        table = np.zeros(len(records), [(TIME, "f8"), *topic.record.descr])
+        table[TIME] = 1e-9 * (records["t_ns"] - episode.start_ns)
+        for name in topic.record.names or ():
+            table[name] = records[name]
+        log = sensor.create_dataset("datalog", data=table, chunks=(min(_ROWS, len(table)),), **_FILTERS)
+        if topic.rate_hz:
+            log.attrs["sample_frequency"], log.attrs["sample_frequency_unit"] = str(topic.rate_hz), "Hz"
+        log.attrs["duration"], log.attrs["duration_unit"] = str(table[TIME][-1] - table[TIME][0]), "s"
+        log.attrs["t_ns.unit"], log.attrs["t_ns.description"] = "ns", "Robot's time."
+        for name, attributes in field_attributes(topic).items():
+            for key, value in attributes.items():
+                log.attrs[f"{name}.{key}"] = value
+
+    def _object(self, recording: Any, episode: Episode) -> None:
+        """Write what is handled, as the cell's file has it, and where the tracker saw it."""
+        name = episode.facts["object"]
+        thing = episode.cell.get("objects", {}).get(name)
+        if thing is None:
+            return
+        group = recording.create_group(f"OBJECT/{name}")
+        for key, values, unit in (
+            ("mass", thing["mass"], "kg"),
+            ("dimensions", thing["size"], "m"),
+            ("vertices", _CORNERS * thing["size"], "m"),
+        ):
+            group.create_dataset(key, data=values).attrs["unit"] = unit
+        poses = episode.records[OBJECT_TOPIC]
+        poses = poses[poses["seen"] != 0]
+        if len(poses):
+            processed = recording[f"SENSOR_MEASUREMENT/{OBJECT_TOPIC[1:].replace('/', '_')}"].create_group(
+                f"POSTPROCESSING/{name}"
+            )
+            transforms = processed.create_dataset("transforms", data=_transforms(poses), **_FILTERS)
+            transforms.attrs["note"] = "T_world_object, (n, 4, 4), row-major, m: of the rows whose `seen` is not 0"
+
+
+def _transforms(poses: NDArray) -> NDArray[np.float64]:
+    """Return the poses (n,) as 4x4 matrices (n, 4, 4)."""
+    T = np.tile(np.eye(4), (len(poses), 1, 1))
+    T[:, :3, 3] = poses["position"]
+    T[:, :3, :3] = Rotation.from_quat(poses["orientation_wxyz"], scalar_first=True).as_matrix()
+    return T

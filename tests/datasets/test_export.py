@@ -1,0 +1,96 @@
+"""An export goes on where it ended, is never half there under its name, and says in one line what is wrong."""
+
+import itertools
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import pytest
+
+from rtstack.datasets.export import export
+from rtstack.datasets.hdf5 import Hdf5
+from rtstack.log.errors import LogError
+from tests.support.log.samples import WrittenLog
+
+Logs = tuple[WrittenLog, WrittenLog]
+
+
+class _InterruptedError(Exception):
+    pass
+
+
+def _interrupted(after: int) -> Callable[[float], None]:
+    """Progress that ends the export after this many episodes, as Ctrl-C would."""
+    counted = itertools.count(1)
+
+    def show(fraction: float) -> None:
+        if next(counted) == after:
+            raise _InterruptedError
+
+    return show
+
+
+def test_an_interrupted_export_goes_on_and_gives_the_same(logs: Logs, tmp_path: Path) -> None:
+    paths, out = [log.path for log in logs], tmp_path / "data.h5"
+    with pytest.raises(_InterruptedError):
+        export(paths, out, Hdf5(), _interrupted(after=1))
+    assert not out.exists()
+    (tmp_path / "data.h5.partial" / "unfinished").write_bytes(b"half an episode")
+    done = export(paths, out, Hdf5())
+    assert (done.episodes, done.present) == (2, 1)
+    assert list(tmp_path.iterdir()) == [out]
+    with h5py.File(out) as file:
+        assert len(file) == 2
+
+
+def test_an_export_that_was_joining_goes_on(logs: Logs, tmp_path: Path) -> None:
+    paths, out = [log.path for log in logs], tmp_path / "data.h5"
+    with pytest.raises(_InterruptedError):
+        export(paths, out, Hdf5(), _interrupted(after=2))
+    (tmp_path / "data.h5.partial" / "whole").write_bytes(b"half a data set")
+    assert export(paths, out, Hdf5()).present == 2
+    with h5py.File(out) as file:
+        assert len(file) == 2
+
+
+def test_a_log_that_changed_is_exported_again(logs: Logs, tmp_path: Path) -> None:
+    copied, out = tmp_path / "copied.mcap", tmp_path / "data.h5"
+    copied.write_bytes(logs[0].path.read_bytes())
+    with pytest.raises(_InterruptedError):
+        export([copied], out, Hdf5(), _interrupted(after=1))
+    copied.write_bytes(logs[1].path.read_bytes())
+    assert export([copied], out, Hdf5()).present == 0
+    with h5py.File(out) as file:
+        (recording,) = file.values()
+        assert len(recording["SENSOR_MEASUREMENT/timing/datalog"]) == len(logs[1].columns["/timing"])
+
+
+def test_what_is_wrong_is_said_before_anything_is_written(
+    logs: Logs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cut, taken = tmp_path / "cut.mcap", tmp_path / "taken.h5"
+    whole = logs[0].path
+    cut.write_bytes(whole.read_bytes()[:-1000])
+    taken.write_text("mine")
+    for paths, out, words in (
+        ([whole, tmp_path / "none.mcap"], "data.h5", "none.mcap"),
+        ([whole, cut], "data.h5", "rtstack recover"),
+        ([whole, whole], "data.h5", "named twice"),
+        ([whole], "taken.h5", "exists already"),
+        ([whole], "none/data.h5", "the folder"),
+    ):
+        with pytest.raises(LogError, match=words):
+            export(paths, tmp_path / out, Hdf5())
+    monkeypatch.setattr(Hdf5, "needs", ("h5py_is_not_here",))
+    with pytest.raises(LogError, match=r"h5py_is_not_here is not installed: pip install 'rtstack\[export\]'"):
+        export([whole], tmp_path / "data.h5", Hdf5())
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["cut.mcap", "taken.h5"]
+
+
+def test_the_command_says_what_it_wrote(logs: Logs, tmp_path: Path, command_line) -> None:
+    done = command_line("export", "--to", "hdf5", logs[0].path, logs[1].path, "data.h5", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("wrote data.h5: 2 episodes")
+    again = command_line("export", "--to", "hdf5", logs[0].path, "data.h5", cwd=tmp_path)
+    assert (again.returncode, again.stdout) == (2, "")
+    assert "data.h5 exists already" in again.stderr

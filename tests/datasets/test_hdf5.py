@@ -1,0 +1,72 @@
+"""The HDF5 export has every sample of every topic, and what its values are."""
+
+import json
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from rtstack.datasets.export import export
+from rtstack.datasets.hdf5 import Hdf5
+from rtstack.topics import TOPICS
+from tests.support.log.samples import CELL, RESULT, WrittenLog
+
+
+@pytest.fixture(scope="module")
+def data(logs: tuple[WrittenLog, WrittenLog], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("data") / "data.h5"
+    done = export([log.path for log in logs], out, Hdf5())
+    assert (done.episodes, done.present) == (2, 0)
+    assert list(out.parent.iterdir()) == [out]
+    return out
+
+
+def test_every_sample_of_every_topic_is_there_bit_for_bit(data: Path, logs: tuple[WrittenLog, WrittenLog]) -> None:
+    with h5py.File(data) as file:
+        for recording, log in zip(file.values(), logs, strict=True):
+            for name, records in log.columns.items():
+                table = recording[f"SENSOR_MEASUREMENT/{name[1:].replace('/', '_')}/datalog"][:]
+                assert table["Time(s)"].tolist() == (1e-9 * (records["t_ns"] - records["t_ns"][0])).tolist()
+                for column in records.dtype.names or ():
+                    assert table[column].tobytes() == records[column].tobytes(), (name, column)
+
+
+def test_units_frames_and_labels(data: Path) -> None:
+    with h5py.File(data) as file:
+        assert "Rec_20261122T234722Z" in file
+        recording = file["Rec_20261122T234722Z"]
+        assert recording.attrs["recording_timestamp"] == "2026-11-22T23:47:22Z"
+        assert recording.attrs["note"] == "trial: grab the rice box with both arms"
+        assert (recording.attrs["success"], recording.attrs["impact_verdict"]) == ("true", "none")
+        arm = recording["SENSOR_MEASUREMENT/left_arm/datalog"].attrs
+        assert (arm["q.unit"], arm["O_F_ext_hat_K.unit"], arm["O_F_ext_hat_K.frame"]) == ("rad", "N, Nm", "base")
+        assert (arm["sample_frequency"], arm["sample_frequency_unit"]) == ("1000", "Hz")
+        missing = {
+            f"{topic.name}: {field.name}"
+            for topic in TOPICS.values()
+            for field in topic.message.fields
+            for key, value in (("unit", field.unit), ("frame", field.frame))
+            if value and recording[f"SENSOR_MEASUREMENT/{topic.name[1:].replace('/', '_')}/datalog"].attrs[
+                f"{field.name}.{key}"
+            ] != value
+        }  # fmt: skip
+        assert missing == set()
+        source = json.loads(recording["METADATA/source.json"].asstr()[()])
+        assert source["result"] == RESULT
+        assert len(source["sha256"]) == 64
+        assert recording["ENVIRONMENT/cell.toml"][()] == CELL
+
+
+def test_the_object_and_where_it_was(data: Path, logs: tuple[WrittenLog, WrittenLog]) -> None:
+    with h5py.File(data) as file:
+        recording = file["Rec_20261122T234722Z"]
+        box = recording["OBJECT/rice_box"]
+        assert (box["mass"][()], box["mass"].attrs["unit"]) == (1.25, "kg")
+        assert np.ptp(box["vertices"][:], axis=0).tolist() == pytest.approx([0.2, 0.3, 0.2])
+        transforms = recording["SENSOR_MEASUREMENT/object_pose/POSTPROCESSING/rice_box/transforms"][:]
+        poses = logs[0].columns["/object/pose"]
+        assert transforms[:, :3, 3].tobytes() == poses["position"].tobytes()
+        assert transforms[:, :3, :3] @ transforms[:, :3, :3].transpose(0, 2, 1) == pytest.approx(
+            np.tile(np.eye(3), (len(poses), 1, 1))
+        )
