@@ -16,14 +16,11 @@ from rtstack.log.errors import LogError
 
 
 class Format(Protocol):
-    """A form of a data set. needs: the modules that it imports; settings: what its episodes depend on, in one word."""
+    """A form of a data set. needs: the modules that it imports; settings: what its episodes' files depend on, in letters
+    of a file name."""
 
     needs: tuple[str, ...]
-
-    @property
-    def settings(self) -> str:
-        """What the files of two episodes must have in common, in letters of a file name."""
-        ...
+    settings: str
 
     def write(self, episode: Episode, path: Path) -> None:
         """Write an episode as a file. Raises LogError for one that cannot be."""

@@ -26,8 +26,8 @@ _CORNERS = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
 class Hdf5:
     """One HDF5 file."""
 
-    needs = ("h5py",)
-    settings = "hdf5"
+    needs: tuple[str, ...] = ("h5py",)
+    settings: str = "hdf5"
 
     def write(self, episode: Episode, path: Path) -> None:
         """See Format."""
