@@ -16,8 +16,8 @@ from rtstack.log.errors import LogError
 
 
 class Format(Protocol):
-    """A form of a data set. needs: the modules that it imports; settings: what its episodes' files depend on, in letters
-    of a file name."""
+    """A form of a data set. needs: the modules that it imports; settings: what its episodes' files depend on, as
+    a part of their names."""
 
     needs: tuple[str, ...]
     settings: str
