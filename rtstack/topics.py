@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from hal.extensions import ExtensionPoint
 from hal.topic import Message, Topic
 from hal.tracker import OBJECT_POSE_FIELDS
+from hal.turn import TURN_FIELDS, WORK_FIELDS
 from rtstack.samples import ARM_FIELDS, CONTROL_FIELDS, EVENT_FIELDS, SIDES, TIMING_FIELDS
 
 ARM = Message(
@@ -17,11 +18,17 @@ ARM = Message(
 )
 CONTROL = Message("rtstack.ControlSample", "What the controller of one arm did in this tick.", CONTROL_FIELDS)
 TIMING = Message("rtstack.TimingSample", "How the real-time loop kept time.", TIMING_FIELDS)
+TURN = Message(
+    "rtstack.TurnSample", "When a state came and was answered, where each arm has a clock of its own.", TURN_FIELDS
+)
+WORK = Message("rtstack.WorkSample", "What the host did with the real-time loop.", WORK_FIELDS)
 POSE = Message("foxglove.PoseInFrame", "Pose of an object, in a frame.", OBJECT_POSE_FIELDS)
 EVENT = Message("foxglove.Log", "Something that happened.", EVENT_FIELDS)
 
 ARM_TOPICS = tuple(f"/{side}/arm" for side in SIDES)
 CONTROL_TOPICS = tuple(f"/{side}/control" for side in SIDES)
+TURN_TOPICS = tuple(f"/{side}/turn" for side in SIDES)
+WORK_TOPIC = "/host/work"
 TIMING_TOPIC, OBJECT_TOPIC, EVENT_TOPIC = "/timing", "/object/pose", "/events"
 
 
@@ -62,6 +69,8 @@ TOPICS, REFUSED = _with_offered(
         Topic(TIMING_TOPIC, TIMING, 1000, every_tick=True),
         Topic(OBJECT_TOPIC, POSE, 100, "what the tracker saw"),
         Topic(EVENT_TOPIC, EVENT, 0, "who (`name`), what (`message`), how severe", plotted=False),
+        *(Topic(name, TURN, 1000, plotted=False) for name in TURN_TOPICS),
+        Topic(WORK_TOPIC, WORK, 125, plotted=False),
     ]
 )
 TICK_TOPICS = tuple(topic.name for topic in TOPICS.values() if topic.every_tick)

@@ -17,6 +17,7 @@ from hal.fci import recovery
 from hal.fci.faults import VENDOR, as_hardware_error, names_in, vendor_errors
 from hal.fci.setup import Tool, configure, tell_collisions
 from hal.fci.sockets import give_up_after, open_sockets, shut_down
+from hal.fci.turn_times import TurnTimes, stamp_arrivals
 from hal.robot_errors import error_bit
 from hal.state import ARM_STATE, NEEDS_PERSON, ArmState, RobotMode
 
@@ -54,6 +55,7 @@ class FciArm:
         self._posture: Array | None = None  # that was sent last, under position control
         self._lost = False
         self.unread = False  # True: the next read returns the last state once more, without waiting
+        self.turns: TurnTimes | None = None  # where they are to be measured
         self._config = franka.RealtimeConfig.kEnforce if enforce_realtime else franka.RealtimeConfig.kIgnore
         self._robot: franka.Robot | None = None
         self.reconnected: Callable[[], None] = lambda: None  # told when `socket` is another one
@@ -72,6 +74,7 @@ class FciArm:
         # descriptor that becomes readable when a state has arrived, never to be read here; and the one for requests
         (self.socket, _), (self._requests, _) = (found.pop() for found in new)
         give_up_after(self._requests, REQUEST_PATIENCE_S)
+        stamp_arrivals(self.socket)
         self.reconnected()
 
     def _configure(self) -> None:
@@ -171,11 +174,16 @@ class FciArm:
         if self.unread:
             self.unread = False
             return self._state
+        turns = self.turns
+        if turns is not None:
+            turns.look(self.socket)
         try:
             # no local name for the control: the traceback of an error would keep it, and the robot busy, alive
             state = robot.read_once() if self._control is None else self._control.readOnce()[0]
         except VENDOR as error:
             raise self._fault(error) from None
+        if turns is not None:
+            turns.read()
         mode = int(state.robot_mode)
         self._take(state, mode)
         if mode == RobotMode.REFLEX:
@@ -204,6 +212,8 @@ class FciArm:
             self._control.writeOnce(self._torques)
         except VENDOR as error:
             raise self._fault(error) from None
+        if self.turns is not None:
+            self.turns.answer(self._state.t_ns)
 
     def stop(self) -> None:
         """End torque control: the robot brakes and holds. A reflex stays latched."""

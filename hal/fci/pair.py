@@ -16,6 +16,7 @@ from hal.fci.arm import FciArm
 from hal.fci.hold import HoldThread
 from hal.fci.motion import move
 from hal.fci.setup import Tool
+from hal.fci.turn_times import TurnTimes
 from hal.fci.watch import StateWatch
 from hal.joint_path import JointSpeed
 from hal.state import RobotMode
@@ -30,7 +31,7 @@ LONGEST_WAIT_S = 5e-3
 
 
 class FciPair:
-    """Two connected arms: a hal.cell.ArmLink."""
+    """Two connected arms: a hal.cell.ArmLink. turns: of both arms, where each of them is answered by its own clock."""
 
     def __init__(self, left: FciArm, right: FciArm, *, shared_clock: bool = False) -> None:
         self.left, self.right = left, right
@@ -40,6 +41,8 @@ class FciPair:
         self._watch: StateWatch | None = None  # of the arms' present sockets, by the next `wait`
         self._sides: dict[int, int] = {}
         self._silent_s = {LEFT: 0.0, RIGHT: 0.0}  # how long we have waited without a state of that arm
+        self.turns = None if shared_clock else (TurnTimes(), TurnTimes())
+        left.turns, right.turns = self.turns or (None, None)
         self._hold_thread = HoldThread()
         for arm in (left, right):
             self._hold_thread.hold(arm)  # compiled, or loaded from the cache, before an arm moves
@@ -151,10 +154,12 @@ class FciPair:
         if self.left.unread or self.right.unread:
             return LEFT * self.left.unread | RIGHT * self.right.unread
         watch = self._watch or self._watch_sockets()
-        began_s = time.monotonic()
+        began_ns = time.monotonic_ns()
+        if self.turns is not None:
+            self.turns[0].free_ns = self.turns[1].free_ns = began_ns
         # a second look: where this process itself was held up, the states are there by now
         ready = watch.wait(self._stale_s) or watch.wait(LONGEST_WAIT_S)
-        waited_s = min(time.monotonic() - began_s, LONGEST_WAIT_S) if ready else self._stale_s
+        waited_s = min(1e-9 * (time.monotonic_ns() - began_ns), LONGEST_WAIT_S) if ready else self._stale_s
         mask = 0
         for descriptor in ready:
             mask |= self._sides[descriptor]

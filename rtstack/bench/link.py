@@ -15,6 +15,8 @@ import numpy as np
 from hal.cell import Cell
 from hal.realtime import realtime_thread
 from rtstack.bench.hold import Hold, HoldEnded
+from rtstack.bench.turn_log import TurnLog
+from rtstack.log.lateness import Lateness
 from rtstack.loop.session import StopSignal
 from rtstack.model.cell_description import CellDescription
 from rtstack.samples import SIDES
@@ -33,7 +35,7 @@ class LinkBenchmark:
     the arrival of the next state, in lockstep the wire, the robot and back; in real time what is left of a period.
     hold_rad, hold_rad_s, hold_nm: how far, how fast and with how much torque any joint was held. tau_ext_mean_nm and
     tau_ext_sd_nm: of each joint's external torque, O_F_ext_mean: of the wrench (6,) in the base, N and Nm, as the
-    robots estimate them meanwhile.
+    robots estimate them meanwhile. lateness: who was late, None in lockstep.
     """
 
     cell: str
@@ -55,6 +57,7 @@ class LinkBenchmark:
     tau_ext_mean_nm: tuple[list[float], list[float]]
     tau_ext_sd_nm: tuple[list[float], list[float]]
     O_F_ext_mean: tuple[list[float], list[float]]
+    lateness: Lateness | None = None
 
     @property
     def verdict(self) -> str:
@@ -64,7 +67,8 @@ class LinkBenchmark:
 
     def as_dict(self) -> dict[str, object]:
         """Return the figures for JSON."""
-        return {**asdict(self), "verdict": self.verdict}
+        lateness = None if self.lateness is None else self.lateness.as_dict()
+        return {**asdict(replace(self, lateness=None)), "lateness": lateness, "verdict": self.verdict}
 
 
 def bench_link(cell: Cell, ticks: int, description: CellDescription, stop: StopSignal | None = None) -> LinkBenchmark:
@@ -93,18 +97,20 @@ def _run(cell: Cell, ticks: int, holds: tuple[Hold, ...], scheduler: str, stop: 
     count = [0, 0]
     stamps, arrived, answered, rates = (np.zeros((2, ticks)) for _ in range(4))
     cell.start()
-    while min(count) < ticks:
-        if stop is not None and stop.stop_requested:
-            raise HoldEnded("the hold was ended before its time: the key was let go, or a stop was asked for")
-        for k in _MASKS[cell.link.wait()] if cell.own_clocks and cell.link is not None else (0, 1):
-            state = arms[k].read()
-            now_ns = clock()
-            arms[k].write(holds[k].torque(state))
-            n = count[k]
-            if n < ticks:
-                arrived[k, n], answered[k, n] = now_ns, clock()
-                stamps[k, n], rates[k, n] = state.t_ns, state.record["control_command_success_rate"][0]
-                count[k] = n + 1
+    with TurnLog(cell.turns, ticks) as turns:
+        while min(count) < ticks:
+            if stop is not None and stop.stop_requested:
+                raise HoldEnded("the hold was ended before its time: the key was let go, or a stop was asked for")
+            for k in _MASKS[cell.link.wait()] if cell.own_clocks and cell.link is not None else (0, 1):
+                state = arms[k].read()
+                now_ns = clock()
+                arms[k].write(holds[k].torque(state))
+                n = count[k]
+                if n < ticks:
+                    arrived[k, n], answered[k, n] = now_ns, clock()
+                    stamps[k, n], rates[k, n] = state.t_ns, state.record["control_command_success_rate"][0]
+                    turns.take(k, state.t_ns, rates[k, n])
+                    count[k] = n + 1
     answer_us = (answered - arrived) * 1e-3
     round_trip_us = (arrived[:, 1:] - answered[:, :-1]) * 1e-3
     period_us = np.diff(arrived[0]) * 1e-3
@@ -129,6 +135,7 @@ def _run(cell: Cell, ticks: int, holds: tuple[Hold, ...], scheduler: str, stop: 
         hold_nm=_pair([hold.nm for hold in holds]),
         tau_ext_mean_nm=_lists([hold.estimate[:, :7].mean(axis=0) for hold in holds]),
         tau_ext_sd_nm=_lists([hold.estimate[:, :7].std(axis=0) for hold in holds]),
+        lateness=turns.lateness(),
         O_F_ext_mean=_lists([hold.estimate[:, 7:].mean(axis=0) for hold in holds]),
     )
 

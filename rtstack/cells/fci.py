@@ -77,7 +77,7 @@ def _open(request: CellRequest) -> Cell:
         raise
     return Cell(
         request.kind, pair.left, pair.right, tracker, _TrackedLink(pair, tracker, robot_clock), own_clocks=True,
-        own_limits=own, warning=said or difference_of_limits(request.description, own),
+        own_limits=own, turns=pair.turns, warning=said or difference_of_limits(request.description, own),
     )  # fmt: skip
 
 

@@ -112,7 +112,7 @@ def _served_cell(kind: str, simulator: Simulator, description: CellDescription, 
         simulator.close()
         raise
     link = _SimulatorLink(pair, simulator)
-    return Cell(kind, pair.left, pair.right, simulator.tracker, link, own_clocks=not lockstep)
+    return Cell(kind, pair.left, pair.right, simulator.tracker, link, own_clocks=not lockstep, turns=pair.turns)
 
 
 direct = CellKind(_open_direct, _check, _simulated)

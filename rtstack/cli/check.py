@@ -20,6 +20,7 @@ from rtstack.check.network import arm_finding, gripper_finding, interface_findin
 from rtstack.check.software import software_findings
 from rtstack.cli.hold_to_run import HoldToRun
 from rtstack.cli.interrupt import interruptible
+from rtstack.log.lateness import Blame, Lateness
 from rtstack.loop.session import StopSignal
 from rtstack.model.cell_description import CellDescription
 from rtstack.samples import SIDES
@@ -27,6 +28,13 @@ from rtstack.trials.errors import TrialError
 
 FAILED = 1
 LINK_TICKS = 10_000
+GOOD_LATE_SHARE = 1e-3  # ours: with them at random, 20 in a row never come
+_LATE = {
+    Blame.HOST: "keep the host for the loop: `sudo rtstack host-setup`; `rtstack review LOG` says what it did",
+    Blame.WIRE: "a cable from a network card of its own to each box, no switch; see docs/howto/lateness.md",
+    Blame.ROBOT: "the box itself was late: its logs in Desk, and Franka's support",
+    Blame.ROBOT_OR_WIRE: "look at the cable first: see docs/howto/lateness.md",
+}
 _TELL_THE_TOOL = "tell robot (Desk) and cell file ([pad]) what is on the flange; do not touch an arm meanwhile"
 
 
@@ -126,6 +134,7 @@ def held_findings(
     value += f", with {max(figures.hold_nm):.1f} Nm at most"
     cost = "the robot does not carry all of its weight: the arms sag by as much against every reference"
     found = [finding("hold", value, max(figures.hold_rad) <= GOOD_RAD, cost, _TELL_THE_TOOL), _link(figures)]
+    found += [_late(figures.lateness)] if figures.lateness is not None else []
     arms, mountings = (cell.left, cell.right), (description.left, description.right)
     for k, (arm, mounting) in enumerate(zip(arms, mountings, strict=True)):
         felt = Felt(
@@ -133,6 +142,15 @@ def held_findings(
         )
         found += resting_findings(SIDES[k], arm.read(), felt, mounting, description.pad)
     return found
+
+
+def _late(lateness: Lateness) -> Finding:
+    """Judge who was late: the advice is for whose share is the largest."""
+    shares = lateness.shares
+    advice = _LATE[Blame(max(shares, key=lambda name: shares[name]))] if shares else ""
+    cost = "a late answer is a lost one; 20 in a row stop the arm"
+    good = len(lateness.late) <= GOOD_LATE_SHARE * lateness.turns
+    return finding("late turns", lateness.line, good, cost, advice)
 
 
 def _link(figures: LinkBenchmark) -> Finding:

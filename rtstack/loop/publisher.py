@@ -12,7 +12,17 @@ from rtstack.log.push import push_all
 from rtstack.log.ring import Rings
 from rtstack.loop.history import History
 from rtstack.samples import EVENT, TIMING_SAMPLE, Level
-from rtstack.topics import ARM_TOPICS, CONTROL_TOPICS, EVENT_TOPIC, OBJECT_TOPIC, REFUSED, TIMING_TOPIC, TOPICS
+from rtstack.topics import (
+    ARM_TOPICS,
+    CONTROL_TOPICS,
+    EVENT_TOPIC,
+    OBJECT_TOPIC,
+    REFUSED,
+    TIMING_TOPIC,
+    TOPICS,
+    TURN_TOPICS,
+    WORK_TOPIC,
+)
 
 _OF_A_TICK = (ARM_TOPICS[0], CONTROL_TOPICS[0], ARM_TOPICS[1], CONTROL_TOPICS[1], TIMING_TOPIC)
 _ALWAYS = np.ones(1, np.int64)
@@ -68,6 +78,8 @@ class Publisher:
         self.timing = np.zeros(1, TIMING_SAMPLE)
         self._history = history
         self._event = np.zeros(1, EVENT)
+        self._turns = [[ring.pusher(topic).push for ring in rings] for topic in TURN_TOPICS]
+        self._work = [ring.pusher(WORK_TOPIC).push for ring in rings]
         self._pushers = [[ring.pusher(topic) for topic in _OF_A_TICK] for ring in rings]
         self._left: tuple[NDArray, NDArray] | None = None
         self._right: tuple[NDArray, NDArray] | None = None
@@ -100,6 +112,14 @@ class Publisher:
             self._history.append(left, right, self.timing)
         for stream in self._streams:
             stream.publish()
+
+    def turn(self, side: int, turn: NDArray[np.void], work: NDArray[np.void] | None) -> None:
+        """Publish a turn of an arm, (1,) of TURN, and what the host did, (1,) of WORK, where that was read."""
+        for take in self._turns[side]:
+            take(turn)
+        if work is not None:
+            for take in self._work:
+                take(work)
 
     def _bind(self, left: tuple[NDArray, NDArray], right: tuple[NDArray, NDArray]) -> None:
         """Look up where the records are: the loop publishes the same ones every tick."""

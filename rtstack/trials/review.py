@@ -1,6 +1,6 @@
 """What a log says about its trial, recomputed from its samples."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from hal.arrays import Array
 from rtstack.control.parameters import DetectorParameters
 from rtstack.log.derived import base_pose
+from rtstack.log.lateness import Lateness, lateness_of
 from rtstack.log.reader import Event, Log, read_log
 from rtstack.loop.history import Columns
 from rtstack.references.motion import Motion
@@ -22,7 +23,7 @@ from rtstack.trials.scoring import Score, SuccessCriterion, score
 class Review:
     """kind: trial or demonstration; recorded: the result in the log; score: the same from the samples, None for a
     demonstration; first_contact_s: of the left and right arm, s since the first sample; fault: what ended the session,
-    where it was one."""
+    where it was one; lateness: who was late, where each arm had a clock of its own."""
 
     path: Path
     kind: str
@@ -34,11 +35,13 @@ class Review:
     first_contact_s: tuple[float | None, float | None]
     events: tuple[Event, ...]
     fault: dict[str, str] | None = None
+    lateness: Lateness | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return the review as JSON-ready values."""
-        values = asdict(self)
+        values = asdict(replace(self, lateness=None))
         values["path"] = str(self.path)
+        values["lateness"] = None if self.lateness is None else self.lateness.as_dict()
         values["events"] = [
             {"t_s": event.t_ns * 1e-9, "level": event.level.name, "name": event.name, "text": event.text}
             for event in self.events
@@ -77,6 +80,7 @@ def review_log(path: Path) -> Review:
         first_contact_s=(_first_contact(columns, 0, start_t_ns), _first_contact(columns, 1, start_t_ns)),
         events=log.events,
         fault=log.metadata.get("fault"),
+        lateness=lateness_of(log),
     )
 
 

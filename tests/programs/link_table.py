@@ -116,6 +116,11 @@ class Lab:
         for end in ends:
             os.close(end)
 
+    @property
+    def relay_pid(self) -> int:
+        """The process that is the cable."""
+        return self._relay.pid
+
     def set(self, cable: Cable) -> None:
         """Change the cable."""
         assert self._relay.stdin is not None

@@ -1,0 +1,119 @@
+"""Turns of a real socket: when the kernel got what waits there, and how many of it wait."""
+
+import socket
+import threading
+import time
+
+import pytest
+
+from hal.fci.turn_times import LATE_NS, TurnTimes, stamp_arrivals
+from hal.host_work import EVERY, HostWork
+
+TICK_NS = 1_000_000
+
+
+@pytest.fixture
+def wire():
+    """A robot's socket and ours, of which the kernel stamps what arrives."""
+    with socket.socket(type=socket.SOCK_DGRAM) as robot, socket.socket(type=socket.SOCK_DGRAM) as ours:
+        ours.bind(("127.0.0.1", 0))
+        ours.settimeout(60.0)
+        robot.connect(ours.getsockname())
+        stamp_arrivals(ours.fileno())
+        yield robot, ours
+
+
+def send(robot: socket.socket, number: int) -> tuple[int, int]:
+    """Send a state; return the times before and after."""
+    before = time.monotonic_ns()
+    robot.send(number.to_bytes(8, "little") + bytes(1369))
+    return before, time.monotonic_ns()
+
+
+def test_a_state_that_waited_in_the_socket_has_the_kernels_time(wire):
+    robot, ours = wire
+    turns = TurnTimes()
+    for number in (7, 8):  # a socket's first stamp may be that of the first look
+        before, after = send(robot, number)
+        time.sleep(2e-3)
+        slept = time.monotonic_ns()
+        turns.look(ours.fileno())
+        looked = time.monotonic_ns()
+        assert ours.recv(2000)[0] == number  # nothing was taken out
+        turns.read()
+        turns.answer(number * TICK_NS)
+    turn = turns.sample[0]
+    assert before - 1000 <= 1e3 * turn["arrived_us"] <= looked
+    assert turn["unread"] == 1
+    assert turn["seen_us"] >= 1e-3 * (slept - after) - 1.0
+    assert turn["seen_us"] <= turn["read_us"] <= turn["answered_us"]
+    assert turns.late  # it has waited for longer than LATE_NS
+    assert LATE_NS < 2e6
+
+
+def test_of_several_states_the_oldest_counts(wire):
+    robot, ours = wire
+    turns = TurnTimes()
+    before, _ = send(robot, 100)
+    for number in (101, 102, 103):
+        send(robot, number)
+    turns.look(ours.fileno())
+    for _ in range(4):
+        ours.recv(2000)
+    turns.read()
+    turns.answer(103 * TICK_NS)
+    assert turns.sample["unread"][0] == 4
+    assert 1e3 * turns.sample["arrived_us"][0] >= before - 1000
+
+
+def test_a_gap_in_the_robots_time_is_late_though_its_answer_is_quick(wire):
+    robot, ours = wire
+    turns, late = TurnTimes(), []
+    for number in (5, 6, 9):
+        send(robot, number)
+        turns.look(ours.fileno())
+        ours.recv(2000)
+        turns.answer(number * TICK_NS)
+        late.append(turns.late)
+    assert late[2]
+
+
+def test_the_hosts_counters_are_read_after_a_late_turn_and_now_and_then():
+    with HostWork() as work:
+        read = [work.turn(late=False) for _ in range(2 * EVERY)]
+        assert [k for k, yes in enumerate(read) if yes] == [EVERY - 1, 2 * EVERY - 1]
+        assert work.sample["turns"][0] == EVERY
+        assert work.turn(late=True)
+        assert work.sample["turns"][0] == 1
+
+
+def test_what_this_thread_computes_is_its_own_and_what_another_one_does_is_not():
+    with HostWork() as work:
+        began = time.thread_time_ns()
+        while time.thread_time_ns() < began + 20_000_000:
+            pass
+        assert work.turn(late=True)
+        assert work.sample["cpu_us"][0] >= 20_000.0
+
+        def compute() -> None:
+            began = time.thread_time_ns()
+            while time.thread_time_ns() < began + 20_000_000:
+                pass
+
+        other = threading.Thread(target=compute)
+        other.start()
+        other.join()
+        assert work.turn(late=True)
+        assert work.sample["others_us"][0] >= 20_000.0
+
+
+def test_a_collection_in_another_thread_is_counted():
+    import gc
+
+    with HostWork() as work:
+        other = threading.Thread(target=gc.collect)
+        other.start()
+        other.join()
+        work.turn(late=True)
+        assert work.sample["collected_us"][0] > 0.0
+    assert work._collect not in gc.callbacks
