@@ -19,7 +19,9 @@ from pathlib import Path
 import uvicorn
 from pydantic.warnings import UnsupportedFieldAttributeWarning
 
+from console.address import Address
 from console.app import create_app
+from console.authority import Authority
 from console.campaigns.campaigns import Campaigns
 from console.heartbeats import OperatorHeartbeats
 from console.parts import Parts
@@ -76,6 +78,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--cell", type=Path, required=True, help="cell description")
     parser.add_argument("--kind", default="direct", help="kind of cell, as the command line spells it")
     parser.add_argument("--listener", type=int, required=True, help="file descriptor of the listening socket")
+    parser.add_argument("--https", action="store_true", help="speak HTTPS alone, with the user's own authority")
     parser.add_argument("--alone", action="store_true", help="without a supervisor: a service of its own")
     asked = parser.parse_args(arguments)
     # FastAPI hides it while it builds a model, but in whatever thread; two at once let it out
@@ -84,25 +87,27 @@ def main(arguments: list[str] | None = None) -> int:
     ready = os.dup(sys.stdout.fileno())
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what libraries print is for the terminal, not the supervisor
     listener = socket.socket(fileno=asked.listener)
-    port = listener.getsockname()[1]
+    host, port = listener.getsockname()
+    address = Address(port, host, asked.https)
     with ExitStack() as stack:
         stack.enter_context(listener)
         try:
-            parts = _parts(asked, port, stack)
+            tls = Authority.of_user().serve(host) if asked.https else None
+            parts = _parts(asked, address, stack)
         except (ConfigurationError, MailboxError, LogError, QueueFileError, OSError) as error:
             print(f"console: {error}", file=sys.stderr)
             return 2
-        config = server_settings(create_app(parts, port))
+        config = server_settings(create_app(parts, address), tls)
         gc.collect()
         gc.freeze()  # all objects made so far stay: no later collection scans them and delays the signs of life
-        server = _Server(config, f"http://127.0.0.1:{port}/?token={parts.sign_in.token}", ready)
+        server = _Server(config, f"{address.base}/?token={parts.sign_in.token}", ready)
         if not asked.alone:
             watch_parent(lambda: setattr(server, "should_exit", True))
         asyncio.run(server.serve([listener]))
     return 0
 
 
-def _parts(asked: argparse.Namespace, port: int, stack: ExitStack) -> Parts:
+def _parts(asked: argparse.Namespace, address: Address, stack: ExitStack) -> Parts:
     audit = stack.enter_context(closing(AuditTrail(asked.logs / FILE_NAME)))
     cell = described_as(asked.cell, asked.kind)
     mailbox = stack.enter_context(closing(Mailbox.attach(f"{asked.name}-mailbox")))
@@ -124,7 +129,7 @@ def _parts(asked: argparse.Namespace, port: int, stack: ExitStack) -> Parts:
     runner.start()
     campaigns = stack.enter_context(closing(Campaigns(asked.logs)))
     return Parts(
-        sign_in=SignIn(port, Tokens(asked.logs), audit),
+        sign_in=SignIn(address, Tokens(asked.logs), audit),
         audit=audit,
         cell=cell,
         client=client,

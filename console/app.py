@@ -12,6 +12,7 @@ from fastapi.routing import APIRoute
 from fastapi.staticfiles import StaticFiles
 from starlette.exceptions import HTTPException
 
+from console.address import Address
 from console.campaigns.campaigns import CampaignRefused, NoCampaign
 from console.description import describe, operation_id
 from console.guard import Guard
@@ -60,8 +61,8 @@ _ROUTES = (
 )  # fmt: skip
 
 
-def create_app(parts: Parts, port: int) -> FastAPI:
-    """Return the application for a console that is reached at `port` on the loopback address."""
+def create_app(parts: Parts, address: Address) -> FastAPI:
+    """Return the application for a console that is reached at an address."""
 
     @asynccontextmanager
     async def alive(_: FastAPI) -> AsyncIterator[None]:
@@ -88,7 +89,7 @@ def create_app(parts: Parts, port: int) -> FastAPI:
     app.add_exception_handler(NotReviewable, _not_reviewable)
     for kind, status in _STATUSES.items():
         app.add_exception_handler(kind, _with(status))
-    app.add_middleware(Guard, sign_in=parts.sign_in, port=port)
+    app.add_middleware(Guard, sign_in=parts.sign_in, address=address)
     return app
 
 

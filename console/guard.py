@@ -14,13 +14,13 @@ from starlette.exceptions import HTTPException
 from starlette.responses import JSONResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from console.address import Address
 from console.sign_in import SignIn, UserSession, csrf_matches
 from console.templates import is_page, sign_in_page
 from console.tokens import Scope as Right
 
 CSRF_HEADER = "x-csrf-token"
 MAX_BODY_BYTES = 256 << 10  # orders are a few hundred bytes, and nothing is uploaded
-_HTTP_PORT = 80  # which browsers leave out
 _SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 _STOP = "/api/stop"
 _FOR_VIEWERS = (_STOP, "/api/sign-out")  # changes that a viewer may ask for
@@ -46,12 +46,10 @@ FEED_PREFIX = "/foxglove/"
 class Guard:
     """Lets through what comes from our own pages, and signs in who brings the token."""
 
-    def __init__(self, app: ASGIApp, sign_in: SignIn, port: int) -> None:
+    def __init__(self, app: ASGIApp, sign_in: SignIn, address: Address) -> None:
         self._app = app
         self._sign_in = sign_in
-        names = ("127.0.0.1", "localhost")
-        self._hosts = frozenset({f"{name}:{port}" for name in names} | set(names if port == _HTTP_PORT else ()))
-        self._origins = frozenset(f"http://{host}" for host in self._hosts)
+        self._address = address
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer, refuse, or pass on with the session in the scope."""
@@ -85,7 +83,7 @@ class Guard:
         await (answer or self._app)(scope, _capped(receive), _with_security_headers(scope, send))
 
     def _refusal(self, scope: Scope, headers: Headers, session: UserSession | None) -> Response | None:
-        if headers.get("host") not in self._hosts:
+        if headers.get("host") not in self._address.hosts:
             return _refuse(400, "this console does not answer to that host name")
         if "transfer-encoding" in headers and "content-length" in headers:
             return _refuse(400, "two lengths: a request has either content-length or transfer-encoding")  # smuggling
@@ -93,7 +91,7 @@ class Guard:
         websocket, bearer = scope["type"] == "websocket", "authorization" in headers
         if websocket and path.startswith(FEED_PREFIX):
             return None if session is not None else _refuse(403, "this is not the address of the live feed")
-        if origin not in self._origins and (origin is not None or (websocket and not bearer)):
+        if origin not in self._address.origins and (origin is not None or (websocket and not bearer)):
             return _refuse(403, "this request comes from another site")
         changes = not websocket and scope["method"] not in _SAFE_METHODS
         if session is None:
@@ -103,7 +101,7 @@ class Guard:
             if not websocket and not changes and (path == "/" or path.startswith(_OPEN_PREFIX)):
                 return None
             if not websocket and is_page(scope["method"], path):
-                return sign_in_page(headers["host"], scope["state"]["stopper"])
+                return sign_in_page(self._address, scope["state"]["stopper"])
             return _refuse(401, "not signed in: open the address that `rtstack up` printed, or bring a bearer token")
         if changes and not bearer and not csrf_matches(session, headers.get(CSRF_HEADER)):
             return _refuse(403, f"the header {CSRF_HEADER} is missing or wrong: reload the page")
@@ -117,16 +115,18 @@ class Guard:
         return None
 
     async def _signing_in(self, scope: Scope, session: UserSession | None) -> Response | None:
-        tokens = parse_qs(scope["query_string"].decode("ascii", "replace")).get("token")
-        if scope["path"] != "/" or scope["method"] != "GET" or tokens is None:
+        asked = parse_qs(scope["query_string"].decode("ascii", "replace"))
+        tokens, codes = asked.get("token"), asked.get("code")
+        if scope["path"] != "/" or scope["method"] != "GET" or (tokens is None and codes is None):
             return None
         clean = RedirectResponse("/", status_code=303)  # the token stays in no address bar and in no history
         if session is not None and session.token is not None:
             return clean  # a program needs no cookie
-        new = await run_in_threadpool(self._sign_in.redeem, tokens[0], session)  # writes to the audit trail
+        redeem, word = (self._sign_in.redeem, tokens[0]) if tokens else (self._sign_in.redeem_code, (codes or [""])[0])
+        new = await run_in_threadpool(redeem, word, session)  # writes to the audit trail
         if new is not None:
             for name, value in ((self._sign_in.cookie, new.key), (self._sign_in.stop_cookie, new.stop)):
-                clean.set_cookie(name, value, httponly=True, samesite="strict", path="/")
+                clean.set_cookie(name, value, httponly=True, samesite="strict", path="/", secure=self._address.https)
             return clean
         if session is not None:
             return clean

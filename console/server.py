@@ -1,6 +1,7 @@
 """How the application is served: the same for the stack and for the tests that attack it."""
 
 import asyncio
+import ssl
 
 import h11
 import uvicorn
@@ -40,8 +41,10 @@ class PatientProtocol(H11Protocol):
             self._late = None
 
 
-def server_settings(app: FastAPI) -> uvicorn.Config:
-    """Return uvicorn's settings. No proxy is believed, and nothing says which server this is."""
+def server_settings(app: FastAPI, tls: ssl.SSLContext | None = None) -> uvicorn.Config:
+    """Return uvicorn's settings; with tls, it speaks HTTPS alone. No proxy is believed, and nothing says which server
+    this is.
+    """
     return uvicorn.Config(
         app,
         lifespan="on",
@@ -52,6 +55,7 @@ def server_settings(app: FastAPI) -> uvicorn.Config:
         ws_per_message_deflate=False,  # for each page anew, of what is small or packed already: dear, and worth nothing
         ws_max_size=_MAX_MESSAGE_BYTES,
         server_header=False,
+        ssl_context_factory=None if tls is None else lambda *_: tls,
         proxy_headers=False,
         timeout_graceful_shutdown=2,
     )

@@ -8,6 +8,7 @@ import threading
 import time
 from dataclasses import dataclass, field, replace
 
+from console.address import Address
 from console.tokens import Scope, Token, Tokens
 from rtstack.live.audit import AuditTrail
 
@@ -15,6 +16,8 @@ _SESSION_S = 12 * 3600.0  # a shift
 _MAX_SESSIONS = 64  # of browsers
 INVITATION_S = 600.0
 _MAX_INVITATIONS = 32
+PAIRING_S = 120.0
+CODE_DIGITS, MAX_GUESSES = 6, 5  # five guesses at a million: one in 200,000 is right
 
 
 class NameTaken(Exception):
@@ -41,11 +44,20 @@ class UserSession:
     stop: str = field(default_factory=lambda: secrets.token_urlsafe(32))
 
 
+@dataclass(slots=True)
+class _Code:
+    code: str
+    scope: Scope
+    ends_s: float
+    guesses: int = 0
+
+
 class SignIn:
     """The one-time tokens and the sessions. `cookie`, `stop_cookie`: names with the port, which cookies do not know."""
 
-    def __init__(self, port: int, tokens: Tokens, audit: AuditTrail) -> None:
-        self.cookie = f"rtstack-{port}"
+    def __init__(self, address: Address, tokens: Tokens, audit: AuditTrail) -> None:
+        self.address = address
+        self.cookie = f"rtstack-{address.port}"
         self.stop_cookie = f"{self.cookie}-stop"
         self.tokens = tokens
         self._audit = audit
@@ -57,6 +69,7 @@ class SignIn:
         self._programs: dict[str, str] = {}  # token's id -> session's key
         self._used_s: dict[str, float] = {}  # token's id -> Unix time, s
         self._redeemed = 0
+        self._code: _Code | None = None
 
     @property
     def token(self) -> str | None:
@@ -80,6 +93,31 @@ class SignIn:
             self._open[token] = scope, _now_s() + INVITATION_S
         return token
 
+    def pair(self, scope: Scope) -> str:
+        """Return a code that a person types into another browser, within PAIRING_S; an older one is worth nothing."""
+        code = f"{secrets.randbelow(10**CODE_DIGITS):0{CODE_DIGITS}d}"
+        with self._lock:
+            self._code = _Code(code, scope, _now_s() + PAIRING_S)
+        return code
+
+    def redeem_code(self, code: str, instead_of: UserSession | None = None) -> UserSession | None:
+        """Exchange a code for a browser's session, as `redeem` a token. After MAX_GUESSES wrong ones it is void."""
+        with self._lock:
+            known = self._code
+            if known is None or known.ends_s < _now_s():
+                return None
+            if not _same(code.replace(" ", ""), known.code):
+                known.guesses += 1
+                if known.guesses >= MAX_GUESSES:
+                    self._code = None
+                return None
+            self._code = None
+            session = self._begin(known.scope, instead_of)
+        self._audit.note(
+            "sign in", session.operator, f"{session.operator} signed in in a browser by a code: {session.scope}"
+        )
+        return session
+
     def redeem(self, token: str, instead_of: UserSession | None = None) -> UserSession | None:
         """Exchange a one-time token for a browser's session. Returns None for a wrong, old or used one.
 
@@ -91,20 +129,7 @@ class SignIn:
             if known is None:
                 return None
             scope, _ = self._open.pop(known)
-            self._redeemed += 1
-            name = self._free_name(f"{'operator' if scope is Scope.OPERATE else 'viewer'} {self._redeemed}")
-            session = UserSession(
-                secrets.token_urlsafe(32), secrets.token_urlsafe(32), _now_s() + _SESSION_S, name, scope
-            )
-            if instead_of is not None:
-                self._forget(instead_of)
-            browsers = [key for key, other in self._sessions.items() if other.token is None]
-            for key in browsers[: max(0, len(browsers) - _MAX_SESSIONS + 1)]:
-                del self._sessions[key]
-            self._sessions[session.key] = session
-            for oldest in list(self._stoppers)[: max(0, len(self._stoppers) - _MAX_SESSIONS + 1)]:
-                del self._stoppers[oldest]
-            self._stoppers[session.stop] = session
+            session = self._begin(scope, instead_of)
         self._audit.note("sign in", session.operator, f"{session.operator} signed in in a browser: {scope}")
         return session
 
@@ -167,6 +192,21 @@ class SignIn:
             if session.stop in self._stoppers:
                 self._stoppers[session.stop] = renamed
             return renamed
+
+    def _begin(self, scope: Scope, instead_of: UserSession | None) -> UserSession:
+        self._redeemed += 1
+        name = self._free_name(f"{'operator' if scope is Scope.OPERATE else 'viewer'} {self._redeemed}")
+        session = UserSession(secrets.token_urlsafe(32), secrets.token_urlsafe(32), _now_s() + _SESSION_S, name, scope)
+        if instead_of is not None:
+            self._forget(instead_of)
+        browsers = [key for key, other in self._sessions.items() if other.token is None]
+        for key in browsers[: max(0, len(browsers) - _MAX_SESSIONS + 1)]:
+            del self._sessions[key]
+        self._sessions[session.key] = session
+        for oldest in list(self._stoppers)[: max(0, len(self._stoppers) - _MAX_SESSIONS + 1)]:
+            del self._stoppers[oldest]
+        self._stoppers[session.stop] = session
+        return session
 
     def _admit(self, token: Token) -> UserSession:
         key, name = secrets.token_urlsafe(32), self._free_name(token.name)

@@ -7,6 +7,7 @@ from fastapi import Request
 from fastapi.responses import HTMLResponse
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from console.address import Address
 from console.mode_sheet import MODE_WORDS
 from console.page_script import page_script
 from console.parts import Parts
@@ -37,13 +38,13 @@ def show(template: str, page: str, request: Request, parts: Parts, **more: objec
     )
 
 
-def sign_in_page(host: str, stopper: UserSession | None, *, refused: bool = False) -> HTMLResponse:
+def sign_in_page(address: Address, stopper: UserSession | None, *, refused: bool = False) -> HTMLResponse:
     """Return how to sign in, with STOP for a browser that was signed in before.
 
-    host: under which this console is reached, with its port; refused: the address's token was not good.
+    refused: the address's token, or the code, was not good.
     """
     csrf, scope = ("", "") if stopper is None else (stopper.csrf, stopper.scope)
-    page = TEMPLATES.get_template("sign_in.html").render(csrf=csrf, scope=scope, base=f"http://{host}", refused=refused)
+    page = TEMPLATES.get_template("sign_in.html").render(csrf=csrf, scope=scope, base=address.base, refused=refused)
     return HTMLResponse(page, status_code=403 if refused else 401, headers={"www-authenticate": "Bearer"})
 
 

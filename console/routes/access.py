@@ -5,13 +5,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Query, Request
+from fastapi import APIRouter, Path, Query
 from fastapi.exceptions import HTTPException
 from pydantic.dataclasses import dataclass as checked
 
 from console.parts import NeedsParts, NeedsSession, Parts
 from console.routes.problems import problems
-from console.sign_in import INVITATION_S, UserSession
+from console.sign_in import INVITATION_S, PAIRING_S, UserSession
 from console.tokens import NoSuchToken, Scope, Token, TokenName, TokensError
 from rtstack.live.audit import AuditLine
 from rtstack.live.client import RobotRefused, RobotUnreachable
@@ -49,6 +49,16 @@ class InvitationOrder:
 class Invitation:
     """address: signs one browser in, once, within so many seconds."""
 
+    address: str
+    scope: Scope
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Pairing:
+    """code: signs the first browser in that types it at `address`, within so many seconds."""
+
+    code: str
     address: str
     scope: Scope
     seconds: float
@@ -100,11 +110,19 @@ def sign_out(session: NeedsSession, parts: NeedsParts) -> SignedOut:
 
 
 @router.post("/invitations", status_code=201)
-def invite(order: InvitationOrder, session: NeedsSession, parts: NeedsParts, request: Request) -> Invitation:
+def invite(order: InvitationOrder, session: NeedsSession, parts: NeedsParts) -> Invitation:
     """Make an address that signs another browser in, to look or to operate."""
     token = parts.sign_in.invite(order.scope)
     parts.audit.note("invite", session.operator, f"{session.operator} invited another browser: {order.scope}")
-    return Invitation(f"http://{request.headers['host']}/?token={token}", order.scope, INVITATION_S)
+    return Invitation(f"{parts.sign_in.address.base}/?token={token}", order.scope, INVITATION_S)
+
+
+@router.post("/pairings", status_code=201)
+def pair(order: InvitationOrder, session: NeedsSession, parts: NeedsParts) -> Pairing:
+    """Make a short code that signs another browser in, such as a headset's; a code that was made before is void."""
+    code = parts.sign_in.pair(order.scope)
+    parts.audit.note("invite", session.operator, f"{session.operator} made a code for another browser: {order.scope}")
+    return Pairing(code, parts.sign_in.address.base, order.scope, PAIRING_S)
 
 
 @router.get("/tokens", responses=problems(409))

@@ -4,12 +4,12 @@ import asyncio
 import contextlib
 from dataclasses import dataclass
 
-from fastapi import APIRouter, Request, WebSocket, WebSocketDisconnect
+from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 from starlette.concurrency import run_in_threadpool
 
 from console.feed import PERIOD_S, SUBPROTOCOLS, Feed, server_info
 from console.guard import FEED_PREFIX
-from console.parts import NeedsSession, parts_of, session_now
+from console.parts import NeedsParts, NeedsSession, parts_of, session_now
 from rtstack.trials.record import frames
 
 router = APIRouter(tags=["robot"])
@@ -26,9 +26,9 @@ class FeedAddress:
 
 
 @router.get("/api/foxglove")
-def address(request: Request, session: NeedsSession) -> FeedAddress:
+def address(session: NeedsSession, parts: NeedsParts) -> FeedAddress:
     """Return the address that Foxglove connects to. It allows viewing while the session that asks lasts."""
-    return FeedAddress(f"ws://{request.headers['host']}{FEED_PREFIX}{session.feed}")
+    return FeedAddress(f"{parts.sign_in.address.base.replace('http', 'ws', 1)}{FEED_PREFIX}{session.feed}")
 
 
 @router.websocket(FEED_PREFIX + "{feed}")

@@ -48,7 +48,7 @@ def operate(request: Request, parts: NeedsParts) -> HTMLResponse:
     """Return the page Operate, or how to sign in."""
     if request.state.session is None:
         refused = getattr(request.state, "refused_token", False)
-        return sign_in_page(request.headers["host"], request.state.stopper, refused=refused)
+        return sign_in_page(parts.sign_in.address, request.state.stopper, refused=refused)
     return show("operate.html", "operate", request, parts, reach=_REACH, **_CHOICES)
 
 

@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 from typing import Any
 
+from console.address import Address
 from console.app import create_app
 from console.routes.description import OPENAPI_PATH
 
@@ -21,7 +22,7 @@ def document() -> dict[str, Any]:
     """Return the console's OpenAPI description."""
     # routes are all that is looked at: nothing is served, and no part of it used
     no_parts: Any = SimpleNamespace(sign_in=None)
-    return create_app(no_parts, _UNUSED_PORT).openapi()
+    return create_app(no_parts, Address(_UNUSED_PORT)).openapi()
 
 
 def http_api_page() -> str:

@@ -2,6 +2,7 @@
 
 import os
 import sys
+from ipaddress import ip_address
 from pathlib import Path
 
 import typer
@@ -9,17 +10,41 @@ import typer
 from rtstack.cells import load_description, with_profile
 from rtstack.cells.fci import fci_addresses
 from rtstack.live.source import described_as
-from rtstack.live.stack import StackError, StackSettings, listen, run_stack
+from rtstack.live.stack import LOOPBACK, StackError, StackSettings, listen, run_stack
 from rtstack.live.standalone import MAILBOX, find_rings
 from rtstack.trials.errors import TrialError
 
 
-def up(port: int, logs: Path, cell_file: Path | None, kind: str) -> None:
-    """Start the stack on a kind of cell and stay until it ends. Raises TrialError."""
+def up(port: int, logs: Path, cell_file: Path | None, kind: str, host: str | None = None, https: bool = False) -> None:
+    """Start the stack on a kind of cell and stay until it ends. Raises TrialError, ConfigurationError."""
+    host = _host(host, https)
     source = load_description(cell_file)[1]
     described_as(source, kind)
     make_log_folder(logs)
-    raise typer.Exit(run_stack(StackSettings(port=port, logs=logs, cell=source, kind=kind)))
+    raise typer.Exit(run_stack(StackSettings(port, logs, source, kind, host, https)))
+
+
+def _host(host: str | None, https: bool) -> str:
+    """Return where the console listens; with https, say who vouches for it. Raises TrialError, ConfigurationError."""
+    try:
+        address = ip_address(host or LOOPBACK)
+    except ValueError:
+        raise TrialError(f"--host {host}: expected an IP address of this machine") from None
+    if address.version != 4 or address.is_unspecified:
+        raise TrialError(f"--host {host}: expected one IPv4 address of this machine, no other kind and not all of them")
+    if not https:
+        if not address.is_loopback:
+            raise TrialError(f"--host {host}: other machines are let in over HTTPS only: give --https too")
+        return str(address)
+    from console.authority import Authority
+
+    authority = Authority.of_user()
+    authority.check(str(address))
+    print(
+        f"rtstack: {authority.certificate} vouches for this console: a browser imports it once.\n"
+        f"rtstack: its SHA-256 fingerprint is {authority.fingerprint}", file=sys.stderr, flush=True,
+    )  # fmt: skip
+    return str(address)
 
 
 def chosen_kind(kind: str | None, left: str | None, right: str | None, profile: str | None = None) -> str:

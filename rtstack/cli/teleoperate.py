@@ -12,6 +12,7 @@ from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 
+from console.authority import Authority
 from hal.extensions import ExtensionError
 from rtstack.cli.interrupt import interruptible
 from rtstack.live.protocol import JobState
@@ -30,7 +31,10 @@ class Operator:
 
     def __init__(self, address: str, token: str) -> None:
         self._address, self._headers = address, {"authorization": f"Bearer {token}"}
-        self._http = httpx.Client(base_url=address, headers=self._headers, timeout=TIMEOUT_S, trust_env=False)
+        self._tls = Authority.trusting()
+        self._http = httpx.Client(
+            base_url=address, headers=self._headers, timeout=TIMEOUT_S, trust_env=False, verify=self._tls
+        )
         self.close = self._http.close
 
     def post(self, path: str, **body: object) -> dict[str, Any]:
@@ -51,7 +55,8 @@ class Operator:
         """Give the stream of hand messages; closing it lets go."""
         address = self._address.replace("http", "ws", 1).rstrip("/") + "/api/teleoperation/hand"
         try:
-            with connect(address, additional_headers=self._headers, proxy=None) as stream:
+            tls = self._tls if address.startswith("wss") else None
+            with connect(address, additional_headers=self._headers, proxy=None, ssl=tls) as stream:
                 yield stream
         except (WebSocketException, OSError) as error:
             raise TrialError(f"the connection to {self._address} has broken: {error}") from None

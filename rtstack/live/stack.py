@@ -19,6 +19,7 @@ from types import FrameType
 from rtstack.live.client import RUN_PREFIX
 from rtstack.loop.mailbox import remove_mailbox
 
+LOOPBACK = "127.0.0.1"
 _START_TIMEOUT_S = 90.0  # compiled code may have to be compiled for this machine first
 _ENDING = (signal.SIGINT, signal.SIGTERM)
 _END_TIMEOUT_S = 10.0  # a controlled stop, the end of the log, and a margin
@@ -34,12 +35,16 @@ class StackError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class StackSettings:
-    """What to start. `kind` is the cell as the command line spells it; port 0 takes a free one."""
+    """What to start. `kind` is the cell as the command line spells it; port 0 takes a free one. host: where the console
+    listens; https: it speaks nothing else.
+    """
 
     port: int
     logs: Path
     cell: Path
     kind: str = "direct"
+    host: str = LOOPBACK
+    https: bool = False
 
 
 class _Ended(Exception):
@@ -78,7 +83,7 @@ def _ignore_signals() -> None:
 
 
 def _supervise(settings: StackSettings, stack: ExitStack) -> None:
-    listener = stack.enter_context(listen(settings.port))
+    listener = stack.enter_context(listen(settings.port, settings.host))
     folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix=RUN_PREFIX)))
     name = f"rtstack-{os.getpid()}"
     stack.callback(remove_mailbox, f"{name}-mailbox")
@@ -101,7 +106,7 @@ def _supervise(settings: StackSettings, stack: ExitStack) -> None:
     console = _Child(
         "console",
         "console",
-        [*shared, "--rings", rings, "--listener", str(listener.fileno())],
+        [*shared, "--rings", rings, "--listener", str(listener.fileno()), *(["--https"] if settings.https else [])],
         inherited=(listener.fileno(),),
     )
     stack.callback(console.end)  # ended first: callbacks run backwards
@@ -112,17 +117,18 @@ def _supervise(settings: StackSettings, stack: ExitStack) -> None:
     raise StackError(f"the {child.what} died: {child.how_it_ended()}", status=1)
 
 
-def listen(port: int) -> socket.socket:
+def listen(port: int, host: str = LOOPBACK) -> socket.socket:
     """Return the console's listening socket. Raises StackError."""
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        listener.bind(("127.0.0.1", port))
+        listener.bind((host, port))
         listener.listen(128)
     except (OSError, OverflowError) as error:
         listener.close()
+        where, option = (f"port {port}", "--port") if host == LOOPBACK else (f"{host}, port {port}", "--host or --port")
         reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise StackError(f"port {port} cannot be used: {reason}; choose another one with --port", status=2) from None
+        raise StackError(f"{where} cannot be used: {reason}; choose another one with {option}", status=2) from None
     return listener
 
 

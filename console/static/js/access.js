@@ -45,6 +45,8 @@ class Page {
     $("sign-out").addEventListener("click", () => this.signOut());
     $("invite").addEventListener("submit", (event) => this.order(event, "/api/invitations", "No invitation was made", ({ address, seconds }) =>
       showOnce($("invited"), address, `Works once, within ${Math.round(seconds / 60)} min, and is not shown again.`)));
+    $("pair").addEventListener("submit", (event) => this.order(event, "/api/pairings", "No code was made", ({ code, address, seconds }) =>
+      showOnce($("paired"), `${code.slice(0, 3)} ${code.slice(3)}`, `Type it at ${address} within ${Math.round(seconds / 60)} min; it works once.`)));
     $("token").addEventListener("submit", (event) => this.order(event, "/api/tokens", "No token was made", ({ row, word }) => {
       showOnce($("made"), word, `The token of ${row.name}. It is not shown again.`);
       $("token").elements.name.value = "";
@@ -56,7 +58,7 @@ class Page {
     this.may = scope === "operate";
     $("me").textContent = `${operator}: may ${this.may ? "operate" : "look, and press STOP"}.`;
     const why = this.may ? null : "you may only look: ask who operates";
-    for (const form of [$("invite"), $("token")]) showWhy(form, why);
+    for (const form of [$("invite"), $("pair"), $("token")]) showWhy(form, why);
     if (!this.may) $("no-token").textContent = "Only who may operate sees the tokens.";
     setInterval(() => this.refresh(), PERIOD_MS);
     await this.refresh();

@@ -52,12 +52,17 @@ def up(
     cell_kind: LiveCellKind = None,
     cell: OldCellFile = None,
     profile: Profile = None,
+    https: Annotated[bool, typer.Option("--https", help="Speak HTTPS, with an authority of your own.")] = False,
+    host: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Listen there instead of on the loopback address; needs --https."),
+    ] = None,
 ) -> None:
     """Start the whole stack, with the arms at --left and --right or the simulated cell; Ctrl-C ends all of it."""
     from rtstack.cli.stack import chosen_kind
     from rtstack.cli.stack import up as run
 
-    run(port, logs, cell_file or cell, chosen_kind(cell_kind, left, right, profile))
+    run(port, logs, cell_file or cell, chosen_kind(cell_kind, left, right, profile), host, https)
 
 
 @commands.command()

@@ -14,6 +14,7 @@ import httpx
 import uvicorn
 from fastapi import FastAPI
 
+from console.address import Address
 from console.app import create_app
 from console.campaigns.campaigns import Campaigns
 from console.heartbeats import OperatorHeartbeats
@@ -139,7 +140,7 @@ def serve_console(logs: Path) -> Iterator[ServedConsole]:
         stack.callback(listener.close)
         port = listener.getsockname()[1]
         parts = Parts(
-            SignIn(port, Tokens(logs), audit),
+            SignIn(Address(port), Tokens(logs), audit),
             audit,
             cell,
             client,
@@ -158,7 +159,7 @@ def serve_console(logs: Path) -> Iterator[ServedConsole]:
             questions,
             Layouts(logs),
         )
-        application = create_app(parts, port)
+        application = create_app(parts, Address(port))
         server = uvicorn.Server(server_settings(application))
         thread = threading.Thread(target=server.run, args=([listener],))
         thread.start()
