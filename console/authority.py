@@ -47,9 +47,11 @@ class Authority:
             if not authority.certificate.exists():
                 authority._make()
             authority._signer()
-        except (OSError, ValueError, TypeError) as error:
+        except OSError as error:
+            raise ConfigurationError(f"the authority in {authority.folder} cannot be used: {error.strerror}") from None
+        except (ValueError, TypeError):  # whatever the library makes of a damaged file
             raise ConfigurationError(
-                f"the authority in {authority.folder} cannot be used ({error}): without the folder a new one is made"
+                f"the authority in {authority.folder} is damaged: remove the folder, and the next start makes a new one"
             ) from None
         return authority
 

@@ -131,19 +131,14 @@ def test_stop_arrives(stage, way):
     assert (stage.served.logs / "demonstration.mcap").exists()
 
 
-def told(served):
-    """How often the robot process was told of a STOP: that comes after the answer, and asks for the stop once more."""
-    return [action for action, _ in served.trail()].count("stop")
-
-
 @contextmanager
 def arriving(served, page):
     """Wait for the STOP that is pressed meanwhile, until all of it is over."""
     assert not served.mailbox.stop_requested
-    before = told(served)
+    before = served.stops_told()
     yield
     for _ in range(600):
-        if served.mailbox.stop_requested and told(served) > before:
+        if served.mailbox.stop_requested and served.stops_told() > before:
             return
         page.wait_for_timeout(100)
     raise AssertionError("STOP has not arrived")

@@ -150,8 +150,11 @@ def test_a_viewers_session_looks_and_stops_and_no_more(served):
             with socket(served, "/live", additional_headers=headers) as page:
                 assert page.recv(timeout=60)
             assert not served.mailbox.stop_requested
+            told = served.stops_told()
             assert client.post("/api/stop").status_code == 200
             assert served.mailbox.stop_requested
+            while served.stops_told() == told:
+                time.sleep(0.01)
             served.mailbox.clear_stop()
     assert {action for action, _ in served.trail()} <= {"sign in", "stop"}
 

@@ -126,7 +126,7 @@ def test_the_authority_is_made_once(authority: Authority) -> None:
 
 def test_a_damaged_authority_is_one_line(authority: Authority) -> None:
     (authority.folder / "authority.key").write_text("none")
-    with pytest.raises(ConfigurationError, match="remove the folder"):
+    with pytest.raises(ConfigurationError, match="is damaged: remove the folder"):
         Authority.of_user()
 
 

@@ -64,6 +64,10 @@ class ServedConsole:
     logs: Path
     application: FastAPI
 
+    def stops_told(self) -> int:
+        """How often the robot process was told of a STOP: after the answer, and it asks for the stop once more."""
+        return [action for action, _ in self.trail()].count("stop")
+
     def trail(self) -> list[tuple[str, str | None]]:
         """Return what the audit trail has: action and operator."""
         lines = [json.loads(line) for line in (self.logs / FILE_NAME).read_text().splitlines()]
