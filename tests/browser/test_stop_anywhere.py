@@ -1,16 +1,17 @@
 """STOP cannot be taken away: not by the focus, a dialog, the page, its width or the moment, in a real Chromium.
 
-How soon a STOP reaches the arms: tests/programs/dead_man.py.
+How soon a STOP takes the arms: tests/programs/stop_anywhere.py.
 """
 
 from contextlib import contextmanager
-from dataclasses import dataclass
 
 import pytest
 from playwright.sync_api import expect
 
 from rtstack.live.protocol import JobState
+from tests.support.console.chromium import leave_scene_undrawn
 from tests.support.console.stage import PATIENCE_MS, on_stage
+from tests.support.console.stop_ways import WAYS, come_to, lead_focus
 
 pytestmark = pytest.mark.browser
 
@@ -21,103 +22,19 @@ def stage(browser, demonstration, tmp_path_factory):
         yield stage
 
 
-@dataclass(frozen=True)
-class Way:
-    """page: its path; focus: what is clicked before, or opened by a key; dialog: what is open; how: key or button."""
-
-    page: str
-    focus: str
-    dialog: str
-    width: int
-    moment: str
-    how: str
-
-    def __str__(self):
-        return "-".join(str(part) for part in vars(self).values()).replace("/", "_").replace(" ", "_")
-
-
-WAYS = [
-    Way(*row)
-    for row in (
-        ("/", "body", "", 1280, "moving", "Space"),
-        ("/", "#trial input[name=displacement_mm]", "", 1280, "moving", "Space"),
-        ("/", "#trial input[name=displacement_mm]", "", 1280, "armed", "Space"),
-        ("/", "#filter", "", 1280, "moving", "Space"),
-        ("/", "#filter", "", 1920, "preparing", "Space"),
-        ("/", "#filter", "", 390, "holding", "Space"),
-        ("/", "#operator", "", 820, "guided", "Space"),
-        ("/", "#demonstration select", "", 1280, "moving", "Space"),  # its list is open
-        ("/", "#demonstration select", "", 1280, "moving", "button"),
-        ("/", "#stiffness", "", 1280, "moving", "Space"),
-        ("/", "#event", "", 1280, "moving", "Space"),
-        ("/", "#scene", "", 1280, "moving", "Space"),
-        ("/", "#scene", "", 390, "moving", "button"),
-        ("/", "body", "help", 1280, "moving", "Space"),
-        ("/", "body", "help", 1280, "moving", "button"),
-        ("/", "body", "help", 390, "moving", "button"),
-        ("/", "body", "", 390, "fault", "button"),
-        ("/trials", "#trial input[name=seeds]", "", 1280, "moving", "Space"),
-        ("/trials", "#past-failures", "", 820, "moving", "Space"),
-        ("/trials", "#theme", "", 1280, "preparing", "Space"),
-        ("/campaigns", "#start input[name=workers]", "", 1920, "moving", "Space"),
-        ("/campaigns", "#report-frame", "", 1280, "moving", "Space"),
-        ("/logs", "#query", "", 1280, "moving", "Space"),
-        ("/logs", "#kind", "", 390, "moving", "button"),
-        ("/logs/{log}", "#signal-search", "", 1280, "moving", "Space"),
-        ("/logs/{log}", "#slider", "", 820, "moving", "Space"),
-        ("/logs/{log}", "body", "", 390, "moving", "button"),
-        ("/recordings/{log}", "#note", "", 1280, "moving", "Space"),
-        ("/recordings/{log}", "#impact", "", 1280, "holding", "Space"),
-        ("/recordings/{log}", "#discard", "question", 1280, "moving", "Space"),
-        ("/recordings/{log}", "#discard", "question", 1280, "moving", "button"),
-        ("/recordings/{log}", "#discard", "question", 390, "moving", "button"),
-        ("/access", "#token input[name=name]", "", 1280, "moving", "Space"),
-        ("/access", "body", "", 820, "armed", "button"),
-        ("/api", ".swagger-ui a", "", 1280, "moving", "Space"),
-        ("/recovery", ".rail a", "", 390, "moving", "Space"),
-        ("/no/such/page", "body", "", 1280, "moving", "Space"),
-        ("/logs/0000000000000000", "body", "", 390, "moving", "button"),
-    )
-]
-
-
 TYPED = "[...document.querySelectorAll('input, textarea')].map((field) => field.value).join('|')"
 
 
 @pytest.mark.parametrize("way", WAYS, ids=str)
 def test_stop_arrives(stage, way):
     page = stage.page
-    page.set_viewport_size({"width": way.width, "height": 844 if way.width < 1280 else 720})
-    address = stage.served.base + way.page.format(**stage.ids)
-    if page.url != address:
-        page.goto(address)
-    page.keyboard.press("Escape")  # the list of a select that the last way has left open
+    come_to(page, way, stage.served.base, stage.ids)
     band = page.locator("#control-light")
-    expect(band).not_to_have_attribute("data-state", "waiting")
-    if way.page == "/":
-        tab = way.focus.split()[0].removeprefix("#")
-        page.click(f"#tab-{tab if tab in ('demonstration', 'trial') else 'hand'}")
-    if way.focus == "#report-frame":
-        shown = "frame => { document.querySelector('main').prepend(frame); frame.hidden = false; }"
-        page.locator("#report-frame").evaluate(shown)
-        page.locator("#report-frame").evaluate("frame => { frame.srcdoc = '<p id=drawn>A report</p>'; }")
     stage.bring_about(way.moment)
     try:
         word = {"guided": "moving"}.get(way.moment, way.moment)
         expect(band).to_have_attribute("data-state", word, timeout=PATIENCE_MS)
-        if way.focus in ("#scene", "#report-frame"):
-            page.frame_locator(way.focus).locator("#drawn").evaluate(
-                "drawn => { drawn.tabIndex = 0; drawn.ownerDocument.defaultView.focus(); drawn.focus(); }"
-            )
-        elif way.focus in (".swagger-ui a", ".rail a", "#theme", "#event"):
-            page.locator(way.focus).first.focus()
-        elif way.focus != "body":
-            page.locator(way.focus).first.click()
-        if way.dialog == "help":
-            page.keyboard.press("?")
-            expect(page.locator("#help")).to_be_visible()
-        elif way.dialog == "question":
-            expect(page.get_by_role("alertdialog")).to_be_visible()
+        lead_focus(page, way)
         typed = page.evaluate(TYPED)
         with arriving(stage.served, page), page.expect_request("**/api/stop"):
             if way.how == "button":
@@ -196,10 +113,13 @@ def test_who_is_signed_out_can_still_stop_and_nothing_else(stage, browser):
             page.click("#stop")
     finally:
         stage.end()
+    theme = page.get_attribute("#theme", "title")
+    page.click("#theme")
     for width in (390, 1280):
         page.set_viewport_size({"width": width, "height": 720})
         page.goto("/trials")
         expect(page.locator("h1")).to_have_text("Not signed in")
+        assert theme == f"Switch to {page.get_attribute('html', 'data-theme')}"  # the one that was chosen
         for press in (lambda: page.keyboard.press("Space"), lambda: page.click("#stop")):
             with arriving(served, page):
                 press()
@@ -224,3 +144,44 @@ def test_a_wrong_address_is_a_page_and_only_of_the_interface_json(stage):
         expect(page.locator("#control-light")).to_have_attribute("data-state", "disarmed")
     answer = page.request.get("/api/no-such-thing")
     assert (answer.status, list(answer.json())) == (404, ["error"])
+
+
+def test_a_stop_that_is_not_delivered_is_said_before_anything_else(stage):
+    page, errors = stage.page, stage.page.locator("#errors .error")
+    page.goto("/logs")
+    for path in ("**/api/logs?*", "**/api/stop"):
+        page.route(path, lambda route: route.abort())
+    try:
+        page.fill("#query", "rice")
+        expect(errors).to_contain_text(["The list of logs is not up to date"])
+        page.click("#stop")
+        expect(errors).to_contain_text(["STOP was not delivered, the robot goes on", "The list of logs"])
+        expect(errors.first).to_have_attribute("data-tone", "worst")
+    finally:
+        page.unroute_all()
+    assert not stage.served.mailbox.stop_requested
+
+
+def test_silent_arms_are_an_alarm_but_not_while_a_motion_is_prepared(stage):
+    page, arms = stage.page, stage.arms
+    leave_scene_undrawn(page)
+    page.goto("/")
+    veil, age, band = (page.locator(selector) for selector in ("#veil", "#age", "#control-light"))
+    expect(age).to_have_attribute("data-age", "fresh")
+    stage.bring_about("preparing")
+    try:
+        expect(band).to_have_attribute("data-state", "preparing")
+        arms.silent = True  # as while a cell is opened anew
+        expect(age.locator(".value")).to_have_text("soon")  # older than what is an alarm otherwise
+        expect(age).to_have_attribute("data-age", "fresh")
+        expect(veil).to_be_hidden()
+        arms.silent = False
+        stage.begin("moving")
+        expect(band).to_have_attribute("data-state", "moving")
+        arms.silent = True
+        expect(veil).to_contain_text("No new state from the robot for")
+        expect(age).to_have_attribute("data-age", "red")
+    finally:
+        arms.silent = False
+        stage.end()
+    expect(veil).to_be_hidden()

@@ -60,6 +60,28 @@ def test_loop_health_counts_what_was_missed_over_jobs(served):
     assert 1000.0 <= watch.view.loop.period_p99_us <= 3000.0
 
 
+def test_late_and_missed_ticks_are_told_by_what_they_mean(served):
+    watch = served.parts.watch
+    pusher, timing = served.rings.pusher("/timing"), np.zeros(1, TIMING_SAMPLE)
+
+    def ticks(count, period_us, missed_each):
+        for _ in range(count):
+            timing["period_us"] = period_us
+            timing["missed_deadlines"] += missed_each
+            pusher.push(timing)
+
+    def told():
+        return watch.view.loop.lateness, watch.view.loop.losses
+
+    ticks(100, 1000.0, 0)
+    wait_for(lambda: watch.view.loop.period_us == 1000.0)
+    assert told() == ("good", "good")
+    ticks(1, 1000.0, 1)
+    wait_for(lambda: told() == ("good", "late"))
+    ticks(10, 1400.0, 1)
+    wait_for(lambda: told() == ("late", "bad"))
+
+
 def test_the_live_socket_sends_view_events_and_status(served):
     event = np.zeros(1, EVENT)
     event["t_ns"], event["level"], event["name"], event["text"] = (

@@ -5,7 +5,8 @@
 Starts `rtstack up` with the simulated cell and an empty folder of logs, opens the address that it prints in Chromium,
 and presses what a person would who takes what the forms propose. Seconds are of the wall clock, from the first press to
 what the way leads to, and contain what the arms and the machine take: a person adds the time to read and to point. A
-key is each press, a clutch that is held counts once. Exit status 1 where a way did not lead there.
+key is each press, a clutch that is held counts once, as a drag does. Shift is the sum of all layout shifts that
+Chromium reports on the way's pages, those while a page is loaded too. Exit status 1 where a way did not lead there.
 """
 
 import argparse
@@ -20,17 +21,26 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import SimpleNamespace
 
+import numpy as np
 from playwright.sync_api import Error as BrowserError
 from playwright.sync_api import Page, expect, sync_playwright
 from rich.console import Console
 from rich.table import Table
 
 from tests.support.console.chromium import ARGUMENTS, CHROMIUM
+from tests.support.console.operator_hands import HOME, Operator
 
 COMMAND = Path(sys.executable).with_name("rtstack")
 PATIENCE_MS = 120_000  # the tick may have to be compiled first
 JOG_S = 1.0
+MOST_TABS = 200
+RAISED_M, CLOSED_M, LIFTED_M = 0.05, 0.31, 0.15  # of both hands, from home, to grab the box by hand
+# of the page itself, not of the scene's frame; https://wicg.github.io/layout-instability/
+SHIFTS = """if (window === top) new PerformanceObserver((list) => {
+  for (const shift of list.getEntries()) window.layoutShifted(shift.value);
+}).observe({type: 'layout-shift', buffered: true});"""
 
 
 @dataclass
@@ -40,6 +50,7 @@ class Way:
     name: str
     clicks: int = 0
     keys: int = 0
+    shift: float = 0.0
     seconds: float | None = None
     problem: str = ""
 
@@ -50,6 +61,11 @@ class Hand:
     def __init__(self, page: Page) -> None:
         self.page = page
         self.way = Way("")
+        page.expose_function("layoutShifted", self._shifted)
+        page.add_init_script(SHIFTS)
+
+    def _shifted(self, value: float) -> None:
+        self.way.shift += value
 
     def click(self, selector: str) -> None:
         """Click once it can be clicked."""
@@ -62,6 +78,20 @@ class Hand:
         self.page.keyboard.press("Control+a")
         self.page.keyboard.type(text)
         self.way.keys += 1 + len(text)
+
+    def key(self, key: str) -> None:
+        """Press a key."""
+        self.way.keys += 1
+        self.page.keyboard.press(key)
+
+    def tab_to(self, selector: str) -> None:
+        """Press Tab until this has the focus, once it can have it."""
+        expect(self.page.locator(selector).first).to_be_enabled(timeout=PATIENCE_MS)
+        for _ in range(MOST_TABS):
+            if self.page.evaluate("selector => document.activeElement.matches(selector)", selector):
+                return
+            self.key("Tab")
+        raise AssertionError(f"{selector} is not reached by Tab")
 
     def sees(self, selector: str, text: str = "") -> None:
         """Wait until something is shown, with this text somewhere in it."""
@@ -119,6 +149,47 @@ def by_hand(hand: Hand) -> None:
         page.keyboard.up(key)
     hand.way.keys += 2
     hand.sees("#job-line", "succeeded|without success")
+
+
+def grab_by_mouse(hand: Hand) -> None:
+    """Record a grab with the mouse alone, a drag of a gizmo is the clutch, and accept it as a reference."""
+    page = hand.page
+    recordings = page.locator("#logs tbody tr", has_text="recording")
+    before = recordings.count()
+    for press in ("#tab-hand", "#drag-holds", "label:has([name=release][value=hold])", "#record"):
+        hand.click(press)
+    hand.sees("#clutch[data-state=ready]")
+    operator = Operator(SimpleNamespace(page=page))
+    operator.wait_for_scene()  # with the gizmos
+    operator.grips = {side: np.array(place) for side, place in HOME.items()}
+    for coupling, axis, metres in (("linked", 2, RAISED_M), ("mirrored", 1, -CLOSED_M), ("linked", 2, LIFTED_M)):
+        hand.click(f"label:has([name=coupling][value={coupling}])")
+        operator.drag("left", axis, metres, coupling)
+        hand.way.clicks += 1
+    hand.click("#finish")
+    hand.sees("#job-line", "succeeded")
+    expect(recordings).to_have_count(before + 1, timeout=PATIENCE_MS)
+    hand.click("#logs tr:has-text('recording') [data-decision=open]")
+    hand.sees("#facts", "Detected impact")
+    hand.click("#accept")
+    hand.sees("#verdict", "Accepted")
+
+
+def by_keys(hand: Hand) -> None:
+    """Without a mouse: take control, arm, run a trial, open its review. The page has just been opened."""
+    for press in ("#take", "#arm"):
+        hand.tab_to(press)
+        hand.key("Enter")
+    hand.tab_to("#tabs [aria-selected=true]")
+    while not hand.page.locator("#tab-trial[aria-selected=true]").count():
+        hand.key("ArrowRight")
+    hand.tab_to("#trial [type=submit]")
+    hand.key("Enter")
+    hand.sees("#job-line", r"\) runs")
+    hand.sees("#trial-card", "success|unexpected|failure")
+    hand.tab_to("#card-open")
+    hand.key("Enter")
+    hand.drawn()
 
 
 def compare_two(hand: Hand) -> None:
@@ -229,6 +300,11 @@ def main() -> int:
             page.goto(address.split("?")[0])
             go("one more scripted demonstration", lambda: demonstration(hand))
             go("a second by hand, recorded, with keys", lambda: by_hand(hand))
+            go("a grab by mouse alone, recorded and accepted", lambda: grab_by_mouse(hand))
+            page.goto(address.split("?")[0])
+            page.click("#release")
+            go("control, a trial, its review: by keys alone", lambda: by_keys(hand))
+            page.goto(address.split("?")[0])
             go("STOP in a trial, and armed again", lambda: stop_and_recover(hand))
             go("two trials compared", lambda: compare_two(hand))
             if options.trials:
@@ -238,10 +314,10 @@ def main() -> int:
             go("a campaign's sample, until it counts", lambda: campaign(hand))
             measured(hand, "", lambda: cancel_campaign(hand))
         browser.close()
-    table = Table("way", "seconds", "clicks", "keys", "")
+    table = Table("way", "seconds", "clicks", "keys", "shift", "")
     for way in ways:
         table.add_row(way.name, "" if way.seconds is None else str(way.seconds), str(way.clicks), str(way.keys),
-                      way.problem)  # fmt: skip
+                      f"{way.shift:.3f}", way.problem)  # fmt: skip
     Console(stderr=True).print(table)
     report = {"ways": [asdict(way) for way in ways], "load": [round(load, 1), round(os.getloadavg()[0], 1)]}
     print(json.dumps(report, indent=2))

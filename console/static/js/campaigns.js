@@ -126,6 +126,7 @@ class Page {
 
   // Why none can be started now, in a line; null where one can. The server asks the same.
   whyNot() {
+    if (this.plans.length === 0) return "the plans are being read";
     const plan = this.plans.find((one) => one.name === this.form.elements.name.value);
     if (plan && plan.problem !== null) return "this plan cannot be run";
     if (this.campaigns.some((campaign) => BUSY.has(campaign.state))) return "a campaign is running: wait for its end, or cancel it";

@@ -7,13 +7,14 @@
   const asked = new URLSearchParams(location.search);
   if (!asked.has("fixedDpr")) return; // full drawing: for graphics cards
   const MOST = Number(asked.get("fixedDpr"));
+  const STILL = 1; // of what stands still
   const LEAST = 0.35;
   const SLOW_MS = 45;
   const FAST_MS = 15;
   const STEP = 1.25;
   const EACH = 8; // pictures between two changes of the resolution
   const POLL_MS = 4;
-  const REST_MS = 400; // without a new picture: then one is drawn as sharp as it may be
+  const REST_MS = 400; // without a new picture: then one is drawn in the resolution of the screen
   const LONGEST_MS = 1000; // a picture that is never said to be finished
 
   // A framebuffer of our own in the place of the screen's.
@@ -157,13 +158,13 @@
   function next() {
     drawing = waiting.size > 0;
     if (drawing) request(draw);
-    else if (!sharp && scale < MOST) resting = setTimeout(rest, REST_MS);
+    else if (!sharp) resting = setTimeout(rest, REST_MS);
   }
 
   // What stands still is drawn once more, sharply; what moves next is drawn as before.
   function rest() {
     sharp = true;
-    setScale(MOST);
+    setScale(STILL);
   }
 
   function adapt(took) {

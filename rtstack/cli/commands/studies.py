@@ -16,7 +16,7 @@ def campaign(
         str, typer.Argument(metavar="NAME", help="A plan in deploy/campaigns, such as reference-spreading.")
     ],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where references, logs, results and report go.")],
-    quick: Annotated[bool, typer.Option("--quick", help="A sample of it, that ends in two minutes.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="A sample of it, which takes some minutes.")] = False,
     workers: Annotated[int | None, typer.Option(help="Processes on this machine; one a CPU.", min=1, max=256)] = None,
     scheduler: Annotated[
         str | None, typer.Option(metavar="tcp://HOST:PORT", help="Use the workers of this Dask scheduler.")

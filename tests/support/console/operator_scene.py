@@ -23,7 +23,7 @@ from rtstack.log.ring import Rings
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox
 from rtstack.samples import SIDES, Mode
-from tests.support.console.chromium import ARGUMENTS, CHROMIUM
+from tests.support.console.chromium import ARGUMENTS, CHROMIUM, leave_scene_undrawn
 from tests.support.console.stack import SoakFailed, Stack
 
 OPERATOR = "operator"
@@ -169,7 +169,7 @@ class OperatorScene:
             self._page = self.browser.context.new_page()
             self._page.set_default_timeout(1e3 * PATIENCE_S)
             if not self._drawn:
-                self._page.route("**/viser/**", lambda route: route.fulfill(content_type="text/html", body=""))
+                leave_scene_undrawn(self._page)
             self._page.goto(f"{self.stack.base}/")
             self._page.click("#tab-hand")
         self._page.bring_to_front()
@@ -182,7 +182,7 @@ class OperatorScene:
         """
         page = self.page
         wait(lambda: not self.active, "the last job does not end")
-        self._take_control()
+        self.take_control()
         self.witness.begin()
         self.stack.post("jobs/teleoperation", object="rice_box", stop_on_release=True)
         page.locator("#clutch[data-state=ready]").wait_for()
@@ -201,7 +201,7 @@ class OperatorScene:
             for key in (JOG, CLUTCH):
                 self._page.keyboard.up(key)
 
-    def _take_control(self) -> None:
+    def take_control(self) -> None:
         """Take control and arm, out of a fault too; a page that was held up may lose control again."""
 
         def armed() -> bool:

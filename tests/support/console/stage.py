@@ -12,6 +12,7 @@ import numpy as np
 from hal.state import RobotMode
 from rtstack.live.protocol import DemonstrationRequest, JobState
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, Mode
+from tests.support.console.chromium import leave_scene_undrawn
 from tests.support.console.served_console import serve_console
 
 PATIENCE_MS = 60_000
@@ -20,10 +21,11 @@ MOVING_RAD_S = 0.3
 
 
 class Arms:
-    """Both arms' states, 50 times a second: at rest, or in motion."""
+    """Both arms' states, 50 times a second: at rest, or in motion; silent: none."""
 
     def __init__(self, rings):
         self.dq = 0.0
+        self.silent = False
         self._pushers = [rings.pusher(f"/{side}/{topic}") for side in ("left", "right") for topic in ("arm", "control")]
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._push, daemon=True)
@@ -34,6 +36,8 @@ class Arms:
         arm["robot_mode"], control["mode"] = RobotMode.IDLE, Mode.IDLE
         arm["O_T_EE"] = np.eye(4)
         while not self._over.wait(0.02):
+            if self.silent:
+                continue
             arm["t_ns"] += 20_000_000
             control["t_ns"] = arm["t_ns"]
             arm["dq"] = self.dq
@@ -100,8 +104,7 @@ def on_stage(browser, demonstration, logs):
         context = browser.new_context(base_url=served.base)
         page = context.new_page()
         page.set_default_timeout(PATIENCE_MS)
-        # the scene's page without its drawing, which this machine would have to do itself
-        page.route("**/viser/**", lambda route: route.fulfill(content_type="text/html", body="<p id=drawn>scene</p>"))
+        leave_scene_undrawn(page)
         page.goto(f"/?token={served.parts.sign_in.token}")
         rows = page.request.get("/api/logs").json()
         yield Stage(served, page, arms, {"log": rows[0]["id"]})
