@@ -218,7 +218,7 @@ def test_a_page_in_both_themes_and_every_window(console, addresses, pattern, tmp
             folder = PICTURED.get((width, height))
             if folder is not None and (WRITE or folder == "."):
                 _picture(page, name, (PICTURES if WRITE and theme == "dark" else tmp_path / theme) / folder)
-    assert not wrong, wrong
+    assert not wrong, "\n".join(f"{where}: {what}" for where, what in wrong.items())
     assert console.errors == []
 
 

@@ -6,9 +6,9 @@ Starts `rtstack up` with the simulated cell, a program that orders the motions a
 Chromium, in which STOP is pressed in the combinations of tests/browser/test_stop_anywhere.py. Counted is from the
 host's monotonic time just before the press is sent: to STOP's word in shared memory, which each tick reads and after
 which nothing is armed; where arms are driven, to the first stopping torque of both; and to the last state in which a
-joint moved. Another process sees each of them, so that it is never too early. Left out is the moment in which another
-program or a person moves the arms: they have no torque of ours that could be taken. Exit status 1 where STOP's word or
-the stopping torque took longer than dead_man allows. Nothing else should compute meanwhile.
+joint moved. Another process sees each of them, so that it is never too early. Left out are a fault, which has stopped
+the arms already, and the moment in which a person moves them, and they have no torque of ours. Exit status 1 where
+STOP's word or the stopping torque took longer than dead_man allows. Nothing else should compute meanwhile.
 """
 
 import argparse
@@ -42,7 +42,7 @@ from tests.support.console.stop_ways import WAYS, Way, come_to, lead_focus
 
 DRIVEN = ("moving", "holding")  # moments in which the arms have a torque of ours
 REST_S = 0.5  # without motion: they stand
-MOMENTS = ("moving", "preparing", "holding", "armed", "fault")
+MOMENTS = ("moving", "preparing", "holding", "armed")
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,12 +99,9 @@ class Cell:
     def stop(self, way: Way, pause_s: float) -> Stop:
         """Bring a combination about and press STOP in it. Raises SceneFailed where it does not come about."""
         scene, motion, page = self.scene, self.motion, self.scene.page
-        if way.moment == "fault":
-            self._fail()
         come_to(page, way, scene.stack.base, self._ids)
         lead_focus(page, way)
-        if way.moment != "fault":
-            self._begin(way.moment)
+        self._begin(way.moment)
         expect(page.locator("#control-light")).to_have_attribute("data-state", way.moment, timeout=1e3 * PATIENCE_S)
         press = click_on(page, "#stop") if way.how == "button" else partial(page.keyboard.press, way.how)
         time.sleep(0.0 if way.moment == "preparing" else pause_s)  # that is over soon
@@ -131,18 +128,6 @@ class Cell:
             self.scene.stack.post("jobs/demonstration", object="rice_box")
         elif moment == "holding":  # no clutch is held: the loop holds both arms where they are
             self.scene.stack.post("jobs/teleoperation", object="rice_box", stop_on_release=False)
-
-    def _fail(self) -> None:
-        """Have the program go silent in a motion, which is a fault, and come back."""
-        self.scene.page.goto("about:blank")  # its page is a sign of life too
-        self._begin("moving")
-        wait(lambda: self.motion.moves, "no arm moves")
-        self._program.close()
-        wait(lambda: self._phase() == "fault" and not self.scene.active, "no fault has come")
-        self._program = Viewer(self.scene.stack, answers=True)
-
-    def _phase(self) -> str:
-        return self.scene.stack.client.get("/api/status").raise_for_status().json()["phase"]
 
     def close(self) -> list[str]:
         """End it; return what was left behind."""
@@ -171,7 +156,7 @@ def by_moment(found: dict[Way, list[Stop]]) -> dict[str, dict]:
     summary = {}
     for moment in MOMENTS:
         stops = [stop for way, of in found.items() if way.moment == moment for stop in of]
-        told = {"combinations": sum(way.moment == moment for way in found), "stops": len(stops)}
+        told: dict[str, object] = {"combinations": sum(way.moment == moment for way in found), "stops": len(stops)}
         for name, column in zip(("asked", "braked", "still"), columns(stops), strict=True):
             known = [ms for ms in column if ms is not None]
             told[name] = [round(median(known), 1), max(known)] if known else None
