@@ -72,6 +72,7 @@ def test_a_log_goes_to_the_arms_and_ends_softly_and_is_compared_with_what_was_pl
     expect(play).to_be_enabled(timeout=PATIENCE_MS)  # no fault: the next one may begin at once
 
     open_log(page, "playback")
+    expect(line).to_contain_text("At most", timeout=PATIENCE_MS)  # and not the line of the other log's playback
     ghost = page.locator("#ghost")
     expect(ghost).to_be_hidden()
     canvas = page.frame_locator("#scene").locator("canvas").first
