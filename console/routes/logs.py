@@ -1,7 +1,7 @@
 """Logs: the list with its search, the download, and what the review asks of one log. All by opaque ids."""
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query
 from fastapi.exceptions import HTTPException
@@ -18,6 +18,7 @@ from console.review.series import Tabled, Window, csv_lines, curves, difference_
 from console.routes.problems import file_of, problems
 from rtstack.figures.log_data import with_references
 from rtstack.log.catalogue import LogCondition
+from rtstack.log.lateness import lateness_of
 from rtstack.log.reader import read_log
 from rtstack.log.signals import Signal, signals
 from rtstack.samples import Level
@@ -78,6 +79,13 @@ class Difference:
     key: str
     this: str | None
     other: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class LatenessOf:
+    """Who was late: turns, late, stalls, shares, causes, the worst and a line, as `rtstack review --json` has them."""
+
+    lateness: dict[str, Any] | None
 
 
 @router.get("", responses=problems(422))
@@ -238,6 +246,13 @@ def difference(log_id: str, other: str, parts: NeedsParts) -> list[Difference]:
     """Return what was set differently for two logs: metadata, cell, parameters."""
     both = [read_log(entry_of(parts.catalogue, one).path, truncated=True) for one in (log_id, other)]
     return [Difference(key, *values) for key, values in differences(both)]
+
+
+@router.get("/{log_id}/lateness", responses=_OF_A_LOG)
+def late_turns(log_id: str, parts: NeedsParts) -> LatenessOf:
+    """Return who was late in a log, and the longest stalls; null where its arms had no clocks of their own."""
+    found = lateness_of(read_log(entry_of(parts.catalogue, log_id).path, truncated=True))
+    return LatenessOf(None if found is None else found.as_dict())
 
 
 @router.get(

@@ -7,6 +7,7 @@ import { startPlayback } from "../playback.js";
 import { startScene } from "../scene.js";
 import { Compare } from "./compare.js";
 import { startKeys } from "./keys.js";
+import { showLateness } from "./lateness.js";
 import { Layouts } from "./layouts.js";
 import { Marks } from "./marks.js";
 import { Plots } from "./plots.js";
@@ -102,6 +103,7 @@ async function start() {
     plots.refresh();
     link();
   });
+  await showLateness(log, view);
 }
 
 start().catch((error) => showError(`This log is not shown: ${error.message}`));
