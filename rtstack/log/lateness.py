@@ -189,11 +189,11 @@ def _late_turns(side: str, turns: NDArray, arm: NDArray, work: NDArray, start_ns
     if not len(turns):
         return []
     own_us = np.maximum(turns["answered_us"], 0.0)
-    oldest_us = 1e-3 * turns["t_ns"] - PERIOD_US * (turns["unread"] - 1)
+    passed_over = np.maximum(0, turns["unread"] - 1)
+    oldest_us = 1e-3 * turns["t_ns"] - PERIOD_US * passed_over
     outside_us = _outside(turns["arrived_us"] - oldest_us)
     missing = np.zeros(len(turns))
     missing[1:] = np.maximum(0.0, np.round((oldest_us[1:] - 1e-3 * turns["t_ns"][:-1]) / PERIOD_US) - 1.0)
-    passed_over = turns["unread"] - 1
     unanswered = _unanswered(turns["t_ns"], arm)
     typical_us = float(np.median(own_us))
     late = (outside_us + own_us > PERIOD_US) | (missing > 0) | (passed_over > 0)
