@@ -48,7 +48,7 @@ A_RUN = 25  # stalls, a quiet time between each two
 QUIET_S = 0.6
 AFTER_US = 2000.0  # what comes so shortly after a stall belongs to it
 BEGINNING_S, END_S = 3.0, 4.0  # of a demonstration, without stalls
-GARBAGE = 60_000  # containers a ms of a collection, to begin with
+GARBAGE = 150_000  # containers that a collection looks at: it takes some 5 ms
 EXPECTED = {
     "stopped": Blame.HOST, "hog": Blame.HOST, "tick": Blame.HOST, "collection": Blame.HOST,
     "cable held": Blame.WIRE, "cable lost": Blame.WIRE, "server": Blame.ROBOT,
@@ -84,9 +84,12 @@ class InTick:
 
     def _listen(self) -> None:
         beside_realtime()
-        self._garbage = [[] for _ in range(8 * GARBAGE)]
         for line in sys.stdin:
             kind, ms = line.split()
+            if not self._garbage:  # by now what there was before the run is frozen, and no collection looks at it
+                for _ in range(GARBAGE // 300):
+                    self._garbage.extend([] for _ in range(300))
+                    time.sleep(1e-3)
             if kind == "tick":
                 self._until_ns = round(1e6 * float(ms))
             else:
@@ -191,6 +194,7 @@ def run(kinds: list[str], chance: random.Random, log: Path) -> tuple[list[Stall]
         if loop.stdout.readline() != "ready\n":
             raise RuntimeError("the loop did not start")
         _wait_for_motion(log)
+        stalls.make("tick", 0.0)  # the first word makes the garbage
         time.sleep(BEGINNING_S)
         made = []
         for kind in kinds:
