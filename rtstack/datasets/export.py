@@ -90,6 +90,11 @@ def _check(logs: Sequence[Path], out: Path, form: Format) -> None:
         raise LogError("a log is named twice: an episode would be in the data set twice")
     for path in logs:
         check_log(path)
-    lacking = [name for name in form.needs if find_spec(name) is None]
+    check_installed(form.needs)
+
+
+def check_installed(modules: Sequence[str]) -> None:
+    """Raise LogError for modules of the extra `export` that are not there."""
+    lacking = [name for name in modules if find_spec(name) is None]
     if lacking:
         raise LogError(f"{' and '.join(lacking)} is not installed: pip install 'rtstack[export]'")

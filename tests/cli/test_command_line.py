@@ -114,6 +114,7 @@ WRONG = {
     "twin": ("none.mcap --out twin", "cannot read none.mcap"),
     "replay": ("none.mcap", "cannot read none.mcap"),
     "export": ("none.mcap data.h5 --to hdf5", "cannot read none.mcap"),
+    "import": ("none out.mcap", "none: it is no LeRobot data set"),
     "recover": ("none.mcap", "cannot read none.mcap"),
     "recover-arms": ("--cell moon", "cell 'moon': the robots' addresses are given as fci:LEFT,RIGHT"),
     "up": ("--left 127.0.0.11", "give --left and --right"),

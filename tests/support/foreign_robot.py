@@ -15,7 +15,7 @@ import pylibfranka as franka
 
 ROOT = Path(__file__).parents[2]
 ENVIRONMENTS = ROOT / ".venv-foreign"  # kept from run to run, as .venv is
-VERSIONS = {"franka-sim": "1.1.7", "franky-sim": "1.0.4"}
+VERSIONS = {"franka-sim": "1.1.7", "franky-sim": "1.0.4", "lerobot": "0.4.4"}
 PROGRAMS = Path(__file__).parents[1] / "programs" / "robots"
 START_S, END_S = 120.0, 20.0
 # of a robot's millisecond: two Python servers, our loop and its log share two cores, and no run is about their pace

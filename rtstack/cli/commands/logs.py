@@ -14,6 +14,7 @@ commands = typer.Typer()
 class DatasetKind(StrEnum):
     """Forms of a data set."""
 
+    LEROBOT = "lerobot"
     HDF5 = "hdf5"
 
 
@@ -85,14 +86,29 @@ def plot(
 @commands.command()
 def export(
     logs: Annotated[list[Path], typer.Argument(metavar="LOG.mcap...", help="Each becomes an episode.")],
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="The file to write; it must not exist.")],
+    out: Annotated[
+        Path, typer.Argument(metavar="OUT", help="A folder for lerobot, a file for hdf5; it must not exist.")
+    ],
     to: Annotated[DatasetKind, typer.Option("--to", help="The form of the data set.")],
+    fps: Annotated[int, typer.Option(help="lerobot: frames in a second, a divisor of 1000.")] = 50,
     json: Json = False,
 ) -> None:
     """Make a data set of logs, for learning code. An export that was interrupted goes on where it ended."""
     from rtstack.cli.export import run
 
-    run(logs, out, json)
+    run(to, logs, out, fps, json)
+
+
+@commands.command("import")
+def import_dataset(
+    dataset: Annotated[Path, typer.Argument(metavar="DATASET", help="Made by `rtstack export --to lerobot`.")],
+    out: Annotated[Path, typer.Argument(metavar="OUT.mcap")],
+    episode: Annotated[int, typer.Option(help="Its number, from 0.")] = 0,
+) -> None:
+    """Make a log of an episode, to be played on the arms (`rtstack play`) or looked at."""
+    from rtstack.cli.export import import_one
+
+    import_one(dataset, episode, out)
 
 
 @commands.command()

@@ -1,0 +1,105 @@
+"""An episode as frames at a divisor of 1 kHz, and in each the 1 kHz samples since the last one.
+
+A frame is at the last tick of its interval: what it observes was known when it was taken. docs/howto/dataset.md
+describes all features.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hal.record import Field
+from hal.state import ARM_STATE_FIELDS
+from hal.topic import Topic
+from rtstack.datasets.episode import Episode, field_attributes
+from rtstack.topics import ARM_TOPICS, CONTROL_TOPICS, OBJECT_TOPIC, TICK_TOPICS, TOPICS
+
+TICK_NS, TICKS = 1_000_000, 1000  # of a tick, and how many a second has
+_MEASURED = {field.name for field in ARM_STATE_FIELDS}
+
+
+@dataclass(frozen=True, slots=True)
+class Feature:
+    """What a frame has under a name. values: (n, ...), a row a frame. names: of the values in the last axis."""
+
+    values: NDArray
+    names: tuple[str, ...]
+    attributes: Mapping[str, str]
+
+
+def span_of(episode: Episode) -> tuple[int, int]:
+    """Return from when to when both arms have samples, ns of the robot's time."""
+    arms = [episode.records[topic]["t_ns"] for topic in ARM_TOPICS]
+    return max(int(t_ns[0]) for t_ns in arms), min(int(t_ns[-1]) for t_ns in arms)
+
+
+def frames_of(episode: Episode, fps: int) -> dict[str, Feature]:
+    """Return what the frames of an episode have, by name: (n, ...) each.
+
+    The samples of a tick are those of its time, or the newest before it where the log has none of that time.
+    """
+    step = TICKS // fps
+    first_ns, last_ns = span_of(episode)
+    frames = ((last_ns - first_ns) // TICK_NS + 1) // step
+    times = first_ns + TICK_NS * np.arange(frames * step)
+    at = {
+        name: records[np.maximum(np.searchsorted(records["t_ns"], times, side="right") - 1, 0)]
+        for name, records in episode.records.items()
+        if len(records) and TOPICS[name].rate_hz
+    }
+    found: dict[str, Feature] = {}
+    state = [_of_arms(at, ARM_TOPICS, _field(TOPICS[ARM_TOPICS[0]], name)) for name in ("q", "dq")]
+    found["observation.state"] = Feature(
+        np.hstack([each.values for each in state])[step - 1 :: step], sum((each.names for each in state), ()),
+        {"unit": "rad, rad/s", "description": "Joint positions of both arms, then joint velocities."},
+    )  # fmt: skip
+    wanted = _of_arms(at, CONTROL_TOPICS, _field(TOPICS[CONTROL_TOPICS[0]], "pose_ref"))
+    ends = np.minimum(step * np.arange(2, frames + 2) - 1, len(times) - 1)
+    found["action"] = Feature(wanted.values[ends], wanted.names, {
+        **wanted.attributes, "description": f"{wanted.attributes['description']} At the next frame."
+    })  # fmt: skip
+    if OBJECT_TOPIC in at:
+        pose = at[OBJECT_TOPIC][step - 1 :: step]
+        pose = np.where(pose["t_ns"] <= times[step - 1 :: step], pose, np.zeros_like(pose))  # before the first: none
+        found["observation.environment_state"] = Feature(
+            np.column_stack([pose["position"], pose["orientation_wxyz"], pose["seen"]]),
+            ("x", "y", "z", "qw", "qx", "qy", "qz", "seen"),
+            {"unit": "m", "frame": "world", "description": "The object's pose as the tracker saw it; seen: whether."},
+        )
+    for name, feature in _ticks(at):
+        found[name] = Feature(feature.values.reshape(frames, step, -1), feature.names, feature.attributes)
+    ended = np.arange(frames) == frames - 1
+    for name, values in (("next.done", ended), ("next.success", ended & (episode.labels["success"] == "true"))):
+        found[name] = Feature(values, (name,), {})
+    return found
+
+
+def tick_features() -> Iterator[tuple[str, tuple[str, ...], Field]]:
+    """Yield the features that have 1 kHz samples: name, the topics whose values it has, and the field of them."""
+    others = [(name,) for name in TICK_TOPICS if name not in (*ARM_TOPICS, *CONTROL_TOPICS)]
+    for topics in (ARM_TOPICS, CONTROL_TOPICS, *others):
+        for field in TOPICS[topics[0]].message.fields:
+            prefix = "observation" if topics == ARM_TOPICS and field.name in _MEASURED else "control"
+            yield f"{prefix}.{field.name}_1khz", topics, field
+
+
+def _ticks(at: Mapping[str, NDArray]) -> Iterator[tuple[str, Feature]]:
+    """Yield every field of the topics of every tick: both arms' beside each other, left before right."""
+    for name, topics, field in tick_features():
+        if all(topic in at for topic in topics):
+            yield name, _of_arms(at, topics, field)
+
+
+def _of_arms(at: Mapping[str, NDArray], topics: Sequence[str], field: Field) -> Feature:
+    """Return a field of several topics at all ticks, (n, values), one topic's values after the other's."""
+    values = np.hstack([at[topic][field.name].reshape(len(at[topic]), -1) for topic in topics])
+    axes = field.axes or ("",)
+    groups = [TOPICS[topic].group for topic in topics]
+    names = tuple("_".join(filter(None, (group, field.name, axis))) for group in groups for axis in axes)
+    return Feature(values, names, field_attributes(TOPICS[topics[0]])[field.name])
+
+
+def _field(topic: Topic, name: str) -> Field:
+    return next(field for field in topic.message.fields if field.name == name)

@@ -1,0 +1,93 @@
+"""An episode of a LeRobot data set that rtstack exported becomes a log again: for `rtstack play`, review and plot.
+
+The log has every tick of the episode's frames. What has no frame is lost: the ticks after the last one, and the
+object's poses between two frames.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hal.files import replacing
+from rtstack.datasets.export import check_installed
+from rtstack.datasets.frames import TICK_NS, tick_features
+from rtstack.datasets.lerobot import DATA, VERSION, LeRobot, plain
+from rtstack.log.batches import BatchWriter
+from rtstack.log.errors import LogError
+from rtstack.log.job import Attachment
+from rtstack.log.mcap_writer import McapWriter
+from rtstack.topics import EVENT_TOPIC, OBJECT_TOPIC, TOPICS
+
+_POSE = "observation.environment_state"
+
+
+def import_episode(folder: Path, number: int, out: Path) -> float:
+    """Write the log `out` of an episode, and return how long it is, s. Raises LogError with one line."""
+    if not (folder / "meta" / "info.json").is_file():
+        raise LogError(f"{folder}: it is no LeRobot data set: meta/info.json is missing")
+    check_installed(LeRobot.needs)
+    try:
+        row, table = _episode(folder, number)
+        source = json.loads(row["source"])
+        attachments = [Attachment(name, kind, text.encode()) for name, (kind, text) in
+                       json.loads(row["attachments"]).items()]  # fmt: skip
+        records = _records(row, table)
+    except (OSError, KeyError, ValueError) as error:
+        raise LogError(f"{folder}: it is no data set of rtstack export --to lerobot: {error}") from None
+    metadata = {name: said for name, said in source.items() if isinstance(said, dict) and name not in ("result", "log")}
+    try:
+        with replacing(out) as partial, open(partial, "wb") as file:
+            mcap = McapWriter(file)
+            mcap.begin(metadata.items(), attachments)
+            writer = BatchWriter(mcap, None)
+            writer.write(records)
+            writer.finish(source.get("result", {}), "imported", None, {})
+    except OSError as error:
+        raise LogError(f"cannot write {out}: {error.strerror}") from None
+    return 1e-9 * TICK_NS * len(next(iter(records.values())))
+
+
+def _episode(folder: Path, number: int) -> tuple[dict[str, Any], Any]:
+    """Return what the data set says of an episode, and the table of its frames."""
+    import pyarrow.parquet as pq
+
+    info = json.loads((folder / "meta" / "info.json").read_text())
+    if info.get("codebase_version") != VERSION:
+        raise ValueError(f"its version is {info.get('codebase_version')}, read is {VERSION}")
+    if not 0 <= number < info["total_episodes"]:
+        raise LogError(f"{folder}: there is no episode {number}; it has {info['total_episodes']}, from 0")
+    about = [("episode_index", "=", number)]
+    rows = pq.read_table(folder / "meta" / "episodes", filters=about, partitioning=None).to_pylist()
+    row = rows[0]
+    data = folder / DATA.format(chunk_index=row["data/chunk_index"], file_index=row["data/file_index"])
+    return row, pq.read_table(data, filters=about, partitioning=None)
+
+
+def _records(row: dict[str, Any], table: Any) -> dict[str, Any]:
+    """Return the records of all topics, as the log had them."""
+    frames = len(table)
+    found: dict[str, Any] = {}
+    for name, topics, field in tick_features():
+        if name not in table.column_names:
+            continue
+        values = plain(table, name)
+        ticks = values.size // values.shape[-1]
+        for k, part in enumerate(np.split(values.reshape(ticks, -1), len(topics), axis=1)):
+            topic = TOPICS[topics[k]]
+            records = found.setdefault(topic.name, np.zeros(ticks, topic.record))
+            records["t_ns"] = row["first_t_ns"] + TICK_NS * np.arange(ticks)
+            records[field.name] = part.reshape(records[field.name].shape)
+    ticks = len(next(iter(found.values())))
+    poses = np.zeros(frames if _POSE in table.column_names else 0, TOPICS[OBJECT_TOPIC].record)
+    if len(poses):
+        values, step = plain(table, _POSE), ticks // frames
+        poses["t_ns"] = row["first_t_ns"] + TICK_NS * (step * np.arange(1, frames + 1) - 1)
+        poses["position"], poses["orientation_wxyz"], poses["seen"] = values[:, :3], values[:, 3:7], values[:, 7]
+        poses = poses[poses["seen"] != 0]
+    events = np.zeros(len(said := json.loads(row["events"])), TOPICS[EVENT_TOPIC].record)
+    for record, event in zip(events, said, strict=True):
+        for name, value in event.items():
+            record[name] = value
+    return {**found, OBJECT_TOPIC: poses, EVENT_TOPIC: events}

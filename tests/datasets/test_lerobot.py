@@ -1,0 +1,132 @@
+"""The LeRobot export: frames of the log's own bits, and back. tests/foreign asks lerobot's loader."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from rtstack.datasets.export import export
+from rtstack.datasets.lerobot import LeRobot, plain
+from rtstack.datasets.lerobot_import import import_episode
+from rtstack.log.errors import LogError
+from rtstack.log.reader import read_log
+from rtstack.playback.motion import load_motion
+from tests.support.log.samples import MS, TRIAL, WrittenLog, write_log
+
+Logs = tuple[WrittenLog, WrittenLog]
+STEP = 20  # ticks of a frame at 50 Hz
+
+
+@pytest.fixture(scope="module")
+def data(logs: Logs, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("data") / "grabs"
+    export([log.path for log in logs], out, LeRobot())
+    return out
+
+
+def _frames(data: Path, number: int):
+    return pq.read_table(data / "data", filters=[("episode_index", "=", number)], partitioning=None)
+
+
+def test_frames_have_the_logs_bits(data: Path, logs: Logs) -> None:
+    begin = 0
+    for number, log in enumerate(logs):
+        table = _frames(data, number)
+        left, right = log.columns["/left/arm"], log.columns["/right/arm"]
+        count = len(left) // STEP
+        assert len(table) == count
+        at = STEP * np.arange(1, count + 1) - 1
+        state = np.hstack([side[name][at] for name in ("q", "dq") for side in (left, right)])
+        assert plain(table, "observation.state").tobytes() == state.tobytes()
+        q = np.hstack([left["q"], right["q"]])[: STEP * count].reshape(count, STEP, 14)
+        assert plain(table, "observation.q_1khz").tobytes() == q.tobytes()
+        wanted = np.hstack([log.columns[f"/{side}/control"]["pose_ref"] for side in ("left", "right")])
+        asked = np.minimum(at + STEP, STEP * count - 1)
+        assert plain(table, "action").tobytes() == wanted[asked].tobytes()
+        assert table["frame_index"].to_pylist() == list(range(count))
+        assert table["index"].to_pylist() == list(range(begin, begin + count))
+        assert plain(table, "timestamp")[:, 0].tolist() == (np.arange(count) / 50).astype(np.float32).tolist()
+        assert table["next.done"].to_pylist() == table["next.success"].to_pylist() == [False] * (count - 1) + [True]
+        begin += count
+
+
+def test_what_the_data_set_says_of_itself(data: Path, logs: Logs) -> None:
+    info = json.loads((data / "meta" / "info.json").read_text())
+    assert (info["codebase_version"], info["fps"], info["total_episodes"]) == ("v3.0", 50, 2)
+    assert info["total_frames"] == sum(len(log.columns["/timing"]) // STEP for log in logs)
+    q, wrench = (info["features"][f"observation.{name}_1khz"] for name in ("q", "O_F_ext_hat_K"))
+    assert (q["shape"], q["unit"], q["names"][0], q["names"][-1]) == ([20, 14], "rad", "left_q_1", "right_q_7")
+    assert (wrench["unit"], wrench["frame"]) == ("N, Nm", "base")
+    tasks = pq.read_table(data / "meta" / "tasks.parquet")
+    assert tasks.to_pylist() == [{"task_index": 0, "task": "grab the rice box with both arms"}]
+    assert json.loads(tasks.schema.metadata[b"pandas"])["index_columns"] == ["task"]
+    episodes = pq.read_table(data / "meta" / "episodes", partitioning=None).to_pylist()
+    assert [each["success"] for each in episodes] == ["true", "true"]
+    assert [len(json.loads(each["events"])) for each in episodes] == [5, 5]
+    stats = json.loads((data / "meta" / "stats.json").read_text())["action"]
+    both = np.vstack([plain(_frames(data, number), "action") for number in (0, 1)])
+    assert stats["mean"] == pytest.approx(both.mean(axis=0).tolist())
+    assert stats["count"] == [len(both)]
+
+
+def test_export_import_export_gives_identical_arrays(data: Path, tmp_path: Path) -> None:
+    for number in (0, 1):
+        import_episode(data, number, tmp_path / f"{number}.mcap")
+    export([tmp_path / "0.mcap", tmp_path / "1.mcap"], tmp_path / "again", LeRobot())
+    first, second = (pq.read_table(folder / "data", partitioning=None) for folder in (data, tmp_path / "again"))
+    assert first.column_names == second.column_names
+    for name in first.column_names:
+        assert plain(first, name).tobytes() == plain(second, name).tobytes(), name
+
+
+def test_an_imported_episode_is_a_log_that_can_be_played(tmp_path: Path) -> None:
+    source = write_log(tmp_path / "source.mcap", 700, trial={**TRIAL, "object": "rice_box"})
+    export([source.path], tmp_path / "grabs", LeRobot())
+    assert import_episode(tmp_path / "grabs", 0, tmp_path / "back.mcap") == pytest.approx(0.7)
+    back = read_log(tmp_path / "back.mcap")
+    assert back.topic("/left/arm")["q"].tobytes() == source.columns["/left/arm"]["q"].tobytes()
+    assert [event.text for event in back.events] == [f"event {i}" for i in range(5)]
+    assert back.metadata["trial"]["object"] == "rice_box"
+    motion = load_motion(tmp_path / "back.mcap")
+    assert (motion.object, motion.duration_s) == ("rice_box", pytest.approx(0.699))
+
+
+def test_a_tick_that_the_log_does_not_have_is_the_one_before(tmp_path: Path) -> None:
+    """The right arm began 3 ms late and the object was seen after 30 ms: nothing of the future is in a frame."""
+    from rtstack.datasets.episode import read_episode
+    from rtstack.datasets.frames import frames_of
+
+    log = write_log(tmp_path / "source.mcap", 100)
+    episode = read_episode(log.path, "")
+    right, poses = episode.records["/right/arm"], episode.records["/object/pose"]
+    lost = np.r_[0:3, 50]
+    episode.records["/right/arm"] = np.delete(right, lost)  # type: ignore[index]
+    episode.records["/object/pose"] = poses[29:]  # type: ignore[index]
+    frames = frames_of(episode, 50)
+    ticks = frames["observation.q_1khz"].values.reshape(-1, 14)
+    assert len(ticks) == 80
+    assert ticks[47, 7:].tolist() == right["q"][49].tolist()
+    assert ticks[47, :7].tolist() == log.columns["/left/arm"]["q"][50].tolist()
+    seen = frames["observation.environment_state"].values
+    assert poses["t_ns"][29] == 30 * MS
+    assert (seen[0].tolist(), seen[1, 7]) == ([0.0] * 8, 1.0)
+
+
+def test_what_is_wrong_is_one_line(data: Path, logs: Logs, tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="--fps 30: frames begin at ticks of 1 kHz"):
+        LeRobot(30)
+    for folder, number, words in ((tmp_path, 0, "meta/info.json is missing"), (data, 2, "there is no episode 2")):
+        with pytest.raises(LogError, match=words):
+            import_episode(folder, number, tmp_path / "out.mcap")
+    with pytest.raises(LogError, match="shorter than one frame at --fps 1"):
+        export([logs[0].path], tmp_path / "short", LeRobot(1))
+    assert not (tmp_path / "short").exists()
+
+
+def test_the_commands_export_and_import(logs: Logs, tmp_path: Path, command_line) -> None:
+    done = command_line("export", "--to", "lerobot", "--fps", "100", logs[0].path, "grabs", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    back = command_line("import", "grabs", "back.mcap", cwd=tmp_path)
+    assert back.stdout == "wrote back.mcap: episode 0 of grabs, 0.43 s\n", back.stderr
