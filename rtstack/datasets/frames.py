@@ -14,6 +14,7 @@ from hal.record import Field
 from hal.state import ARM_STATE_FIELDS
 from hal.topic import Topic
 from rtstack.datasets.episode import Episode, field_attributes
+from rtstack.log.errors import LogError
 from rtstack.topics import ARM_TOPICS, CONTROL_TOPICS, OBJECT_TOPIC, TICK_TOPICS, TOPICS
 
 TICK_NS, TICKS = 1_000_000, 1000  # of a tick, and how many a second has
@@ -36,13 +37,15 @@ def span_of(episode: Episode) -> tuple[int, int]:
 
 
 def frames_of(episode: Episode, fps: int) -> dict[str, Feature]:
-    """Return what the frames of an episode have, by name: (n, ...) each.
+    """Return what the frames of an episode have, by name: (n, ...) each. Raises LogError where it has none.
 
     The samples of a tick are those of its time, or the newest before it where the log has none of that time.
     """
     step = TICKS // fps
     first_ns, last_ns = span_of(episode)
     frames = ((last_ns - first_ns) // TICK_NS + 1) // step
+    if frames < 1:
+        raise LogError(f"{episode.path}: it is shorter than one frame at --fps {fps}")
     times = first_ns + TICK_NS * np.arange(frames * step)
     at = {
         name: records[np.maximum(np.searchsorted(records["t_ns"], times, side="right") - 1, 0)]

@@ -37,8 +37,6 @@ class LeRobot:
 
         features = frames_of(episode, self.fps)
         count = len(next(iter(features.values())).values)
-        if not count:
-            raise LogError(f"{episode.path}: it is shorter than one frame at --fps {self.fps}")
         said = {
             "task": episode.task,
             "robot": "_".join(a.name.removesuffix(".urdf") for a in episode.attachments if a.name.endswith(".urdf")),
@@ -156,7 +154,7 @@ def _column(values: NDArray) -> Any:
     if values.ndim == 2:
         return pa.FixedSizeListArray.from_arrays(flat, values.shape[1])
     for length in values.shape[:0:-1]:
-        flat = pa.ListArray.from_arrays(np.arange(0, len(flat) + 1, length, np.int32), flat)
+        flat = pa.ListArray.from_arrays(np.arange(0, len(flat) + 1, length, dtype=np.int32), flat)
     return flat
 
 
@@ -173,12 +171,12 @@ def plain(table: Any, name: str) -> NDArray:
 def _piece(path: Path) -> tuple[Any, dict[str, Any]]:
     import pyarrow.parquet as pq
 
-    table = pq.read_table(path, partitioning=None)
+    table = pq.read_table(path)
     said = json.loads(table.schema.metadata[b"rtstack"])
     return table.replace_schema_metadata(None), said
 
 
-def _statistics(values: NDArray) -> dict[str, list[float]]:
+def _statistics(values: NDArray) -> dict[str, list[Any]]:
     """Return LeRobot's statistics of values (n, m), m each but for the count."""
     found = values.astype(np.float64)
     reduced = {"min": found.min(axis=0), "max": found.max(axis=0), "mean": found.mean(axis=0), "std": found.std(axis=0)}

@@ -59,10 +59,10 @@ def _episode(folder: Path, number: int) -> tuple[dict[str, Any], Any]:
     if not 0 <= number < info["total_episodes"]:
         raise LogError(f"{folder}: there is no episode {number}; it has {info['total_episodes']}, from 0")
     about = [("episode_index", "=", number)]
-    rows = pq.read_table(folder / "meta" / "episodes", filters=about, partitioning=None).to_pylist()
+    rows = pq.read_table(folder / "meta" / "episodes", filters=about).to_pylist()
     row = rows[0]
     data = folder / DATA.format(chunk_index=row["data/chunk_index"], file_index=row["data/file_index"])
-    return row, pq.read_table(data, filters=about, partitioning=None)
+    return row, pq.read_table(data, filters=about)
 
 
 def _records(row: dict[str, Any], table: Any) -> dict[str, Any]:
