@@ -63,14 +63,15 @@ def frames_of(episode: Episode, fps: int) -> dict[str, Feature]:
     found["action"] = Feature(wanted.values[ends], wanted.names, {
         **wanted.attributes, "description": f"{wanted.attributes['description']} At the next frame."
     })  # fmt: skip
+    pose = np.zeros(frames, TOPICS[OBJECT_TOPIC].record)
     if OBJECT_TOPIC in at:
-        pose = at[OBJECT_TOPIC][step - 1 :: step]
-        pose = np.where(pose["t_ns"] <= times[step - 1 :: step], pose, np.zeros_like(pose))  # before the first: none
-        found["observation.environment_state"] = Feature(
-            np.column_stack([pose["position"], pose["orientation_wxyz"], pose["seen"]]),
-            ("x", "y", "z", "qw", "qx", "qy", "qz", "seen"),
-            {"unit": "m", "frame": "world", "description": "The object's pose as the tracker saw it; seen: whether."},
-        )
+        known = at[OBJECT_TOPIC][step - 1 :: step]
+        pose = np.where(known["t_ns"] <= times[step - 1 :: step], known, pose)  # none before the first
+    found["observation.environment_state"] = Feature(
+        np.column_stack([pose["position"], pose["orientation_wxyz"], pose["seen"]]),
+        ("x", "y", "z", "qw", "qx", "qy", "qz", "seen"),
+        {"unit": "m", "frame": "world", "description": "The object's pose as the tracker saw it; seen: whether."},
+    )
     for name, feature in _ticks(at):
         found[name] = Feature(feature.values.reshape(frames, step, -1), feature.names, feature.attributes)
     ended = np.arange(frames) == frames - 1
@@ -85,6 +86,7 @@ def tick_features() -> Iterator[tuple[str, tuple[str, ...], Field]]:
     for topics in (ARM_TOPICS, CONTROL_TOPICS, *others):
         for field in TOPICS[topics[0]].message.fields:
             prefix = "observation" if topics == ARM_TOPICS and field.name in _MEASURED else "control"
+            prefix = topics[0][1:].replace("/", "_") if topics in others else prefix
             yield f"{prefix}.{field.name}_1khz", topics, field
 
 

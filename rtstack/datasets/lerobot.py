@@ -55,10 +55,15 @@ class LeRobot:
         rows: list[dict[str, Any]] = []
         shown: list[dict[str, NDArray]] = []  # the values that statistics are made of, by episode
         said: dict[str, Any] = {}
+        features: dict[str, Any] = {}
         files = _DataFiles(whole)
         begin = 0
         for number, path in enumerate(episodes):
             table, said = _piece(path)
+            if number and said["features"] != features:
+                other = json.loads(said["labels"]["source"])["file"]
+                raise LogError(f"{other}: its topics or arms are not those of the first log: export it by itself")
+            features = said["features"]
             task, length = tasks.setdefault(said["task"], len(tasks)), said["length"]
             frame = np.arange(length)
             counted = {
