@@ -29,6 +29,7 @@ from rtstack.trials.record import TrialLog, open_log
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
 from rtstack.trials.trial import PreparedTrial, run_trial
+from sim_robot.profile import load_profile
 from tests.support.faults.evidence import MOST_LOST_S, Evidence, beyond_limits, read_evidence
 from tests.support.faults.hold import hold
 from tests.support.faults.limits import first_violation
@@ -122,8 +123,14 @@ class Case:
         tick = IDLE_AT_TICK if self._moment is Moment.IDLE else self._ground.tick(self._moment)
         path = self._folder / "faults.toml"
         idle = self._moment is Moment.IDLE
-        path.write_text(self._fault.how.script((tick - 1) * 1e-3, idle), encoding="utf-8")
+        # a slow box looks for the cause once it has taken its time
+        longer_s = self._slowest_recovery_s if self._fault.recovery is Recovery.RESET else 0.0
+        path.write_text(self._fault.how.script((tick - 1) * 1e-3, idle, longer_s), encoding="utf-8")
         return path
+
+    @property
+    def _slowest_recovery_s(self) -> float:
+        return 1e-3 * load_profile(self._ground.profile).box.recovery_ms[2]
 
     def _idle(self, stage: Stage) -> None:
         """Move a little, so that a script begins to count; then watch, as the robot process does between two jobs."""
@@ -265,6 +272,7 @@ class Case:
     def _recover(self, stage: Stage) -> None:
         """Let somebody else open the arms, look at them, recover them, and move them."""
         recovery, refusals, deadline_s = self._fault.recovery, [], time.monotonic() + RECOVERY_S
+        deadline_s += 2.0 * self._slowest_recovery_s
         if self._moment is Moment.IDLE and recovery is Recovery.RESET and self._gone_on:
             recovery = Recovery.AGAIN
         while True:

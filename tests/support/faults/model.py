@@ -75,9 +75,10 @@ class Scripted:
     lasts_s: float | None = None
     lasts_idle_s: float | None = None
 
-    def script(self, at_s: float, idle: bool) -> str:
-        """Return the faults file."""
+    def script(self, at_s: float, idle: bool, longer_s: float = 0.0) -> str:
+        """Return the faults file. longer_s: added to what does not last to the end."""
         lasts_s = self.lasts_idle_s if idle and self.lasts_idle_s is not None else self.lasts_s
+        lasts_s = None if lasts_s is None else lasts_s + longer_s
         duration = "" if lasts_s is None else f"duration_s = {lasts_s}\n"
         return f"[[fault]]\nat_s = {at_s:.3f}\n{self.keys}\n{duration}"
 
