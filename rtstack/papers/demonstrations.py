@@ -1,7 +1,7 @@
 """Demonstrations that the trials of a campaign follow: how a worker records them, and what all its trials share."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from rtstack.model.cell_description import CellDescription, load_cell_descriptio
 from rtstack.papers.conditions import Conditions
 from rtstack.papers.reference import Reference
 from rtstack.papers.simulated_cell import open_conditioned_cell
+from rtstack.safety.limits import HARDWARE
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.errors import TrialError
 from rtstack.trials.record import cell_attachments, frames, trial_metadata
@@ -27,6 +28,11 @@ from rtstack.trials.whole_run_log import WholeRunLog
 CELL = "direct"
 RECORDINGS = "references"
 LOGS = "logs"
+
+
+# Without a person in the cell a demonstration may hit as hard as a trial: plans ask for faster ones than the judge lets
+# hands make (rtstack.safety.limits). What the cell's file says holds.
+_AS_AN_IMPACT = {name: getattr(HARDWARE, name) for name in ("tau_ext_contact_max", "force_contact_max")}
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +79,7 @@ def common_attachments(cell_file: Path) -> list[Attachment]:
 
 def record(bench: Bench, reference: Reference, conditions: Conditions, seed: int) -> str | None:
     """Record a demonstration. Returns None, or in one line why there is none."""
-    description = bench.description
+    description = replace(bench.description, safety=_AS_AN_IMPACT | bench.description.safety)
     specification = DemonstrationSpecification(reference.object, reference.variation, seed, reference.speed_m_s)
     metadata = {"trial": trial_metadata(specification, with_profile(CELL, conditions.profile), None)}
     with bench.archive.new(f"{RECORDINGS}/{reference.file}") as path:
