@@ -20,7 +20,7 @@ NOT_RUN = {
     "on the robot's PC": 4,
     "in real time": 3,
     "on several machines": 1,
-    "from a clone": 5,
+    "from a clone": 6,
     "while rtstack up runs": 4,
     "on a desktop": 2,
 }
