@@ -124,6 +124,11 @@ class ClockRelation:
         return bool(self._record["samples"] > 0)
 
     @property
+    def blocks(self) -> int:
+        """How many blocks the line goes through, or has gone through since it began."""
+        return int(self._record["blocks"])
+
+    @property
     def resets(self) -> int:
         """How often it began anew, after a step of either clock."""
         return int(self._record["resets"])

@@ -6,6 +6,7 @@ A topic that is added here, or that an installed package offers, is in all of th
 from collections.abc import Iterable, Sequence
 
 from hal.extensions import ExtensionPoint
+from hal.record import Field
 from hal.topic import Message, Topic
 from hal.tracker import OBJECT_POSE_FIELDS
 from hal.turn import TURN_FIELDS, WORK_FIELDS
@@ -25,11 +26,27 @@ WORK = Message("rtstack.WorkSample", "What the host did with the real-time loop.
 POSE = Message("foxglove.PoseInFrame", "Pose of an object, in a frame.", OBJECT_POSE_FIELDS)
 EVENT = Message("foxglove.Log", "Something that happened.", EVENT_FIELDS)
 
+CLOCK = Message(
+    "rtstack.ClockSample",
+    "How the robot's time is the host's: a line through the states that were delayed least, of the last 20 s.",
+    (
+        Field(
+            "unix_ns", "Unix time of this message's log time, {unit}, the states' least delay with it.",
+            "ns", kind="i8", host_clock=True, plotted=False,
+        ),
+        Field("drift_ppm", "By how much the host's clock is faster than the robot's, {unit}.", "ppm", host_clock=True),
+        Field(
+            "uncertainty_us", "How far the least delayed states are off the line, rms, {unit}.", "us", host_clock=True,
+        ),
+        Field("steps", "How often one of the clocks has made a step.", kind="i8", host_clock=True, plotted=False),
+    ),
+)  # fmt: skip
+
 ARM_TOPICS = tuple(f"/{side}/arm" for side in SIDES)
 CONTROL_TOPICS = tuple(f"/{side}/control" for side in SIDES)
 TURN_TOPICS = tuple(f"/{side}/turn" for side in SIDES)
 WORK_TOPIC = "/host/work"
-TIMING_TOPIC, OBJECT_TOPIC, EVENT_TOPIC = "/timing", "/object/pose", "/events"
+TIMING_TOPIC, OBJECT_TOPIC, EVENT_TOPIC, CLOCK_TOPIC = "/timing", "/object/pose", "/events", "/clock"
 
 
 def topic_table(rows: Iterable[Topic]) -> dict[str, Topic]:
@@ -68,6 +85,7 @@ TOPICS, REFUSED = _with_offered(
         *(Topic(name, CONTROL, 1000, every_tick=True) for name in CONTROL_TOPICS),
         Topic(TIMING_TOPIC, TIMING, 1000, every_tick=True),
         Topic(OBJECT_TOPIC, POSE, 100, "what the tracker saw"),
+        Topic(CLOCK_TOPIC, CLOCK, 10, "where the arms keep their own time: Unix time of the robot's"),
         Topic(EVENT_TOPIC, EVENT, 0, "who (`name`), what (`message`), how severe", plotted=False),
         *(Topic(name, TURN, 1000, plotted=False) for name in TURN_TOPICS),
         Topic(WORK_TOPIC, WORK, 125, plotted=False),

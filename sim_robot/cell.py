@@ -13,6 +13,7 @@ import numpy as np
 
 from hal.arrays import Array
 from hal.cell import Cell
+from hal.configuration import ConfigurationError
 from hal.displacement import Displacement
 from hal.errors import CommandRejected, ConnectionLost, ObjectOutOfReach, RecoveryRefused
 from hal.robot_errors import error_names
@@ -262,5 +263,11 @@ def simulated_cell(
     if empty and Displacement.of(displacement) != Displacement():
         raise ObjectOutOfReach(f"an empty cell (object {NO_OBJECT!r}) has nothing that could be displaced")
     name = next(iter(layout.objects)) if empty else object_name
-    plant = Plant(layout, parameters, name, displacement, seed, arms_seed, tilt_of(faults), load_profile(profile))
+    how = load_profile(profile)
+    if how.built.moved_tracker and not on_the_wire:
+        raise ConfigurationError(
+            f"profile {profile}: a tracker in another frame is one behind the wire: lockstep, realtime"
+        )
+    layout = how.built.scene(layout)
+    plant = Plant(layout, parameters, name, displacement, seed, arms_seed, tilt_of(faults), how)
     return SimulatedCell(plant, layout, parameters, seed, clock, box_kind, faults, empty)

@@ -50,7 +50,8 @@ def _pad_faces_y(scene: Scene) -> tuple[float, float]:
     """Return where the pads begin along y, m: between them is the object's place. A hand leaves its side open."""
     faces = zip((scene.left, scene.right), face_offsets_z(scene), strict=True)
     left, right = (float(pad_face(place, offset)[1]) for place, offset in faces)
-    return np.inf if scene.left.hand else left, -np.inf if scene.right.hand else right
+    # arms that were exchanged stand at each other's side
+    return np.inf if scene.left.hand else max(left, right), -np.inf if scene.right.hand else min(left, right)
 
 
 class Plant:

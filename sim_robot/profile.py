@@ -3,7 +3,7 @@
 The profile `ideal` has zeros only, and changes no bit of what the simulated robot does.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cache
 from importlib.resources import as_file, files
 from math import exp, log, sqrt
@@ -13,6 +13,7 @@ import numpy as np
 
 from hal.arrays import Seven
 from hal.configuration import ConfigurationError, load_toml
+from sim_robot.built import Built
 
 IDEAL = "ideal"
 LONGEST_DELAY_MS = 50
@@ -21,10 +22,10 @@ ARM_DRAW, SLOW_NOISE_DRAW, TRACKER_DRAW, BOX_DRAW = 4, 5, 6, 7
 
 
 def _not_negative(record: object) -> None:
-    for field in fields(record):  # pyright: ignore[reportArgumentType]
-        value = getattr(record, field.name)
+    for one in fields(record):  # pyright: ignore[reportArgumentType]
+        value = getattr(record, one.name)
         if any(item < 0.0 for item in (value if isinstance(value, tuple) else (value,))):
-            raise ValueError(f"{field.name} must not be negative: {value}")
+            raise ValueError(f"{one.name} must not be negative: {value}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,6 +169,7 @@ class Profile:
     box: Box
     left: Twin = Twin()
     right: Twin = Twin()
+    built: Built = field(default_factory=Built)
 
 
 def profile_names() -> tuple[str, ...]:

@@ -1,6 +1,5 @@
 """Robots at two addresses over the Franka Control Interface, and the tracker that watches their object."""
 
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import cast
@@ -15,6 +14,7 @@ from hal.limits import OwnLimits
 from hal.tracker import ClosableTracker, TrackerRequest
 from rtstack.cells.kinds import CellKind, CellRequest
 from rtstack.cells.metal import check_boxes, check_real_cell, on_this_machine
+from rtstack.cells.robot_clock import RobotClock
 from rtstack.model.cell_description import CellDescription, TrackerDescription
 from rtstack.safety.limits import ForcePhase
 from rtstack.trials.errors import TrialError
@@ -75,9 +75,11 @@ def _open(request: CellRequest) -> Cell:
     except BaseException:
         tracker.close()
         raise
+    clock = RobotClock(pair, robot_clock)
     return Cell(
-        request.kind, pair.left, pair.right, tracker, _TrackedLink(pair, tracker, robot_clock), own_clocks=True,
-        own_limits=own, turns=pair.turns, warning=said or difference_of_limits(request.description, own),
+        request.kind, pair.left, pair.right, tracker, _TrackedLink(pair, tracker, clock), own_clocks=True,
+        sensors=(clock,), own_limits=own, turns=pair.turns,
+        warning=said or difference_of_limits(request.description, own),
     )  # fmt: skip
 
 
@@ -114,25 +116,14 @@ def _listen(tracker: TrackerDescription, object_name: str, robot_clock: ClockRel
 
 
 class _TrackedLink:
-    """Both arms at their addresses, the tracker that is listened to, and how the robot's time is the host's: that of
-    the left arm, whose states are the beat."""
+    """Both arms at their addresses, and the tracker that is listened to."""
 
-    def __init__(self, pair: FciPair, tracker: ClosableTracker, robot_clock: ClockRelation) -> None:
+    def __init__(self, pair: FciPair, tracker: ClosableTracker, clock: RobotClock) -> None:
         self._pair = pair
         self._tracker = tracker
-        self._clock, self._t_ns = robot_clock, pair.left.t_ns
-        self.start, self.move = pair.start, pair.move
+        self.start, self.wait, self.move = pair.start, clock.wait, pair.move
         self.stop, self.recover = pair.stop, pair.recover
         self.set_collisions = pair.set_collisions
-
-    def wait(self) -> int:
-        """See hal.cell.ArmLink. The state that was waited for before has been read by now."""
-        # now, not when it arrived: the state that is read may be a later one than that which was waited for
-        t_ns = self._pair.left.t_ns
-        if t_ns != self._t_ns:
-            self._clock.update(t_ns, time.monotonic_ns())
-        self._t_ns = t_ns
-        return self._pair.wait()
 
     def close(self) -> None:
         """Disconnect, and stop listening."""

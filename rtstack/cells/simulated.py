@@ -5,9 +5,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from hal.cell import Cell
+from hal.clock_relation import ClockRelation
 from hal.fci import FciPair, open_pair
+from hal.tracker import TrackerFrames
 from rtstack.cells.fci import approach_collisions, pad_tool
 from rtstack.cells.kinds import CellKind, CellRequest
+from rtstack.cells.robot_clock import RobotClock
 from rtstack.cells.simulator import Simulator
 from rtstack.model.cell_description import CellDescription
 from rtstack.trials.errors import TrialError
@@ -79,18 +82,27 @@ def _open_served(request: CellRequest) -> Cell:
     lockstep = request.kind.partition(":")[0] == "lockstep"
     simulator = Simulator(
         request.object_name, request.displacement, request.seed, lockstep=lockstep, faults=request.faults,
-        cell_file=request.cell_file, profile=profile,
+        cell_file=request.cell_file, profile=profile, frames=_tracker_frames(request),
     )  # fmt: skip
     return replace(_served_cell(request.kind, simulator, request.description, lockstep), warning=warning)
+
+
+def _tracker_frames(request: CellRequest) -> TrackerFrames:
+    """Return the tracker's frames by the cell's file. Raises TrialError."""
+    try:
+        return request.description.tracker.frames(request.object_name)
+    except ValueError as error:
+        raise TrialError(f"the tracker of the cell's file: {error}") from None
 
 
 class _SimulatorLink:
     """Both arms of a simulator of our own: it ends with them."""
 
-    def __init__(self, pair: FciPair, simulator: Simulator) -> None:
+    def __init__(self, pair: FciPair, simulator: Simulator, clock: RobotClock | None) -> None:
         self._pair = pair
         self._simulator = simulator
-        self.start, self.wait, self.move = pair.start, pair.wait, pair.move
+        self.start, self.move = pair.start, pair.move
+        self.wait = pair.wait if clock is None else clock.wait
         self.stop, self.recover = pair.stop, pair.recover
         self.set_collisions = pair.set_collisions
 
@@ -111,8 +123,12 @@ def _served_cell(kind: str, simulator: Simulator, description: CellDescription, 
     except BaseException:
         simulator.close()
         raise
-    link = _SimulatorLink(pair, simulator)
-    return Cell(kind, pair.left, pair.right, simulator.tracker, link, own_clocks=not lockstep, turns=pair.turns)
+    clock = None if lockstep else RobotClock(pair, ClockRelation())
+    link = _SimulatorLink(pair, simulator, clock)
+    sensors = () if clock is None else (clock,)
+    return Cell(
+        kind, pair.left, pair.right, simulator.tracker, link, own_clocks=not lockstep, sensors=sensors, turns=pair.turns
+    )
 
 
 direct = CellKind(_open_direct, _check, _simulated)

@@ -15,6 +15,7 @@ from pathlib import Path
 from hal.displacement import Displacement
 from hal.errors import HardwareError
 from hal.realtime import robot_cpu
+from hal.tracker import TrackerFrames
 from hal.tracker_link import TrackerLink
 
 _FCI_PORT = 1337
@@ -30,15 +31,17 @@ class Simulator:
     def __init__(
         self, object_name: str, displacement: Displacement | float, seed: int, *, lockstep: bool,
         faults: Path | None = None, cell_file: Path | None = None, profile: str = "ideal",
+        frames: TrackerFrames | None = None,
     ) -> None:  # fmt: skip
         """Start it, and wait until it serves. object_name: empty for none; faults: a script of them.
 
-        cell_file: of a lab, with objects of its own. profile: how honest it is (sim_robot.profile).
+        cell_file: of a lab, with objects of its own. profile: how honest it is (sim_robot.profile). frames: of its
+        tracker, as the cell's file has them.
 
         Raises HardwareError with what it says.
         """
         shift = Displacement.of(displacement)
-        self.tracker = TrackerLink()
+        self.tracker = TrackerLink(frames=frames)
         self.report = ""
         said: str | None = None
         host, port = self.tracker.address

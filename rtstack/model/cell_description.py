@@ -140,20 +140,23 @@ class TrackerDescription:
     orientation_wxyz: Quaternion = (1.0, 0.0, 0.0, 0.0)
     bodies: dict[str, TrackedBody] = field(default_factory=dict)
 
+    def frames(self, object_name: str) -> TrackerFrames:
+        """Return where tracker and object stand. Raises ValueError for an object that is not among the bodies, where
+        there are any."""
+        thing = self.bodies.get(object_name)
+        if self.bodies and object_name and thing is None:
+            raise ValueError(f"[tracker.bodies] has no {object_name}; it has {', '.join(self.bodies)}")
+        thing = thing or TrackedBody(0)
+        return TrackerFrames(self.up, self.position, self.orientation_wxyz, thing.position, thing.orientation_wxyz)
+
     def request(self, object_name: str, robot_clock: ClockRelation) -> TrackerRequest:
-        """Return what the tracker is opened with; see hal.tracker.TrackerRequest. Raises ValueError for an object that
-        is not among the bodies, where there are any."""
+        """Return what the tracker is opened with; see hal.tracker.TrackerRequest. Raises ValueError as `frames`."""
         host, _, port = self.address.rpartition(":")
         body = self.bodies.get(object_name)
-        if self.bodies and object_name and body is None:
-            raise ValueError(f"[tracker.bodies] has no {object_name}; it has {', '.join(self.bodies)}")
-        thing = body or TrackedBody(0)
         clock = "own" if self.kind == "natnet" else self.clock
         age_ms = self.largest_age_ms or (math.inf if clock == "robot" else LARGEST_AGE_MS)
         return TrackerRequest(
-            host, int(port),
-            TrackerFrames(self.up, self.position, self.orientation_wxyz, thing.position, thing.orientation_wxyz),
-            TrackerTimes(clock, self.latency_ms, age_ms),
+            host, int(port), self.frames(object_name), TrackerTimes(clock, self.latency_ms, age_ms),
             robot_clock, None if body is None else body.id, self.multicast,
         )  # fmt: skip
 

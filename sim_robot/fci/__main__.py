@@ -145,7 +145,7 @@ def _open(options: argparse.Namespace) -> Server:
     if options.tracker is not None:
         host, port = options.tracker
         try:
-            server.feed_tracker(TrackerFeed(cell.tracker, options.tracker))
+            server.feed_tracker(TrackerFeed(cell.plant.profile.built.tracker(cell.tracker), options.tracker))
         except OSError as error:
             server.close()
             raise ConfigurationError(f"--tracker {host}:{port} cannot be sent to: {error.strerror}") from None

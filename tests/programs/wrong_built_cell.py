@@ -1,0 +1,129 @@
+"""`python -m tests.programs.wrong_built_cell --reference REC.mcap`: trials before and after a calibration, a table.
+
+The simulated cell (lockstep, over the wire) is built otherwise than its file says. A trial of the reference is made;
+a person touches twelve places with each pad; `rtstack calibrate --write`; the same trial again. Where the pads really
+are, MuJoCo says, not our kinematics; a touch has 0.3 mm of noise along each axis.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from hal.configuration import toml_text
+from rtstack.calibration.points import Point, save_points
+from rtstack.cells import default_cell_file
+from sim_robot.cell import SimulatedCell, simulated_cell
+from sim_robot.profile import load_profile
+
+COMMAND = Path(sys.executable).with_name("rtstack")
+NOISE_M = 3e-4
+WAY_MS, POSES = 900, 12
+CASES: dict[str, dict[str, object]] = {
+    "as the file says": {},
+    "bases 40 and 30 mm off": {"left_mm": [25.0, -28.0, 14.0], "right_mm": [-20.0, 18.0, -13.0]},
+    "bases turned by 4 and 3 deg": {"left_deg": [1.5, -1.0, 3.5], "right_deg": [-1.0, 1.2, -2.6]},
+    "tracker 0.5 m and 90 deg": {"tracker_mm": [300.0, -400.0, 50.0], "tracker_deg": [0.0, 0.0, 90.0]},
+    "all of these": {
+        "left_mm": [25.0, -28.0, 14.0], "right_mm": [-20.0, 18.0, -13.0], "left_deg": [1.5, -1.0, 3.5],
+        "right_deg": [-1.0, 1.2, -2.6], "tracker_mm": [300.0, -400.0, 50.0], "tracker_deg": [0.0, 0.0, 90.0],
+    },
+    "sides swapped": {"swapped": True},
+}  # fmt: skip
+
+
+def profile(path: Path, built: dict[str, object]) -> Path:
+    """Write the ideal profile of a cell that was built so."""
+    from importlib.resources import files
+
+    text = (files("sim_robot") / "parameters/profiles/ideal.toml").read_text(encoding="utf-8")
+    path.write_text(text + toml_text({"built": built}), encoding="utf-8")
+    return path
+
+
+def led(cell: SimulatedCell, homes: np.ndarray, rng: np.random.Generator) -> None:
+    """Lead both arms to a posture near home, and let them come to rest."""
+    start = cell.states["q"].copy()
+    goal = homes + rng.uniform(-0.4, 0.4, (2, 7))
+    goal[:, 1] -= 0.3  # above the table
+    for k in range(WAY_MS + 300):
+        share = min(1.0, k / WAY_MS)
+        for side in (0, 1):
+            cell.plant.track(side, start[side] + share * (goal[side] - start[side]), np.zeros(7))
+        cell.next_state()
+
+
+def touched(file: Path, built: dict[str, object], tracked: bool) -> dict[str, Point]:
+    """Return what is measured in the cell that was built so: twelve places of each pad, and of a marker on it."""
+    wire = {key: value for key, value in built.items() if not key.startswith("tracker")}
+    cell = simulated_cell("none", 0.0, 1, profile=str(profile(file, wire)))
+    rng, data, points = np.random.default_rng(1), cell.plant.data, {}
+    homes = cell.states["q"].copy()
+    there = load_profile(str(profile(file.with_stem("tracked"), built))).built
+    for k in range(POSES):
+        led(cell, homes, rng)
+        left, right = (tuple(row) for row in cell.states["q"].tolist())
+        for side, name in enumerate(("left", "right")):
+            body, face = cell.plant.pad_bodies[side], cell.plant.face_in_pad[side]
+            place = data.xpos[body] + data.xmat[body].reshape(3, 3) @ face + NOISE_M * rng.standard_normal(3)
+            points[f"{name}-{k}"] = Point("touch", name, tuple(place.tolist()), left, right)
+            if tracked:
+                seen = there.to_tracker(data.xpos[body]) + NOISE_M * rng.standard_normal(3)
+                points[f"{name}-marker-{k}"] = Point("see", name, tuple(seen.tolist()), left, right)
+    return points
+
+
+def trial(reference: Path, how: Path, cell_file: Path) -> str:
+    """Make the trial over the wire, and return its outcome in a few words."""
+    done = subprocess.run(
+        [str(COMMAND), "trial", "--reference", str(reference), "--cell", f"lockstep:{how}", "--cell-file",
+         str(cell_file), "--json"], capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    if done.returncode == 2:
+        return "refused: " + done.stderr.strip().removeprefix("rtstack: ")[:90]
+    result = json.loads(done.stdout)
+    return "success" if result["success"] else f"failed: {result['failure_reason']}"[:90]
+
+
+def before_and_after(reference: Path, built: dict[str, object], folder: Path) -> tuple[str, str, str]:
+    """Return the trial before, what the calibration says, and the trial after it."""
+    cell_file, how = folder / "cell.toml", profile(folder / "built.toml", built)
+    cell_file.write_text(default_cell_file().read_text(encoding="utf-8"), encoding="utf-8")
+    first = trial(reference, how, cell_file)
+    save_points(folder / "points.toml", touched(folder / "touched.toml", built, "tracker_mm" in built))
+    command = [
+        str(COMMAND),
+        "calibrate",
+        str(folder / "points.toml"),
+        "--cell-file",
+        str(cell_file),
+        "--write",
+        "--json",
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode == 2:
+        said = done.stderr.strip().removeprefix("rtstack: ").partition(": ")[2][:60]
+        # the cables are exchanged
+        return first, said, trial(reference, profile(folder / "exchanged.toml", {}), cell_file)
+    found = json.loads(done.stdout)
+    said = f"rms {found['rms_mm']:.2f} mm, pads within {found['uncertainty_mm']:.2f} mm"
+    return first, said, trial(reference, how, cell_file)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--reference", type=Path, required=True)
+    reference = parser.parse_args().reference.resolve()
+    print("| built | trial before | calibration | trial after |\n|---|---|---|---|")
+    for name, built in CASES.items():
+        with tempfile.TemporaryDirectory() as folder:
+            print(f"| {name} | {' | '.join(before_and_after(reference, built, Path(folder)))} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
