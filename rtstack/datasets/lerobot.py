@@ -46,7 +46,7 @@ class LeRobot:
         }
         table = pa.table({name: _column(feature.values) for name, feature in features.items()})
         table = table.replace_schema_metadata({"rtstack": json.dumps(said)})
-        pq.write_table(table, path, compression="zstd", compression_level=1, use_dictionary=False)
+        pq.write_table(table, path, compression="lz4", use_dictionary=False)  # read once more: fast before small
 
     def join(self, episodes: Sequence[Path], whole: Path) -> None:
         """See Format. Every episode is a row group of a data file."""
