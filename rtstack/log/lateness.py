@@ -25,6 +25,7 @@ PERIOD_US = 1000.0
 WORST = 10
 _ONE_STALL_S = 5e-3  # between two late turns of one stall
 _WINDOW = 500  # turns on each side through which the line of the least delayed states is drawn
+_TOGETHER_US = 1200.0  # what a wire has held up comes within a turn or two
 _SEEN_BY = 20  # ms after which a state shows how many answers the robot has missed
 _RATE_STATES = 100  # control_command_success_rate covers the last 100 (Franka Control Interface)
 _PROMPT_US = 500.0  # an answer that left within this after its state had half of the robot's time for its way
@@ -194,7 +195,7 @@ def _late_turns(side: str, turns: NDArray, arm: NDArray, work: NDArray, start_ns
     outside_us = _outside(turns["arrived_us"] - oldest_us)
     missing = np.zeros(len(turns))
     missing[1:] = np.maximum(0.0, np.round((oldest_us[1:] - 1e-3 * turns["t_ns"][:-1]) / PERIOD_US) - 1.0)
-    unanswered = _unanswered(turns["t_ns"], arm)
+    unanswered = _unanswered(turns, arm)
     typical_us = float(np.median(own_us))
     late = (outside_us + own_us > PERIOD_US) | (missing > 0) | (passed_over > 0)
     late |= _lost_on_time(turns["t_ns"], late, arm)
@@ -244,13 +245,16 @@ def _outside(delay_us: NDArray) -> NDArray:
     return np.maximum(0.0, delay_us - line)
 
 
-def _unanswered(t_ns: NDArray, arm: NDArray) -> NDArray:
-    """Return how many answers the robot counts as missed within _SEEN_BY ms from before each state, -1: not counted."""
+def _unanswered(turns: NDArray, arm: NDArray) -> NDArray:
+    """Return how many answers the robot counts as missed from before each state to those that came with it, -1: not
+    counted. A robot that stood still may miss answers afterwards, while it makes up for it."""
+    t_ns, arrived_us = turns["t_ns"], turns["arrived_us"]
     rate = arm["control_command_success_rate"]
     if not len(arm) or not rate.any():
         return np.full(len(t_ns), -1)
     first = np.clip(np.searchsorted(arm["t_ns"], t_ns) - 1, 0, len(arm) - 1)
-    last = np.searchsorted(arm["t_ns"], t_ns + _SEEN_BY * 1_000_000)
+    together = np.searchsorted(arrived_us, arrived_us + _TOGETHER_US, side="right") - 1
+    last = np.searchsorted(arm["t_ns"], t_ns[together], side="right")
     least = np.array([rate[a : max(b, a + 1)].min() for a, b in zip(first, last, strict=True)])
     return np.round(_RATE_STATES * np.maximum(0.0, rate[first] - least)).astype(int)
 
