@@ -122,8 +122,11 @@ class Guard:
         clean = RedirectResponse("/", status_code=303)  # the token stays in no address bar and in no history
         if session is not None and session.token is not None:
             return clean  # a program needs no cookie
-        redeem, word = (self._sign_in.redeem, tokens[0]) if tokens else (self._sign_in.redeem_code, (codes or [""])[0])
-        new = await run_in_threadpool(redeem, word, session)  # writes to the audit trail
+        # both write to the audit trail
+        if tokens is not None:
+            new = await run_in_threadpool(self._sign_in.redeem, tokens[0], session)
+        else:
+            new = await run_in_threadpool(self._sign_in.redeem_code, (codes or [""])[0], session)
         if new is not None:
             for name, value in ((self._sign_in.cookie, new.key), (self._sign_in.stop_cookie, new.stop)):
                 clean.set_cookie(name, value, httponly=True, samesite="strict", path="/", secure=self._address.https)
