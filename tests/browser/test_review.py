@@ -132,6 +132,7 @@ def test_as_many_logs_as_one_view_has_are_compared_from_the_list(page, logs):
         expect(page).to_have_url(re.compile(r"/logs/\w+\?.*other=\w+,\w+"))
         expect(page.locator("#figure-area")).to_have_attribute("data-points", re.compile("[1-9]"))
         expect(page.locator("#overlays button")).to_have_count(2)
+        expect(page.locator("#lateness")).to_have_attribute("data-known", "true")  # the last of its questions
     finally:
         third.unlink()
 

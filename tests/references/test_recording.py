@@ -20,7 +20,7 @@ def _without(source, target, dropped: np.ndarray) -> None:
         keep = np.setdiff1d(np.arange(len(log.topic("/timing"))), dropped)
         for topic in TOPICS:
             records = log.topic(topic)
-            if topic.split("/")[1] in (*SIDES, "timing"):
+            if topic.split("/")[1] in (*SIDES, "timing") and len(records):  # arms without a clock have no turns
                 records = records[keep]
             push = rings.pusher(topic).push
             for k in range(len(records)):

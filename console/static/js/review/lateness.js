@@ -7,6 +7,7 @@ const us = (value) => `${Math.round(value)} us`;
 export async function showLateness(log, view) {
   const { lateness } = await get(`/api/logs/${log.id}/lateness`);
   document.getElementById("lateness").hidden = lateness === null;
+  document.getElementById("lateness").dataset.known = "true";
   if (lateness === null) return;
   document.getElementById("lateness-line").textContent = lateness.late ? `${lateness.late} of ${lateness.turns} turns, ${lateness.stalls} stalls` : "none";
   document.getElementById("lateness-line").title = lateness.line;

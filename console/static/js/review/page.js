@@ -103,7 +103,7 @@ async function start() {
     plots.refresh();
     link();
   });
-  await showLateness(log, view);
+  showLateness(log, view).catch((error) => showError(`Who was late in this log is not known: ${error.message}`));
 }
 
 start().catch((error) => showError(`This log is not shown: ${error.message}`));
