@@ -120,7 +120,7 @@ def test_a_job_is_done_stopped_and_looked_at_with_the_keyboard_alone(console):
     press(page, "#logs tbody a[href^='/logs/']")
     expect(page.locator("#log-events li").first).to_be_visible(timeout=PATIENCE_MS)
     tab_to(page, "#signal-search")
-    page.keyboard.type("left dq 4")
+    page.keyboard.type("left.dq.4")  # without a space: on a page that has had no news for 0.5 s that is STOP
     press(page, "#tree input[type=checkbox]")
     expect(page).to_have_url(re.compile(r"signals=[^&]*left\.dq\.4"), timeout=PATIENCE_MS)
     expect(page.locator("#legends")).to_contain_text("dq", timeout=PATIENCE_MS)

@@ -12,6 +12,7 @@ from playwright.sync_api import expect
 from rtstack.live.protocol import DemonstrationRequest
 from rtstack.log.reader import read_log
 from rtstack.safety.arming import LEASE_S
+from tests.support.console.operator_hands import type_words
 
 pytestmark = [pytest.mark.browser, pytest.mark.alone]
 FINISHED_MS = 120_000
@@ -268,9 +269,7 @@ def test_stop_stops_a_trial(recorded, way):
 
 def test_a_space_in_a_text_field_is_a_space(recorded):
     page = recorded.page
-    page.locator("#filter").click()
-    page.keyboard.type("rice box")
-    expect(page.locator("#filter")).to_have_value("rice box")
+    type_words(page, "#filter", "rice box")
     page.fill("#filter", "no such log")
     expect(page.locator("#empty")).to_have_text("No log matches the filter.")
     page.fill("#filter", "")

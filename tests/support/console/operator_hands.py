@@ -16,6 +16,7 @@ ARROW_M = 0.17  # of a gizmo's arrow, from its middle: between shaft and tip
 # the scene's first camera: console/scene.py
 EYE, LOOK_AT, FIELD_OF_VIEW = np.array([-1.75, 0.0, 1.35]), np.array([-0.02, 0.0, 0.3]), 0.72
 STEPS = 12
+ATTEMPTS = 20
 PICTURES = 4
 PATIENCE = 300  # looks, 0.1 s apart
 AT_REST_M_S = 0.015  # the speed's noise is below it
@@ -31,6 +32,22 @@ def pixel(point, width, height):
     ray = np.asarray(point) - EYE
     scale = height / 2 / np.tan(FIELD_OF_VIEW / 2) / (ray @ forward)
     return width / 2 + scale * (ray @ right), height / 2 - scale * (ray @ up)
+
+
+def type_words(page, selector, words):
+    """Type words with a space into a field; whether they were there at once.
+
+    On a page that has had no news for 0.5 s the space is STOP: then they are typed again.
+    """
+    field = page.locator(selector)
+    for k in range(ATTEMPTS):
+        field.fill("")
+        field.click()
+        page.keyboard.type(words)
+        if field.input_value() == words:
+            return k == 0
+        page.wait_for_timeout(500)
+    raise AssertionError(f"a space is never typed: {field.input_value()}")
 
 
 class ClutchLost(Exception):
