@@ -6,7 +6,6 @@ that a stolen key opens no other site.
 """
 
 import datetime
-import hashlib
 import os
 import ssl
 import tempfile
@@ -20,6 +19,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from hal.configuration import ConfigurationError
+from hal.desk.trust import fingerprint
 from hal.files import write_whole
 
 AUTHORITY_DAYS, CERTIFICATE_DAYS = 3650, 30  # the second one is made anew at each start
@@ -63,9 +63,7 @@ class Authority:
     @property
     def fingerprint(self) -> str:
         """SHA-256 of the certificate, as browsers show it."""
-        der = x509.load_pem_x509_certificate(self.certificate.read_bytes()).public_bytes(serialization.Encoding.DER)
-        digits = hashlib.sha256(der).hexdigest().upper()
-        return ":".join(digits[k : k + 2] for k in range(0, len(digits), 2))
+        return fingerprint(self.certificate.read_text())
 
     @classmethod
     def trusting(cls) -> ssl.SSLContext:

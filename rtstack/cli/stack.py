@@ -42,7 +42,7 @@ def _host(host: str | None, https: bool) -> str:
     authority.check(str(address))
     print(
         f"rtstack: {authority.certificate} vouches for this console: a browser imports it once.\n"
-        f"rtstack: its SHA-256 fingerprint is {authority.fingerprint}", file=sys.stderr, flush=True,
+        f"rtstack: its fingerprint is {authority.fingerprint}", file=sys.stderr, flush=True,
     )  # fmt: skip
     return str(address)
 

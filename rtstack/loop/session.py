@@ -224,8 +224,9 @@ class Session:
         self._look_at_judges(status)
         try:
             self._reporter.tick()
+            compute_us = (time.perf_counter_ns() - began_ns) * 1e-3  # without what measures it
             self._publish_turns(sides)
-            self._publish(sides, (time.perf_counter_ns() - began_ns) * 1e-3)
+            self._publish(sides, compute_us)
             self._reporter.end()
         except Exception as error:
             self._go_on_alone(error)

@@ -121,7 +121,7 @@ def authority(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Authority:
 
 def test_the_authority_is_made_once(authority: Authority) -> None:
     assert Authority.of_user().fingerprint == authority.fingerprint
-    assert re.fullmatch(r"([0-9A-F]{2}:){31}[0-9A-F]{2}", authority.fingerprint)
+    assert re.fullmatch(r"SHA-256 ([0-9A-F]{2}:){31}[0-9A-F]{2}", authority.fingerprint)
 
 
 def test_a_damaged_authority_is_one_line(authority: Authority) -> None:
