@@ -7,12 +7,12 @@ from typing import Protocol
 from hal.arm import Arm
 from hal.arrays import Array
 from hal.collisions import CollisionBehaviour
+from hal.cycle import Cycles
 from hal.errors import RecoveryRefused
 from hal.joint_path import JointSpeed
 from hal.limits import OwnLimits
 from hal.sensor import Sensor
 from hal.tracker import ObjectTracker
-from hal.turn import Turns
 
 LEFT, RIGHT = 1, 2  # of the mask that `ArmLink.wait` returns
 
@@ -71,7 +71,7 @@ class Cell:
     paced: arms that wait, but keep the pace of the host's clock: it depends on who serves them.
     warning: what its user must know, in one line; empty for nothing. sensors: of no topic twice.
     own_limits: of the left and the right robot, as they say themselves; None where they were not asked.
-    turns: of the left and the right arm, where they are measured.
+    cycles: of the left and the right arm, where they are measured.
     """
 
     name: str
@@ -84,7 +84,7 @@ class Cell:
     warning: str = ""
     sensors: tuple[Sensor, ...] = ()
     own_limits: tuple[OwnLimits, OwnLimits] | None = None
-    turns: tuple[Turns, Turns] | None = None
+    cycles: tuple[Cycles, Cycles] | None = None
 
     @property
     def waits(self) -> bool:

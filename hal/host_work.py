@@ -1,6 +1,6 @@
 """What the host did with the calling thread: computing, waiting for a CPU, page faults, garbage collection.
 
-It is read after a turn that was late, and after each EVERY turns, so that a late one has counters of shortly before.
+It is read after a cycle that was late, and after each EVERY cycles, so that a late one has counters of shortly before.
 To read them takes some 5 us, after the answer is out.
 """
 
@@ -15,7 +15,7 @@ import numpy as np
 from numba import types
 
 from hal.compilation import bound, compiled
-from hal.turn import WORK
+from hal.cycle import WORK
 
 EVERY = 16
 _PROCESS_CPU, _THREAD_CPU, _MONOTONIC = 2, 3, 1  # time.h
@@ -69,7 +69,7 @@ class HostWork:
 
     def __init__(self) -> None:
         self.sample = np.zeros(1, WORK)
-        self._turns = 0
+        self._cycles = 0
         self._collected_ns = self._collecting_since_ns = 0
         self._descriptor = -1
         self._last = np.zeros(5, np.int64)
@@ -89,16 +89,16 @@ class HostWork:
             os.close(self._descriptor)
             self._descriptor = -1
 
-    def turn(self, late: bool) -> bool:
-        """Count a turn; return whether `sample` was read anew. Never waits, allocates or raises."""
-        self._turns += 1
-        if not late and self._turns < EVERY:
+    def cycle(self, late: bool) -> bool:
+        """Count a cycle; return whether `sample` was read anew. Never waits, allocates or raises."""
+        self._cycles += 1
+        if not late and self._cycles < EVERY:
             return False
         self._take(self._descriptor)
         if self._collecting_since_ns:
             self._collect("stop", {})
-        self.sample["turns"][0], self.sample["collected_us"][0] = self._turns, 1e-3 * self._collected_ns
-        self._turns = self._collected_ns = 0
+        self.sample["cycles"][0], self.sample["collected_us"][0] = self._cycles, 1e-3 * self._collected_ns
+        self._cycles = self._collected_ns = 0
         return True
 
     def _collect(self, phase: str, _: Mapping[str, Any]) -> None:

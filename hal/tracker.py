@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from hal.clock_relation import ClockRelation
 from hal.record import POSITION, QUATERNION, Field, record_of
+from hal.tag_camera import TagCamera
 
 OBJECT_POSE_FIELDS = (
     Field("position", "Position of the object, {unit}.", "m", POSITION, frame="world"),
@@ -66,12 +67,13 @@ class TrackerFrames:
 class TrackerTimes:
     """What a tracker's times mean.
 
-    clock: "robot", the robot's time; "own", ns of any clock that runs evenly; "arrival", none. latency_ms: from the
-    exposure to the arrival of its least delayed messages, for the last two. largest_age_ms: an object that was seen
-    longer ago counts as not seen; never, by inf.
+    clock: "robot", the robot's time; "host", time.monotonic_ns of this host; "own", ns of any clock that runs evenly;
+    "arrival", none. latency_ms: from the exposure to the time stamp, by the host's clock, else to the arrival of the
+    least delayed messages; not used by the robot's. largest_age_ms: an object that was seen longer ago counts as not
+    seen; never, by inf.
     """
 
-    clock: Literal["robot", "own", "arrival"] = "robot"
+    clock: Literal["robot", "host", "own", "arrival"] = "robot"
     latency_ms: float = 0.0
     largest_age_ms: float = float("inf")
 
@@ -82,7 +84,7 @@ class TrackerRequest:
 
     host, port: its address. body: the tracker's number of the object's rigid body, None where it knows one only.
     multicast: the group to which the tracker sends, "" for none. robot_clock: of the robot's time (a) and the host's
-    time.monotonic_ns (b); it becomes known with the arms' first states.
+    time.monotonic_ns (b); it becomes known with the arms' first states. camera: of who looks for tags.
     """
 
     host: str
@@ -92,6 +94,7 @@ class TrackerRequest:
     robot_clock: ClockRelation
     body: int | None = None
     multicast: str = ""
+    camera: TagCamera | None = None
 
 
 class ClosableTracker(ObjectTracker, Protocol):

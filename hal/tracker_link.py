@@ -152,10 +152,11 @@ class TrackerLink:
             return
         if self._times.clock != "robot" and (robot is None or not robot.known):
             return  # no state of an arm has come yet, and no trial runs
-        if self._times.clock == "own":
-            self.tracker_clock.update(t_ns, now_ns)
-            steps = self.tracker_clock.resets
-            exposed_ns = self.tracker_clock.b_of(t_ns)
+        if self._times.clock in ("own", "host"):
+            exposed_ns, steps = t_ns, 0
+            if self._times.clock == "own":
+                self.tracker_clock.update(t_ns, now_ns)
+                exposed_ns, steps = self.tracker_clock.b_of(t_ns), self.tracker_clock.resets
             if not now_ns - _LATEST_NS <= exposed_ns <= now_ns + _EARLY_NS:
                 return  # of another time
             if t_ns <= self._newest[0] and steps == self._newest[1]:

@@ -14,10 +14,10 @@ from hal.arrays import Array
 from hal.collisions import CollisionBehaviour
 from hal.errors import CommandRejected, ConnectionLost, HardwareError, RecoveryRefused
 from hal.fci import recovery
+from hal.fci.cycle_times import CycleTimes, stamp_arrivals
 from hal.fci.faults import VENDOR, as_hardware_error, names_in, vendor_errors
 from hal.fci.setup import Tool, configure, tell_collisions
 from hal.fci.sockets import give_up_after, open_sockets, shut_down
-from hal.fci.turn_times import TurnTimes, stamp_arrivals
 from hal.robot_errors import error_bit
 from hal.state import ARM_STATE, NEEDS_PERSON, ArmState, RobotMode
 
@@ -48,14 +48,14 @@ class FciArm:
         """
         self.address = address
         self.called = f"the {name} at {address}"
-        self._state = ArmState.empty()
-        self._bytes = self._state.record.view(np.uint8).data
+        self.state = ArmState.empty()  # that was read last
+        self._bytes = self.state.record.view(np.uint8).data
         self._torques = franka.Torques([0.0] * 7)
         self._control: franka.ActiveControlBase | None = None
         self._posture: Array | None = None  # that was sent last, under position control
         self._lost = False
         self.unread = False  # True: the next read returns the last state once more, without waiting
-        self.turns: TurnTimes | None = None  # where they are to be measured
+        self.cycles: CycleTimes | None = None  # where they are to be measured
         self._config = franka.RealtimeConfig.kEnforce if enforce_realtime else franka.RealtimeConfig.kIgnore
         self._robot: franka.Robot | None = None
         self.reconnected: Callable[[], None] = lambda: None  # told when `socket` is another one
@@ -163,7 +163,7 @@ class FciArm:
     @property
     def t_ns(self) -> int:
         """Robot's time of the state that was read last, ns."""
-        return self._state.t_ns
+        return self.state.t_ns
 
     def read(self) -> ArmState:
         """Block until the next state. See hal.arm.Arm.
@@ -173,29 +173,33 @@ class FciArm:
         robot = self._open_robot()
         if self.unread:
             self.unread = False
-            return self._state
-        turns = self.turns
-        if turns is not None:
-            turns.look(self.socket)
+            return self.state
+        cycles = self.cycles
+        if cycles is not None:
+            cycles.look(self.socket)
         try:
             # no local name for the control: the traceback of an error would keep it, and the robot busy, alive
             state = robot.read_once() if self._control is None else self._control.readOnce()[0]
         except VENDOR as error:
             raise self._fault(error) from None
-        if turns is not None:
-            turns.read()
-        mode = int(state.robot_mode)
-        self._take(state, mode)
+        number = round(1e3 * state.time.to_sec())
+        mode = -1
+        if cycles is not None:
+            cycles.read()
+            mode = cycles.state(number)
+        if mode < 0:
+            mode = int(state.robot_mode)
+            self._take(state, number, mode)
         if mode == RobotMode.REFLEX:
             names = _reasons(state)
             raise CommandRejected(f"{self.called} is in reflex: {', '.join(names)}; recover it first", names)
-        return self._state
+        return self.state
 
-    def _take(self, state: franka.RobotState, mode: int) -> None:
+    def _take(self, state: franka.RobotState, number: int, mode: int) -> None:
         errors = state.current_errors
         T = state.O_T_EE  # column-major on the wire
         _RECORD.pack_into(
-            self._bytes, 0, round(1e3 * state.time.to_sec()) * 1_000_000,
+            self._bytes, 0, number * 1_000_000,
             *state.q, *state.dq, *state.tau_J, *state.tau_J_d, *state.dtau_J, *state.theta, *state.dtheta,
             *state.tau_ext_hat_filtered, *T[0::4], *T[1::4], *T[2::4], *T[3::4], *state.O_F_ext_hat_K,
             state.control_command_success_rate, mode,
@@ -212,8 +216,8 @@ class FciArm:
             self._control.writeOnce(self._torques)
         except VENDOR as error:
             raise self._fault(error) from None
-        if self.turns is not None:
-            self.turns.answer(self._state.t_ns)
+        if self.cycles is not None:
+            self.cycles.answer(self.state.t_ns)
 
     def stop(self) -> None:
         """End torque control: the robot brakes and holds. A reflex stays latched."""

@@ -13,10 +13,10 @@ from hal.cell import LEFT, RIGHT
 from hal.collisions import CollisionBehaviour
 from hal.errors import ConnectionLost, HardwareError, RecoveryRefused
 from hal.fci.arm import FciArm
+from hal.fci.cycle_times import CycleTimes
 from hal.fci.hold import HoldThread
 from hal.fci.motion import move
 from hal.fci.setup import Tool
-from hal.fci.turn_times import TurnTimes
 from hal.fci.watch import StateWatch
 from hal.joint_path import JointSpeed
 from hal.state import RobotMode
@@ -31,7 +31,7 @@ LONGEST_WAIT_S = 5e-3
 
 
 class FciPair:
-    """Two connected arms: a hal.cell.ArmLink. turns: of both arms, where each of them is answered by its own clock."""
+    """Two connected arms: a hal.cell.ArmLink. cycles: of both arms, where each of them is answered by its own clock."""
 
     def __init__(self, left: FciArm, right: FciArm, *, shared_clock: bool = False) -> None:
         self.left, self.right = left, right
@@ -41,8 +41,8 @@ class FciPair:
         self._watch: StateWatch | None = None  # of the arms' present sockets, by the next `wait`
         self._sides: dict[int, int] = {}
         self._silent_s = {LEFT: 0.0, RIGHT: 0.0}  # how long we have waited without a state of that arm
-        self.turns = None if shared_clock else (TurnTimes(), TurnTimes())
-        left.turns, right.turns = self.turns or (None, None)
+        self.cycles = None if shared_clock else (CycleTimes(left.state), CycleTimes(right.state))
+        left.cycles, right.cycles = self.cycles or (None, None)
         self._hold_thread = HoldThread()
         for arm in (left, right):
             self._hold_thread.hold(arm)  # compiled, or loaded from the cache, before an arm moves
@@ -155,8 +155,8 @@ class FciPair:
             return LEFT * self.left.unread | RIGHT * self.right.unread
         watch = self._watch or self._watch_sockets()
         began_ns = time.monotonic_ns()
-        if self.turns is not None:
-            self.turns[0].free_ns = self.turns[1].free_ns = began_ns
+        if self.cycles is not None:
+            self.cycles[0].free_ns = self.cycles[1].free_ns = began_ns
         # a second look: where this process itself was held up, the states are there by now
         ready = watch.wait(self._stale_s) or watch.wait(LONGEST_WAIT_S)
         waited_s = min(1e-9 * (time.monotonic_ns() - began_ns), LONGEST_WAIT_S) if ready else self._stale_s
@@ -186,19 +186,19 @@ class FciPair:
 def open_pair(
     left_address: str,
     right_address: str,
-    tool: Tool | None = None,
+    tools: tuple[Tool | None, Tool | None] = (None, None),
     collisions: CollisionBehaviour | None = None,
     *,
     shared_clock: bool = False,
     enforce_realtime: bool = False,
 ) -> FciPair:
-    """Connect to both arms, which carry the same tool. Raises what FciArm raises, and leaves nothing open then.
+    """Connect to both arms, with what each of them carries. Raises what FciArm raises, and leaves nothing open then.
 
     shared_clock: both are of one robot that waits for answers (lockstep): their first states are to be the same one.
     """
-    left = FciArm(left_address, tool, collisions, name="left arm", enforce_realtime=enforce_realtime)
+    left = FciArm(left_address, tools[0], collisions, name="left arm", enforce_realtime=enforce_realtime)
     try:
-        right = FciArm(right_address, tool, collisions, name="right arm", enforce_realtime=enforce_realtime)
+        right = FciArm(right_address, tools[1], collisions, name="right arm", enforce_realtime=enforce_realtime)
     except BaseException:
         left.close()
         raise

@@ -1,5 +1,6 @@
 """What an arm is told before it moves: what it carries, where its end effector is, how hard it may touch."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,9 +9,11 @@ import pylibfranka as franka
 from hal.arrays import Array
 from hal.collisions import CollisionBehaviour
 from hal.errors import HardwareError
+from hal.pad import Pad
 
 _EXACT = 1e-6  # m: closer than this a frame of the robot (float32 on the wire) is the one that was asked for
 _MASS_TOLERANCE_KG = 1e-3
+_MOMENT_TOLERANCE_KGM = 0.01  # ours: of the centre of mass, 0.1 Nm of its weight
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,17 +30,9 @@ class Tool:
     F_T_EE: Array
 
     @classmethod
-    def pad(cls, size: tuple[float, float, float], mass: float, flange_to_face: float) -> "Tool":
-        """Return a box of this size, m, and mass, kg, in front of the flange; its outer face is the end effector."""
-        F_T_EE = np.eye(4)
-        F_T_EE[2, 3] = flange_to_face
-        squares = np.array(size) ** 2
-        return cls(
-            mass=mass,
-            centre=np.array([0.0, 0.0, flange_to_face - size[2] / 2.0]),
-            inertia=np.diag(mass / 12.0 * (squares.sum() - squares)),
-            F_T_EE=F_T_EE,
-        )
+    def of(cls, pad: Pad) -> "Tool":
+        """Return a pad as a robot is told of it; its outer face is the end effector."""
+        return cls(mass=pad.mass, centre=pad.F_x_centre, inertia=pad.I_centre, F_T_EE=pad.F_T_face)
 
 
 def tell_collisions(robot: franka.Robot, collisions: CollisionBehaviour) -> None:
@@ -62,6 +57,11 @@ def configure(robot: franka.Robot, tool: Tool | None, collisions: CollisionBehav
             f"Desk has an end effector of {state.m_ee:.3f} kg, the tool weighs {tool.mass:.3f} kg: "
             "set the tool in Desk, or no end effector"
         )
+    if told and tool.mass * np.linalg.norm(np.array(state.F_x_Cee) - tool.centre) > _MOMENT_TOLERANCE_KGM:
+        raise HardwareError(
+            f"Desk has the end effector's centre of mass at {_mm(state.F_x_Cee)} mm of the flange, the tool's is at "
+            f"{_mm(tool.centre)} mm: set the tool in Desk as the cell's file has it"
+        )
     NE_T_EE = np.linalg.inv(np.reshape(state.F_T_NE, (4, 4)).T) @ tool.F_T_EE
     if np.abs(NE_T_EE - np.eye(4)).max() < _EXACT:
         NE_T_EE = np.eye(4)
@@ -71,6 +71,10 @@ def configure(robot: franka.Robot, tool: Tool | None, collisions: CollisionBehav
         robot.set_load(0.0, [0.0] * 3, [0.0] * 9)
     else:
         robot.set_load(tool.mass, tool.centre.tolist(), tool.inertia.T.ravel().tolist())
+
+
+def _mm(place: Sequence[float] | Array) -> str:
+    return ", ".join(f"{1e3 * metres:.0f}" for metres in place)
 
 
 def _wire(T: Array) -> list[float]:

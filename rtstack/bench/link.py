@@ -14,8 +14,8 @@ import numpy as np
 
 from hal.cell import Cell
 from hal.realtime import realtime_thread
+from rtstack.bench.cycle_log import CycleLog
 from rtstack.bench.hold import Hold, HoldEnded
-from rtstack.bench.turn_log import TurnLog
 from rtstack.log.lateness import Lateness
 from rtstack.loop.session import StopSignal
 from rtstack.model.cell_description import CellDescription
@@ -97,7 +97,7 @@ def _run(cell: Cell, ticks: int, holds: tuple[Hold, ...], scheduler: str, stop: 
     count = [0, 0]
     stamps, arrived, answered, rates = (np.zeros((2, ticks)) for _ in range(4))
     cell.start()
-    with TurnLog(cell.turns, ticks) as turns:
+    with CycleLog(cell.cycles, ticks) as cycles:
         while min(count) < ticks:
             if stop is not None and stop.stop_requested:
                 raise HoldEnded("the hold was ended before its time: the key was let go, or a stop was asked for")
@@ -109,7 +109,7 @@ def _run(cell: Cell, ticks: int, holds: tuple[Hold, ...], scheduler: str, stop: 
                 if n < ticks:
                     arrived[k, n], answered[k, n] = now_ns, clock()
                     stamps[k, n], rates[k, n] = state.t_ns, state.record["control_command_success_rate"][0]
-                    turns.take(k, state.t_ns, rates[k, n])
+                    cycles.take(k, state.t_ns, rates[k, n])
                     count[k] = n + 1
     answer_us = (answered - arrived) * 1e-3
     round_trip_us = (arrived[:, 1:] - answered[:, :-1]) * 1e-3
@@ -135,7 +135,7 @@ def _run(cell: Cell, ticks: int, holds: tuple[Hold, ...], scheduler: str, stop: 
         hold_nm=_pair([hold.nm for hold in holds]),
         tau_ext_mean_nm=_lists([hold.estimate[:, :7].mean(axis=0) for hold in holds]),
         tau_ext_sd_nm=_lists([hold.estimate[:, :7].std(axis=0) for hold in holds]),
-        lateness=turns.lateness(),
+        lateness=cycles.lateness(),
         O_F_ext_mean=_lists([hold.estimate[:, 7:].mean(axis=0) for hold in holds]),
     )
 

@@ -1,4 +1,4 @@
-"""Who was late: each late turn of a log is laid to the robot, the wire or the host. A pure function of its records.
+"""Who was late: each late cycle of a log is laid to the robot, the wire or the host. A pure function of its records.
 
 A robot sends a state each millisecond of its clock, and takes an answer that comes within one. The kernel's stamp of a
 state, against a line through the least delayed ones, says how late it came; from there to the answer is the host's. A
@@ -19,13 +19,13 @@ from scipy.ndimage import minimum_filter1d
 
 from rtstack.log.reader import Log
 from rtstack.samples import SIDES
-from rtstack.topics import ARM_TOPICS, TURN_TOPICS, WORK_TOPIC
+from rtstack.topics import ARM_TOPICS, CYCLE_TOPICS, WORK_TOPIC
 
 PERIOD_US = 1000.0
 WORST = 10
-_ONE_STALL_S = 5e-3  # between two late turns of one stall
-_WINDOW = 500  # turns on each side through which the line of the least delayed states is drawn
-_TOGETHER_US = 1200.0  # what a wire has held up comes within a turn or two
+_ONE_STALL_S = 5e-3  # between two late cycles of one stall
+_WINDOW = 500  # cycles on each side through which the line of the least delayed states is drawn
+_TOGETHER_US = 1200.0  # what a wire has held up comes within a cycle or two
 _SEEN_BY = 20  # ms after which a state shows how many answers the robot has missed
 _RATE_STATES = 100  # control_command_success_rate covers the last 100 (Franka Control Interface)
 _PROMPT_US = 500.0  # an answer that left within this after its state had half of the robot's time for its way
@@ -47,18 +47,18 @@ class HostCause(StrEnum):
     COLLECTION = "garbage collection"
     NO_CPU = "had no CPU"
     PAGES = "page faults"
-    TICK = "computing: this turn"
-    LAST_TURN = "computing: the turn before"
+    TICK = "computing: this cycle"
+    LAST_CYCLE = "computing: the cycle before"
     SOCKET = "computing: the socket"
     THREAD = "another thread of this process"
     STOPPED = "stopped, or waiting"
 
 
 @dataclass(frozen=True, slots=True)
-class LateTurn:
-    """One late turn. t_s: since the first one; late_us: from when the state was due to its answer.
+class LateCycle:
+    """One late cycle. t_s: since the first one; late_us: from when the state was due to its answer.
 
-    Parts, us: outside_us until the state came, then the host's: busy_us with the turn before, wake_us until the loop
+    Parts, us: outside_us until the state came, then the host's: busy_us with the cycle before, wake_us until the loop
     looked, read_us for the socket, tick_us from the state to the answer. missing: states that never came; passed_over:
     that had come when a newer one was read; unanswered: milliseconds that the robot has counted without an answer.
     """
@@ -81,46 +81,46 @@ class LateTurn:
 
 @dataclass(frozen=True, slots=True)
 class Lateness:
-    """All late turns of a run, in order of time, and how many turns there were."""
+    """All late cycles of a run, in order of time, and how many cycles there were."""
 
-    turns: int
-    late: tuple[LateTurn, ...]
+    cycles: int
+    late: tuple[LateCycle, ...]
 
     @property
     def shares(self) -> dict[str, int]:
-        """How many late turns are whose, for all that there are."""
-        counts = Counter(turn.blame.value for turn in self.late)
+        """How many late cycles are whose, for all that there are."""
+        counts = Counter(cycle.blame.value for cycle in self.late)
         return {blame.value: counts[blame] for blame in Blame if counts[blame]}
 
     @property
     def causes(self) -> dict[str, int]:
         """What the host did in those that are its own."""
-        counts = Counter(turn.cause.value for turn in self.late if turn.blame is Blame.HOST)
+        counts = Counter(cycle.cause.value for cycle in self.late if cycle.blame is Blame.HOST)
         return dict(counts.most_common())
 
     @property
-    def stalls(self) -> tuple[LateTurn, ...]:
-        """The latest turn of each stall: late turns of either arm, of one blame, one shortly after the other."""
-        found: list[LateTurn] = []
+    def stalls(self) -> tuple[LateCycle, ...]:
+        """The latest cycle of each stall: late cycles of either arm, of one blame, one shortly after the other."""
+        found: list[LateCycle] = []
         last_s: dict[Blame, float] = {}
-        for turn in self.late:
-            begins = turn.t_s - 1e-6 * turn.late_us - last_s.get(turn.blame, -inf) > _ONE_STALL_S
-            last_s[turn.blame] = turn.t_s
+        for cycle in self.late:
+            begins = cycle.t_s - 1e-6 * cycle.late_us - last_s.get(cycle.blame, -inf) > _ONE_STALL_S
+            last_s[cycle.blame] = cycle.t_s
             if begins:
-                found.append(turn)
+                found.append(cycle)
             else:
-                k = max(k for k, one in enumerate(found) if one.blame is turn.blame)
-                found[k] = max(found[k], turn, key=lambda one: one.late_us)
+                k = max(k for k, one in enumerate(found) if one.blame is cycle.blame)
+                found[k] = max(found[k], cycle, key=lambda one: one.late_us)
         return tuple(found)
 
     @property
-    def worst(self) -> tuple[LateTurn, ...]:
-        """The latest turns of the WORST stalls, the longest one first."""
-        return tuple(sorted(self.stalls, key=lambda turn: -turn.late_us)[:WORST])
+    def worst(self) -> tuple[LateCycle, ...]:
+        """The latest cycles of the WORST stalls, the longest one first."""
+        return tuple(sorted(self.stalls, key=lambda cycle: -cycle.late_us)[:WORST])
 
     @property
     def table(self) -> list[str]:
-        """The worst turns as lines of text, with a head; none where nothing was late."""
+        """The worst cycles as lines of text, with a head; none where nothing was late."""
         if not self.late:
             return []
         head = (
@@ -129,7 +129,7 @@ class Lateness:
             "whose",
             "late ms",
             "outside us",
-            "turn before",
+            "cycle before",
             "waking",
             "socket",
             "tick",
@@ -150,57 +150,57 @@ class Lateness:
     def line(self) -> str:
         """One line for people."""
         if not self.late:
-            return f"none of {self.turns} turns was late"
+            return f"none of {self.cycles} cycles was late"
         shares = ", ".join(f"{count} {name}" for name, count in self.shares.items())
         causes = ", ".join(f"{count} {name}" for name, count in self.causes.items())
         worst = self.worst[0]
         return (
-            f"{len(self.late)} of {self.turns} turns late, in {len(self.stalls)} stalls: {shares}"
+            f"{len(self.late)} of {self.cycles} cycles late, in {len(self.stalls)} stalls: {shares}"
             f"{f' ({causes})' if causes else ''}; the worst by {1e-3 * worst.late_us:.1f} ms, {worst.blame}"
         )
 
     def as_dict(self) -> dict[str, Any]:
         """Return the figures for JSON."""
-        worst = [asdict(turn) for turn in self.worst]
-        counts = {"turns": self.turns, "late": len(self.late), "stalls": len(self.stalls)}
+        worst = [asdict(cycle) for cycle in self.worst]
+        counts = {"cycles": self.cycles, "late": len(self.late), "stalls": len(self.stalls)}
         return {**counts, "shares": self.shares, "causes": self.causes, "worst": worst, "line": self.line}
 
 
 def lateness_of(log: Log) -> Lateness | None:
     """Return who was late in a log, None where its arms had no clocks of their own. Raises LogError."""
-    turns = tuple(log.topic(topic) for topic in TURN_TOPICS)
-    if not all(map(len, turns)):
+    cycles = tuple(log.topic(topic) for topic in CYCLE_TOPICS)
+    if not all(map(len, cycles)):
         return None
-    return lateness(turns, tuple(log.topic(topic) for topic in ARM_TOPICS), log.topic(WORK_TOPIC))
+    return lateness(cycles, tuple(log.topic(topic) for topic in ARM_TOPICS), log.topic(WORK_TOPIC))
 
 
-def lateness(turns: Sequence[NDArray], arms: Sequence[NDArray], work: NDArray) -> Lateness:
-    """Return who was late. turns: of TURN, left and right; arms: of records with t_ns and
+def lateness(cycles: Sequence[NDArray], arms: Sequence[NDArray], work: NDArray) -> Lateness:
+    """Return who was late. cycles: of CYCLE, left and right; arms: of records with t_ns and
     control_command_success_rate; work: of WORK. All in order of time."""
-    start_ns = min(int(one["t_ns"][0]) for one in turns if len(one))
+    start_ns = min(int(one["t_ns"][0]) for one in cycles if len(one))
     late = [
-        turn
-        for side, own, arm in zip(SIDES, turns, arms, strict=True)
-        for turn in _late_turns(side, own, arm, work, start_ns)
+        cycle
+        for side, own, arm in zip(SIDES, cycles, arms, strict=True)
+        for cycle in _late_cycles(side, own, arm, work, start_ns)
     ]
-    return Lateness(sum(map(len, turns)), tuple(sorted(late, key=lambda turn: (turn.t_s, turn.side))))
+    return Lateness(sum(map(len, cycles)), tuple(sorted(late, key=lambda cycle: (cycle.t_s, cycle.side))))
 
 
-def _late_turns(side: str, turns: NDArray, arm: NDArray, work: NDArray, start_ns: int) -> list[LateTurn]:
-    if not len(turns):
+def _late_cycles(side: str, cycles: NDArray, arm: NDArray, work: NDArray, start_ns: int) -> list[LateCycle]:
+    if not len(cycles):
         return []
-    own_us = np.maximum(turns["answered_us"], 0.0)
-    passed_over = np.maximum(0, turns["unread"] - 1)
-    oldest_us = 1e-3 * turns["t_ns"] - PERIOD_US * passed_over
-    outside_us = _outside(turns["arrived_us"] - oldest_us)
-    missing = np.zeros(len(turns))
-    missing[1:] = np.maximum(0.0, np.round((oldest_us[1:] - 1e-3 * turns["t_ns"][:-1]) / PERIOD_US) - 1.0)
-    unanswered = _unanswered(turns, arm)
+    own_us = np.maximum(cycles["answered_us"], 0.0)
+    passed_over = np.maximum(0, cycles["unread"] - 1)
+    oldest_us = 1e-3 * cycles["t_ns"] - PERIOD_US * passed_over
+    outside_us = _outside(cycles["arrived_us"] - oldest_us)
+    missing = np.zeros(len(cycles))
+    missing[1:] = np.maximum(0.0, np.round((oldest_us[1:] - 1e-3 * cycles["t_ns"][:-1]) / PERIOD_US) - 1.0)
+    unanswered = _unanswered(cycles, arm)
     typical_us = float(np.median(own_us))
     late = (outside_us + own_us > PERIOD_US) | (missing > 0) | (passed_over > 0)
-    late |= _lost_on_time(turns["t_ns"], late, arm)
+    late |= _lost_on_time(cycles["t_ns"], late, arm)
     late[0] = False  # the robot awaits no answer before the first one
-    found: list[LateTurn] = []
+    found: list[LateCycle] = []
     open_until, blame_outside = -1, Blame.ROBOT_OR_WIRE
     for k in np.flatnonzero(late).tolist():
         away_us = float(outside_us[k] + PERIOD_US * missing[k])
@@ -209,20 +209,20 @@ def _late_turns(side: str, turns: NDArray, arm: NDArray, work: NDArray, start_ns
         cause, faults = HostCause.NONE, 0
         if excess_us > away_us and own_us[k] > _PROMPT_US:
             blame = Blame.HOST
-            cause, faults = _cause(turns[k], excess_us, work)
+            cause, faults = _cause(cycles[k], excess_us, work)
         else:
             # states that come late one after the other were held up once
             if k > open_until:
                 blame_outside = _robot_or_wire(away_us, counted, float(own_us[k]))
             blame, open_until = blame_outside, k + 2
-        busy_us = min(max(0.0, float(turns["free_us"][k])), float(turns["seen_us"][k]))
+        busy_us = min(max(0.0, float(cycles["free_us"][k])), float(cycles["seen_us"][k]))
         found.append(
-            LateTurn(
-                t_s=1e-9 * (int(turns["t_ns"][k]) - start_ns), side=side, blame=blame,
+            LateCycle(
+                t_s=1e-9 * (int(cycles["t_ns"][k]) - start_ns), side=side, blame=blame,
                 late_us=round(away_us + float(own_us[k]), 1), outside_us=round(away_us, 1), busy_us=round(busy_us, 1),
-                wake_us=round(float(turns["seen_us"][k]) - busy_us, 1),
-                read_us=round(float(turns["read_us"][k] - turns["seen_us"][k]), 1),
-                tick_us=round(float(turns["answered_us"][k] - turns["read_us"][k]), 1),
+                wake_us=round(float(cycles["seen_us"][k]) - busy_us, 1),
+                read_us=round(float(cycles["read_us"][k] - cycles["seen_us"][k]), 1),
+                tick_us=round(float(cycles["answered_us"][k] - cycles["read_us"][k]), 1),
                 missing=int(missing[k]), passed_over=int(passed_over[k]), unanswered=counted, cause=cause,
                 page_faults=faults,
             )
@@ -245,10 +245,10 @@ def _outside(delay_us: NDArray) -> NDArray:
     return np.maximum(0.0, delay_us - line)
 
 
-def _unanswered(turns: NDArray, arm: NDArray) -> NDArray:
+def _unanswered(cycles: NDArray, arm: NDArray) -> NDArray:
     """Return how many answers the robot counts as missed from before each state to those that came with it, -1: not
     counted. A robot that stood still may miss answers afterwards, while it makes up for it."""
-    t_ns, arrived_us = turns["t_ns"], turns["arrived_us"]
+    t_ns, arrived_us = cycles["t_ns"], cycles["arrived_us"]
     rate = arm["control_command_success_rate"]
     if not len(arm) or not rate.any():
         return np.full(len(t_ns), -1)
@@ -260,11 +260,11 @@ def _unanswered(turns: NDArray, arm: NDArray) -> NDArray:
 
 
 def _lost_on_time(t_ns: NDArray, late: NDArray, arm: NDArray) -> NDArray:
-    """Return which turns were in time, though the next states say that their answer was missed."""
+    """Return which cycles were in time, though the next states say that their answer was missed."""
     found = np.zeros(len(t_ns), dtype=bool)
     falls = arm["t_ns"][1:][np.diff(arm["control_command_success_rate"]) < -0.5 / _RATE_STATES]
     for t in falls:
-        k = int(np.searchsorted(t_ns, t)) - 1  # the turn before the state that shows it
+        k = int(np.searchsorted(t_ns, t)) - 1  # the cycle before the state that shows it
         near = late[max(0, np.searchsorted(t_ns, t - _SEEN_BY * 1_000_000)) : k + 2]
         if k >= 0 and not near.any():
             found[k] = True
@@ -284,16 +284,16 @@ def _robot_or_wire(away_us: float, counted: int, own_us: float) -> Blame:
     return Blame.ROBOT if 4 * counted <= passed else Blame.ROBOT_OR_WIRE
 
 
-def _cause(turn: np.void, excess_us: float, work: NDArray) -> tuple[HostCause, int]:
+def _cause(cycle: np.void, excess_us: float, work: NDArray) -> tuple[HostCause, int]:
     """Return what the host did while it was late by excess_us, and how many pages were touched or read."""
-    begun_us, ended_us = turn["arrived_us"], turn["arrived_us"] + turn["answered_us"]
+    begun_us, ended_us = cycle["arrived_us"], cycle["arrived_us"] + cycle["answered_us"]
     first = int(np.searchsorted(work["at_us"], begun_us))
     last = int(np.searchsorted(work["at_us"], ended_us)) + 1  # what is read after the answer belongs to it
     own = work[first:last]
     if not len(own):
         return HostCause.STOPPED, 0
-    usual_us = float(np.median(work["cpu_us"] / np.maximum(1, work["turns"])))
-    cpu_us = float(own["cpu_us"].sum()) - usual_us * float(own["turns"].sum() - len(own))
+    usual_us = float(np.median(work["cpu_us"] / np.maximum(1, work["cycles"])))
+    cpu_us = float(own["cpu_us"].sum()) - usual_us * float(own["cycles"].sum() - len(own))
     faults = int(own["page_faults"].sum() + own["pages_read"].sum())
     enough_us = 0.5 * excess_us
     if own["collected_us"].sum() >= enough_us:
@@ -304,9 +304,9 @@ def _cause(turn: np.void, excess_us: float, work: NDArray) -> tuple[HostCause, i
         if own["pages_read"].any():
             return HostCause.PAGES, faults
         parts = {
-            HostCause.TICK: turn["answered_us"] - turn["read_us"],
-            HostCause.SOCKET: turn["read_us"] - turn["seen_us"],
-            HostCause.LAST_TURN: max(turn["free_us"], 0.0),
+            HostCause.TICK: cycle["answered_us"] - cycle["read_us"],
+            HostCause.SOCKET: cycle["read_us"] - cycle["seen_us"],
+            HostCause.LAST_CYCLE: max(cycle["free_us"], 0.0),
         }
         return max(parts, key=lambda cause: float(parts[cause])), faults
     if own["others_us"].sum() >= enough_us:

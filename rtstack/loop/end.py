@@ -18,6 +18,7 @@ class End(StrEnum):
     OPERATOR_GONE = "the operator has gone"
     RELEASED = "the operator let go"
     CLUTCH_QUIET = "the clutch has gone quiet"
+    POLICY_QUIET = "the policy has gone quiet"
     PARENT_GONE = "the process that started this one has gone"
     LOG_FAILED = "the log is not being written"
     TICK_OVERRUN = "the tick takes longer than its period"

@@ -1,8 +1,9 @@
 """The mailbox: aligned 64-bit words in shared memory, from the console's processes to the real-time loop.
 
 The loop only loads words, so that no writer can make it wait, whatever happens to that writer. A word has one
-meaning and is written whole; the block of a teleoperation target stands behind a sequence word of its own, odd while it
-is being written. A sign of life is one word: the host's time.monotonic_ns, 0 for never.
+meaning and is written whole; the blocks of a teleoperation's target and of a policy's chunk stand behind a sequence
+word of their own each, odd while it is being written. A sign of life is one word: the host's time.monotonic_ns, 0 for
+never.
 """
 
 import mmap
@@ -16,7 +17,10 @@ from numpy.typing import NDArray
 from rtstack.loop.target import TARGET
 
 _FOLDER = Path("/dev/shm")  # where Linux keeps POSIX shared memory
-_MAGIC = 0x7274_6D62_6F78_0001  # "rtmbox", layout version 1
+_MAGIC = 0x7274_6D62_6F78_0003  # "rtmbox", layout version 3
+
+
+TARGET_WORDS = TARGET.itemsize // 8
 
 
 class _Word(IntEnum):
@@ -28,10 +32,11 @@ class _Word(IntEnum):
     OPERATOR_BEAT = 3
     TARGET_SEQUENCE = 4
     TARGET = 5  # and the words after it
+    CHUNK_SEQUENCE = TARGET + TARGET_WORDS
+    CHUNK = CHUNK_SEQUENCE + 1  # and the words after it
 
 
 _SIZE_BYTES = 4096  # a page
-_BLOCK = slice(_Word.TARGET, _Word.TARGET + TARGET.itemsize // 8)
 
 
 class MailboxError(Exception):
@@ -117,23 +122,42 @@ class Mailbox:
 
     def write_target(self, target: NDArray) -> None:
         """Write a target (1,) of TARGET. For one writer at a time."""
-        words = self._words
-        sequence = words[_Word.TARGET_SEQUENCE] | 1  # odd: what a writer that died left half written stays unread
-        words[_Word.TARGET_SEQUENCE] = sequence
-        words[_BLOCK] = target.view(np.longlong).data
-        words[_Word.TARGET_SEQUENCE] = sequence + 1
+        self._write(_Word.TARGET_SEQUENCE, target)
+
+    def write_chunk(self, chunk: NDArray) -> None:
+        """Write a policy's answer, (1,) of CHUNK. For one writer at a time."""
+        self._write(_Word.CHUNK_SEQUENCE, chunk)
 
     @property
     def target_sequence(self) -> int:
         """Even number that changes with every target; 0 before the first one, odd while one is being written."""
         return self._words[_Word.TARGET_SEQUENCE]
 
+    @property
+    def chunk_sequence(self) -> int:
+        """The same of a policy's answers."""
+        return self._words[_Word.CHUNK_SEQUENCE]
+
     def read_target(self, target: NDArray) -> bool:
         """Copy the newest target into (1,) of TARGET. Returns False, and leaves anything in it, while it is written."""
+        return self._read(_Word.TARGET_SEQUENCE, target)
+
+    def read_chunk(self, chunk: NDArray) -> bool:
+        """Copy the newest answer of a policy into (1,) of CHUNK, as `read_target` does."""
+        return self._read(_Word.CHUNK_SEQUENCE, chunk)
+
+    def _write(self, at: int, record: NDArray) -> None:
         words = self._words
-        sequence = words[_Word.TARGET_SEQUENCE]
-        target.view(np.longlong).data[:] = words[_BLOCK]
-        return sequence % 2 == 0 and words[_Word.TARGET_SEQUENCE] == sequence
+        sequence = words[at] | 1  # odd: what a writer that died left half written stays unread
+        words[at] = sequence
+        words[at + 1 : at + 1 + record.itemsize // 8] = record.view(np.longlong).data
+        words[at] = sequence + 1
+
+    def _read(self, at: int, record: NDArray) -> bool:
+        words = self._words
+        sequence = words[at]
+        record.view(np.longlong).data[:] = words[at + 1 : at + 1 + record.itemsize // 8]
+        return sequence % 2 == 0 and words[at] == sequence
 
     def close(self) -> None:
         """Let go of the memory; the owner also removes the name. May be called twice."""

@@ -15,12 +15,12 @@ from rtstack.samples import EVENT, TIMING_SAMPLE, Level
 from rtstack.topics import (
     ARM_TOPICS,
     CONTROL_TOPICS,
+    CYCLE_TOPICS,
     EVENT_TOPIC,
     OBJECT_TOPIC,
     REFUSED,
     TIMING_TOPIC,
     TOPICS,
-    TURN_TOPICS,
     WORK_TOPIC,
 )
 
@@ -71,14 +71,18 @@ class _Stream:
 class Publisher:
     """Publishes a tick to every ring. Events are fixed-size records too: formatting happens on events only.
 
-    sensors: read with the object's pose. Raises LogError for one whose topic is not in the table.
+    sensors: read with the object's pose. leads: read once the torques are out, their stamps are the log's. Raises
+    LogError for one whose topic is not in the table.
     """
 
-    def __init__(self, rings: Sequence[Rings], history: History | None, sensors: Sequence[Sensor] = ()) -> None:
+    def __init__(
+        self, rings: Sequence[Rings], history: History | None, sensors: Sequence[Sensor] = (),
+        leads: Sequence[Sensor] = (),
+    ) -> None:  # fmt: skip
         self.timing = np.zeros(1, TIMING_SAMPLE)
         self._history = history
         self._event = np.zeros(1, EVENT)
-        self._turns = [[ring.pusher(topic).push for ring in rings] for topic in TURN_TOPICS]
+        self._cycles = [[ring.pusher(topic).push for ring in rings] for topic in CYCLE_TOPICS]
         self._work = [ring.pusher(WORK_TOPIC).push for ring in rings]
         self._pushers = [[ring.pusher(topic) for topic in _OF_A_TICK] for ring in rings]
         self._left: tuple[NDArray, NDArray] | None = None
@@ -86,7 +90,8 @@ class Publisher:
         self._rows = np.zeros((0, 5), np.int64)
         self._object = _Stream(OBJECT_TOPIC, rings, history)
         self._sensors = [(sensor, _Stream(sensor.topic, rings, history)) for sensor in sensors]
-        self._streams = [self._object, *(stream for _, stream in self._sensors)]
+        self._leads = [(lead, _Stream(lead.topic, rings, history)) for lead in leads]
+        self._streams = [self._object, *(stream for _, stream in (*self._sensors, *self._leads))]
         self._event_takers: list[Callable[[NDArray], None]] = [ring.pusher(EVENT_TOPIC).push for ring in rings]
         if history is not None:
             self._event_takers.append(history.keep(EVENT_TOPIC))
@@ -110,13 +115,15 @@ class Publisher:
         push_all(self._rows)
         if self._history is not None:
             self._history.append(left, right, self.timing)
+        for lead, stream in self._leads:
+            lead.read(stream.sample)
         for stream in self._streams:
             stream.publish()
 
-    def turn(self, side: int, turn: NDArray[np.void], work: NDArray[np.void] | None) -> None:
-        """Publish a turn of an arm, (1,) of TURN, and what the host did, (1,) of WORK, where that was read."""
-        for take in self._turns[side]:
-            take(turn)
+    def cycle(self, side: int, cycle: NDArray[np.void], work: NDArray[np.void] | None) -> None:
+        """Publish a cycle of an arm, (1,) of CYCLE, and what the host did, (1,) of WORK, where that was read."""
+        for take in self._cycles[side]:
+            take(cycle)
         if work is not None:
             for take in self._work:
                 take(work)

@@ -6,7 +6,6 @@ The robot is the clock: `read` blocks until the next state. Nothing here sleeps,
 import gc
 import time
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -15,11 +14,11 @@ from numpy.typing import NDArray
 
 from hal.cell import LEFT, RIGHT, Cell
 from hal.errors import HardwareError
-from hal.host_work import HostWork
 from hal.state import ARM_STATE
 from rtstack.control.controller import Controller, ObservedArm
 from rtstack.control.records import WORKSPACE
 from rtstack.loop.command_echo import CommandEcho
+from rtstack.loop.cycles import CycleReporter
 from rtstack.loop.end import End
 from rtstack.loop.event_reporter import EventReporter
 from rtstack.loop.fault import Fault, FaultNotes
@@ -163,9 +162,7 @@ class Session:
         self._own_clocks = cell.own_clocks
         self._time = Timeline(publisher.timing, cell.own_clocks, cell.waits)
         self._compute_us = publisher.timing["compute_us"]
-        self._turns = cell.turns if cell.own_clocks else None
-        self._turn_stamps = [turns.sample["t_ns"] for turns in self._turns or ()]
-        self._work = HostWork() if self._turns is not None else None
+        self._cycles = CycleReporter(cell.cycles if cell.own_clocks else None, self._stamps, publisher)
         self._overrun = TickOverrun()
         self._watchdogs = (*watchdogs, self._overrun) if cell.own_clocks else tuple(watchdogs)
         self._notes = FaultNotes()
@@ -181,7 +178,7 @@ class Session:
         gc.disable()  # a collection in the middle of a tick is a tick that waits
         try:
             self._cell.start()
-            with self._work or nullcontext():
+            with self._cycles.measuring():
                 while self._tick():
                     self._pause()
         except HardwareError as error:
@@ -225,7 +222,7 @@ class Session:
         try:
             self._reporter.tick()
             compute_us = (time.perf_counter_ns() - began_ns) * 1e-3  # without what measures it
-            self._publish_turns(sides)
+            self._cycles.tick(sides)
             self._publish(sides, compute_us)
             self._reporter.end()
         except Exception as error:
@@ -324,18 +321,6 @@ class Session:
             self._publisher.tick(self._records[0], self._records[1])
         else:
             self._unpublished |= served
-
-    def _publish_turns(self, sides: tuple[int, ...]) -> None:
-        """Publish when the arms' states came and were answered, where that is measured."""
-        if self._turns is None or self._work is None:
-            return
-        for k in sides:
-            turns, stamp = self._turns[k], self._turn_stamps[k]
-            stamp[0] = self._stamps[k][0]
-            read = self._work.turn(turns.late)
-            if read:
-                self._work.sample["t_ns"][0] = stamp[0]
-            self._publisher.turn(k, turns.sample, self._work.sample if read else None)
 
     def _look_for_an_end(self, index: int) -> bool:
         """Ask everybody who may end the session. Returns whether the controller must not be asked any more."""

@@ -1,5 +1,5 @@
-"""One turn of a loop that answers arms with clocks of their own: when a state came and when it was answered, and what
-the host did meanwhile. `hal.fci.turn_times` and `hal.host_work` measure it."""
+"""One cycle of a loop that answers arms with clocks of their own: when a state came and when it was answered, and what
+the host did meanwhile. `hal.fci.cycle_times` and `hal.host_work` measure it."""
 
 from typing import Any, Protocol
 
@@ -7,23 +7,23 @@ from numpy.typing import NDArray
 
 from hal.record import Field, record_of
 
-TURN_FIELDS = (
+CYCLE_FIELDS = (
     Field(
         "arrived_us", "When the kernel got the oldest state that was not read, {unit} of the host's monotonic clock.",
         "us", host_clock=True,
     ),
     Field("unread", "States that had come by then, of which the newest was read.", kind="i8", host_clock=True),
-    Field("free_us", "From the arrival to the end of the turn before, {unit}; negative: the loop waited already.", "us",
+    Field("free_us", "From the arrival to the end of the last cycle, {unit}; negative: the loop waited already.", "us",
           host_clock=True),
     Field("seen_us", "From the arrival until the loop looked, {unit}.", "us", host_clock=True),
     Field("read_us", "From the arrival until the newest state was read, {unit}.", "us", host_clock=True),
     Field("answered_us", "From the arrival until the answer was sent, {unit}.", "us", host_clock=True),
 )  # fmt: skip
-TURN = record_of(TURN_FIELDS)
+CYCLE = record_of(CYCLE_FIELDS)
 
 WORK_FIELDS = (
     Field("at_us", "When this was read, {unit} of the host's monotonic clock.", "us", host_clock=True),
-    Field("turns", "Turns since it was read before; all that follows counts from then.", kind="i8", host_clock=True),
+    Field("cycles", "Cycles since it was read before; all that follows counts from then.", kind="i8", host_clock=True),
     Field("cpu_us", "The loop's thread computed, {unit}.", "us", host_clock=True),
     Field("no_cpu_us", "It was ready and had no CPU, {unit}.", "us", host_clock=True),
     Field("others_us", "Other threads of its process computed, {unit}.", "us", host_clock=True),
@@ -34,8 +34,8 @@ WORK_FIELDS = (
 WORK = record_of(WORK_FIELDS)
 
 
-class Turns(Protocol):
-    """What measures the turns of one arm: sample (1,) of TURN is the last one, without its t_ns; late: it was late."""
+class Cycles(Protocol):
+    """Measures the cycles of one arm: sample (1,) of CYCLE is the last one, without its t_ns; late: it was late."""
 
     sample: NDArray[Any]
 

@@ -1,0 +1,30 @@
+"""What of the package's extras is not installed, and how to install it."""
+
+import re
+from importlib.metadata import requires
+from importlib.util import find_spec
+
+from hal.configuration import ConfigurationError
+
+
+def require(extra: str) -> None:
+    """Raise ConfigurationError where a package of the extra is not installed."""
+    for module, of in _modules():
+        if of == extra and find_spec(module) is None:
+            raise ConfigurationError(_advice(module, extra))
+
+
+def advice(module: str | None) -> str | None:
+    """Return what to install for a module that could not be imported; None where no extra brings it."""
+    extras = [extra for name, extra in _modules() if name == module]
+    return _advice(str(module), extras[0]) if extras else None
+
+
+def _advice(module: str, extra: str) -> str:
+    return f"{module} is not installed: pip install 'rtstack[{extra}]'"
+
+
+def _modules() -> list[tuple[str, str]]:
+    """Return the modules of each extra, in its order; a package and its module have the same name, but for hyphens."""
+    found = [re.match(r"([\w.-]+).*;.*\bextra == ['\"]([\w-]+)['\"]", line) for line in requires("rtstack") or ()]
+    return [(match[1].replace("-", "_"), match[2]) for match in found if match]
