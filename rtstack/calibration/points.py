@@ -7,7 +7,8 @@ side    left or right: whose pad or marker
 q_left, q_right    joints as measured, rad; missing: still to be measured
 """
 
-from dataclasses import asdict, field
+from collections.abc import Mapping
+from dataclasses import asdict, field, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -49,6 +50,26 @@ class Point:
         resting = self.tau_left is not None and self.tau_right is not None
         return self.q_left is not None and self.q_right is not None and (self.what != "rest" or resting)
 
+    @property
+    def asked(self) -> str:
+        """What a person has to do for it."""
+        x, y, z = self.place or (0.0, 0.0, 0.0)
+        match self.what:
+            case "touch":
+                return f"touch x {x:.4f}, y {y:.4f}, z {z:.4f} m with the middle of the {self.side} pad's face"
+            case "meet":
+                return "let both pads' faces touch each other, middle on middle"
+            case "see":
+                return f"any posture in which the tracker sees the {self.side} flange"
+            case _:
+                return "any posture, the pads free; then take the hands off"
+
+    def taken(self, q: Array, tau: Array) -> "Point":
+        """Return it as measured: q (2, 7), rad, and external torques (2, 7), Nm, of both arms."""
+        left, right = (tuple(row) for row in q.round(6).tolist())
+        felt = [tuple(row) for row in tau.round(4).tolist()] if self.what == "rest" else [None, None]
+        return replace(self, q_left=left, q_right=right, tau_left=felt[0], tau_right=felt[1])
+
 
 @checked(frozen=True, slots=True, config=STRICT)
 class Points:
@@ -62,15 +83,15 @@ def load_points(path: Path) -> dict[str, Point]:
     return load_toml(path, Points).points
 
 
-def save_points(path: Path, points: dict[str, Point]) -> None:
+def save_points(path: Path, points: Mapping[str, Point]) -> None:
     """Write the file anew. Raises ConfigurationError."""
     try:
-        path.write_text(toml_text(asdict(Points(points))), encoding="utf-8")
+        path.write_text(toml_text(asdict(Points(dict(points)))), encoding="utf-8")
     except OSError as error:
         raise ConfigurationError(f"{path}: cannot be written: {error.strerror}") from None
 
 
-def observations(points: dict[str, Point], description: CellDescription) -> list[Observation]:
+def observations(points: Mapping[str, Point], description: CellDescription) -> list[Observation]:
     """Return the measured points as the fit takes them, without those at rest."""
     mountings = (description.left, description.right)
     found = []
@@ -84,7 +105,7 @@ def observations(points: dict[str, Point], description: CellDescription) -> list
     return found
 
 
-def resting(points: dict[str, Point], side: int) -> tuple[Array, Array]:
+def resting(points: Mapping[str, Point], side: int) -> tuple[Array, Array]:
     """Return joints (n, 7), rad, and external torques (n, 7), Nm, of an arm in the points at rest."""
     own = [point for point in points.values() if point.what == "rest" and point.measured]
     q = [point.q_left if side == 0 else point.q_right for point in own]
@@ -97,5 +118,5 @@ def nominal_geometry(description: CellDescription) -> Geometry:
     tracker, frame = np.eye(4), description.tracker
     tracker[:3, :3] = rotation_from_quaternion(np.array(frame.orientation_wxyz))
     tracker[:3, 3] = frame.position
-    face = (0.0, 0.0, description.pad.flange_to_face)
-    return Geometry(np.array(base_poses(description)), tracker, np.array([face, face]), np.zeros((2, 3)))
+    faces = np.array([pad.F_T_face[:3, 3] for pad in description.pads])
+    return Geometry(np.array(base_poses(description)), tracker, faces, np.zeros((2, 3)))

@@ -18,7 +18,7 @@ from rtstack.cells.robot_clock import RobotClock
 from rtstack.model.cell_description import CellDescription, TrackerDescription
 from rtstack.safety.limits import ForcePhase
 from rtstack.trials.errors import TrialError
-from rtstack.trials.tightening import difference_of_limits, limits_of_arms
+from rtstack.trials.tightening import check_models, difference_of_limits, limits_of_arms
 
 TRACKERS = ExtensionPoint[Callable[[TrackerRequest], ClosableTracker]](
     "rtstack.trackers", "tracker", cast(type, Callable)
@@ -36,10 +36,10 @@ def fci_addresses(kind: str) -> tuple[str, str]:
     return left, right
 
 
-def pad_tool(description: CellDescription) -> Tool:
-    """Return the pad of a cell, as the robot is told of it."""
-    pad = description.pad
-    return Tool.pad(pad.size, pad.mass, pad.flange_to_face)
+def pad_tools(description: CellDescription) -> tuple[Tool, Tool]:
+    """Return what the left and the right arm carry, as the robots are told of it."""
+    left, right = map(Tool.of, description.pads)
+    return left, right
 
 
 def approach_collisions(description: CellDescription) -> CollisionBehaviour:
@@ -63,13 +63,14 @@ def _open(request: CellRequest) -> Cell:
     left, right = fci_addresses(request.kind)
     check_real_cell((left, right), request.description, request.cell_file)
     check_boxes(request.description)
+    own, said = _own_limits((left, right))
+    check_models(request.description, own)
     robot_clock = ClockRelation()
     tracker = _listen(request.description.tracker, request.object_name, robot_clock)
-    own, said = _own_limits((left, right))
     try:
         real = request.description.enforce_realtime and not (on_this_machine(left) and on_this_machine(right))
         pair = open_pair(
-            left, right, pad_tool(request.description), approach_collisions(request.description),
+            left, right, pad_tools(request.description), approach_collisions(request.description),
             enforce_realtime=real,
         )  # fmt: skip
     except BaseException:
@@ -78,7 +79,7 @@ def _open(request: CellRequest) -> Cell:
     clock = RobotClock(pair, robot_clock)
     return Cell(
         request.kind, pair.left, pair.right, tracker, _TrackedLink(pair, tracker, clock), own_clocks=True,
-        sensors=(clock,), own_limits=own, turns=pair.turns,
+        sensors=(clock,), own_limits=own, cycles=pair.cycles,
         warning=said or difference_of_limits(request.description, own),
     )  # fmt: skip
 

@@ -6,9 +6,10 @@ from pathlib import Path
 
 from hal.cell import Cell
 from hal.clock_relation import ClockRelation
+from hal.extras import require
 from hal.fci import FciPair, open_pair
 from hal.tracker import TrackerFrames
-from rtstack.cells.fci import approach_collisions, pad_tool
+from rtstack.cells.fci import approach_collisions, pad_tools
 from rtstack.cells.kinds import CellKind, CellRequest
 from rtstack.cells.robot_clock import RobotClock
 from rtstack.cells.simulator import Simulator
@@ -34,6 +35,7 @@ def plant_difference(cell_file: Path | None, object_name: str) -> str:
 
 
 def _check(argument: str, description: CellDescription, cell_file: Path | None) -> None:
+    require("sim")
     _profile(argument)
     for thing in description.objects:
         plant_difference(cell_file, thing)  # a bad key of the plant's
@@ -117,7 +119,7 @@ class _SimulatorLink:
 def _served_cell(kind: str, simulator: Simulator, description: CellDescription, lockstep: bool) -> Cell:
     try:
         pair = open_pair(
-            simulator.left, simulator.right, pad_tool(description), approach_collisions(description),
+            simulator.left, simulator.right, pad_tools(description), approach_collisions(description),
             shared_clock=lockstep,
         )  # fmt: skip
     except BaseException:
@@ -127,7 +129,14 @@ def _served_cell(kind: str, simulator: Simulator, description: CellDescription, 
     link = _SimulatorLink(pair, simulator, clock)
     sensors = () if clock is None else (clock,)
     return Cell(
-        kind, pair.left, pair.right, simulator.tracker, link, own_clocks=not lockstep, sensors=sensors, turns=pair.turns
+        kind,
+        pair.left,
+        pair.right,
+        simulator.tracker,
+        link,
+        own_clocks=not lockstep,
+        sensors=sensors,
+        cycles=pair.cycles,
     )
 
 

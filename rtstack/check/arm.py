@@ -9,10 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from hal.arrays import Array
+from hal.pad import Pad
 from hal.state import ArmState
 from rtstack.check.finding import Finding, finding
 from rtstack.model.arm_model import ArmModel
-from rtstack.model.cell_description import ArmMounting, Pad
+from rtstack.model.cell_description import ArmMounting
 from rtstack.references.demonstration import end_effector_pose
 
 GRAVITY = 9.81  # m/s^2

@@ -33,7 +33,7 @@ def _packages() -> Finding:
     missing = list(_unmet())
     value = "all there" if not missing else ", ".join(missing)
     return finding("packages", value, not missing, "what needs them fails when it is used",
-                   "`pip install --constraint constraints.txt rtstack`", required=True)  # fmt: skip
+                   "`pip install --constraint constraints.txt 'rtstack[all]'`", required=True)  # fmt: skip
 
 
 def _unmet() -> Iterator[str]:

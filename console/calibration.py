@@ -1,0 +1,188 @@
+"""A cell's calibration as the page leads a person through it: points that are taken from the live states, and the fit.
+
+The points are in a file of `rtstack calibrate`, beside the logs; the fit is rtstack.calibration's, in a process of its
+own, so that the page's signs of life are not late.
+"""
+
+import datetime
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from console.questions import Question, Questions, Refused
+from console.watch import Watch
+from hal.configuration import ConfigurationError
+from rtstack.calibration.cell_file import write
+from rtstack.calibration.points import Point, load_points, save_points
+from rtstack.cells import default_cell_file
+from rtstack.loop.standstill import REST_DQ
+from rtstack.model.cell_description import load_cell_description
+from rtstack.samples import SIDES
+
+FILE_NAME = "calibration.toml"  # in the folder of logs
+LOOKS = 50  # states that a point is the mean of
+_SILENT_S, _PATIENCE_S = 1.0, 10.0  # no state for so long; and until there are enough
+MOST = 200
+
+
+class CalibrationRefused(Exception):
+    """Something that the calibration does not do now. The message is one line."""
+
+
+@dataclass(frozen=True, slots=True)
+class PointView:
+    """A point: what a person has to do for it, whether it was measured, and how far it is off after the fit, mm."""
+
+    name: str
+    what: str
+    side: str
+    asked: str
+    measured: bool
+    off_mm: float | None = None
+    wrong: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationView:
+    """file: the cell's; date, rms_mm, uncertainty_mm: what it says now. looking: the fit is being made.
+
+    lines: what was found and how well; values: for the cell's file; why: nothing is found, or it is not to be written.
+    """
+
+    file: str
+    date: str | None
+    rms_mm: float | None
+    uncertainty_mm: float | None
+    points: tuple[PointView, ...]
+    looking: bool
+    lines: tuple[str, ...]
+    values: dict[str, Any]
+    why: str | None
+
+
+class CellCalibration:
+    """The points of one cell. May be used from any thread."""
+
+    def __init__(self, file: Path, folder: Path, questions: Questions, watch: Watch) -> None:
+        """file: the cell's; folder: of the logs."""
+        self._file, self._path = file, folder / FILE_NAME
+        self._questions, self._watch = questions, watch
+        self._lock = threading.Lock()
+
+    def view(self) -> CalibrationView:
+        """Return how things are; asks for a fit where there is none of these points. Raises CalibrationRefused."""
+        points, now = self._points(), self._read(lambda: load_cell_description(self._file)).calibration
+        answer, why, question = {}, None, self._fit(points)
+        if question is not None and question.done:
+            try:
+                answer = question.answer()
+                why = answer["refusal"]
+            except Refused as error:
+                why = str(error)
+        wrong = answer.get("wrong_mm", {})
+        off = answer.get("residuals_mm", {}) | wrong
+        return CalibrationView(
+            str(self._file),
+            None if now is None else now.date.isoformat(),
+            None if now is None else now.rms_mm,
+            None if now is None else now.uncertainty_mm,
+            tuple(
+                PointView(name, p.what, p.side, p.asked, p.measured, off.get(name), name in wrong)
+                for name, p in points.items()
+            ),
+            question is not None and not question.done,
+            tuple(answer.get("lines", ())),
+            answer.get("values", {}),
+            why,
+        )
+
+    def put(self, name: str, point: Point) -> None:
+        """Add a point that is to be measured. Raises CalibrationRefused."""
+        with self._lock:
+            points = self._points()
+            if name in points:
+                raise CalibrationRefused(f"there is a point {name} already: remove it first")
+            if len(points) >= MOST:
+                raise CalibrationRefused(f"{MOST} points are enough: remove some")
+            self._save({**points, name: point})
+
+    def remove(self, name: str) -> None:
+        """Forget a point. Raises CalibrationRefused, KeyError."""
+        with self._lock:
+            points = self._points()
+            del points[name]
+            if points:
+                self._save(points)
+            else:
+                self._path.unlink()
+
+    def take(self, name: str) -> None:
+        """Measure a point as the arms stand now: the mean of some states. Raises CalibrationRefused, KeyError."""
+        if name not in self._points():
+            raise KeyError(name)
+        q, tau = self._states()
+        with self._lock:
+            points = self._points()
+            self._save({**points, name: points[name].taken(q, tau)})
+
+    def write(self) -> None:
+        """Write what was found into the cell's file. Raises CalibrationRefused."""
+        if self._file.resolve() == default_cell_file().resolve():
+            raise CalibrationRefused(
+                "this is the example's cell, whose file is not changed: start the stack with --cell-file and one of "
+                "your own"
+            )
+        question = self._fit(self._points())
+        if question is None:
+            raise CalibrationRefused("no point was measured yet")
+        try:
+            answer = question.answer()
+        except Refused as error:
+            raise CalibrationRefused(str(error)) from None
+        if answer["refusal"] is not None:
+            raise CalibrationRefused(answer["refusal"])
+        values = {tuple(key.split(".")): value for key, value in answer["values"].items()}
+        values["calibration", "date"] = datetime.date.fromisoformat(values["calibration", "date"])
+        with self._lock:
+            self._read(lambda: write(self._file, values))
+
+    def _fit(self, points: dict[str, Point]) -> Question | None:
+        measured = any(point.measured for point in points.values())
+        today = datetime.date.today().isoformat()
+        return self._questions.ask("calibration", self._path, today) if measured else None
+
+    def _points(self) -> dict[str, Point]:
+        return self._read(lambda: load_points(self._path)) if self._path.exists() else {}
+
+    def _save(self, points: dict[str, Point]) -> None:
+        self._read(lambda: save_points(self._path, points))
+
+    @staticmethod
+    def _read(act: Any) -> Any:
+        try:
+            return act()
+        except ConfigurationError as error:
+            raise CalibrationRefused(str(error)) from None
+
+    def _states(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return joints and external torques of both arms at rest, (2, 7) each, rad and Nm."""
+        if max(self._watch.view.left.age_s, self._watch.view.right.age_s) > _SILENT_S:
+            raise CalibrationRefused("the arms say nothing: is the cell's state red?")
+        readers = [self._watch.rings.reader(f"/{side}/arm") for side in SIDES]
+        seen: list[list[np.ndarray]] = [[], []]
+        due_s = time.monotonic() + _PATIENCE_S
+        while min(sum(map(len, own)) for own in seen) < LOOKS:
+            if time.monotonic() > due_s:
+                raise CalibrationRefused("the arms have fallen silent: take the point again")
+            time.sleep(0.01)
+            for own, reader in zip(seen, readers, strict=True):
+                own.append(reader.drain())
+        states = [np.concatenate(own) for own in seen]
+        if max(float(np.abs(own["dq"].mean(axis=0)).max()) for own in states) > REST_DQ:
+            raise CalibrationRefused("the arms move: let them come to rest, then take the point")
+        mean = [[own[name].mean(axis=0) for own in states] for name in ("q", "tau_ext_hat_filtered")]
+        return np.array(mean[0]), np.array(mean[1])

@@ -1,0 +1,89 @@
+// The calibration: points that the pads are led to and that are taken here, what they give, and the cell's file.
+
+import { get, post, remove } from "./api.js";
+import { whyNot } from "./control.js";
+import { ask } from "./dialog.js";
+import { showError } from "./errors.js";
+import { showWhy } from "./jobs.js";
+
+const LOOK_MS = 500;
+const $ = (id) => document.getElementById(id);
+
+function button(text, does) {
+  const made = document.createElement("button");
+  made.type = "button";
+  made.className = "small";
+  made.textContent = text;
+  made.addEventListener("click", does);
+  return made;
+}
+
+export function startCalibration(form, live) {
+  let timer = null;
+  const { what, side } = form.elements;
+  const place = ["x", "y", "z"].map((axis) => form.elements[axis]);
+
+  const does = async (act, failed) => {
+    try {
+      show(await act());
+    } catch (error) {
+      showError(`${failed}: ${error.message}. The cell's file stays as it is.`);
+    }
+  };
+
+  const row = (point) => {
+    const [line, words, result] = ["tr", "td", "td"].map((kind) => document.createElement(kind));
+    words.textContent = `${point.name}: ${point.asked}`;
+    const off = point.off_mm === null ? "taken" : `${point.off_mm.toFixed(2)} mm`;
+    result.textContent = !point.measured ? "to do" : point.wrong ? `${off} WRONG, left out: take it again` : off;
+    result.dataset.tone = point.wrong ? "bad" : point.measured ? "good" : "";
+    const buttons = document.createElement("td");
+    buttons.append(
+      button(point.measured ? "Again" : "Take", () => does(() => post(`/api/calibration/points/${point.name}/take`), "Not taken")),
+      button("Remove", () => does(() => remove(`/api/calibration/points/${point.name}`), "Not removed")),
+    );
+    line.append(words, result, buttons);
+    return line;
+  };
+
+  const show = (view) => {
+    clearTimeout(timer);
+    const known = view.date === null ? "has no date of a calibration" : `was calibrated on ${view.date}, rms ${view.rms_mm} mm, pads within ${view.uncertainty_mm} mm`;
+    $("calibration-now").textContent = `${view.file} ${known}.`;
+    $("calibration-points").replaceChildren(...view.points.map(row));
+    const values = Object.entries(view.values).map(([key, value]) => `${key} = ${value}`);
+    $("calibration-found").replaceChildren(
+      ...(view.looking ? ["Looking at the points."] : [...view.lines, ...values]).map((text) => {
+        const item = document.createElement("li");
+        item.textContent = text;
+        return item;
+      }),
+    );
+    $("calibration-why").textContent = view.why ?? "";
+    $("calibration-write").disabled = view.looking || view.why !== null || view.lines.length === 0;
+    if (view.looking) timer = setTimeout(look, LOOK_MS);
+  };
+
+  const look = () => does(() => get("/api/calibration"), "The calibration is not up to date");
+
+  const needsPlace = () => {
+    for (const field of place) field.required = !(field.disabled = !["touch", "see"].includes(what.value));
+    side.disabled = !["touch", "see"].includes(what.value);
+  };
+  what.addEventListener("change", needsPlace);
+  needsPlace();
+
+  form.addEventListener("submit", (event) => {
+    event.preventDefault();
+    const body = { what: what.value };
+    if (!side.disabled) Object.assign(body, { side: side.value, place: place.map((field) => field.valueAsNumber) });
+    const name = `${side.disabled ? body.what : `${body.what}-${body.side}`}-${Date.now().toString(36)}`;
+    does(() => post(`/api/calibration/points/${name}`, body), "Not added");
+  });
+  $("calibration-write").addEventListener("click", async () => {
+    const details = "Bases, tracker, and the date with its errors. After it the stack has to be started again.";
+    if (await ask({ question: "Write this into the cell's file?", details, yes: "Write" })) does(() => post("/api/calibration/write"), "Not written");
+  });
+  live.onView((view) => showWhy(form, whyNot(view)));
+  look();
+}

@@ -1,0 +1,102 @@
+"""A camera of the simulated cell: it draws arms and object as the loop has seen them, beside the plant's process.
+
+A picture is of one tick, and its time is that tick's. Where drawing is slower than the robot, pictures are left out.
+"""
+
+import os
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rtstack.cameras.source import CameraRequest
+
+_BEHIND = 300  # pictures that may wait to be drawn
+_OF_OPTICS = (0.0, 1.0, 0.0, 0.0)  # MuJoCo's cameras look along -z with y up: half a turn about x
+State = tuple[int, NDArray[np.float64], NDArray[np.float64] | None]  # t_ns, q (2, 7), object's pose (7,)
+
+
+class SimulatedCamera:
+    """See Camera. Raises OSError where nothing can be drawn here."""
+
+    def __init__(self, request: CameraRequest) -> None:
+        os.environ.setdefault("MUJOCO_GL", "egl")
+        import mujoco
+
+        from sim_robot.lab_objects import with_lab_objects
+        from sim_robot.plant import Plant
+        from sim_robot.plant_parameters import load_plant_parameters
+        from sim_robot.scene import NO_OBJECT, load_scene
+
+        camera = self._camera = request.camera
+        scene = with_lab_objects(load_scene(), request.cell_file)
+        plant = Plant.nominal(scene, load_plant_parameters(), request.object_name or NO_OBJECT)
+        self._mujoco, self._model, self._data = mujoco, plant.model, plant.data
+        self._model.vis.global_.fovy = camera.fov_y_deg
+        self._model.vis.global_.offwidth, self._model.vis.global_.offheight = camera.width, camera.height
+        try:
+            self._renderer = mujoco.Renderer(plant.model, camera.height, camera.width)
+        except Exception as error:  # mujoco raises what its GL backend raises
+            raise OSError(f"no pictures can be drawn here (MUJOCO_GL={os.environ['MUJOCO_GL']}): {error}") from None
+        self._period_ns = round(1e9 / camera.rate_hz)
+        self._readers = [request.rings.reader(f"/{side}/arm") for side in ("left", "right")]
+        self._object = request.rings.reader("/object/pose")
+        self._held = [reader.drain() for reader in (*self._readers, self._object)]
+        self._due_ns: int | None = None
+        self._waiting: deque[State] = deque(maxlen=_BEHIND)
+
+    def read(self) -> tuple[int, NDArray[np.uint8]] | None:
+        """See Camera."""
+        self._take()
+        if not self._waiting:
+            return None
+        t_ns, q, pose = self._waiting.popleft()
+        data, n = self._data, q.size
+        data.qpos[:n] = q.ravel()
+        if pose is not None:
+            data.qpos[n : n + 7] = pose
+        self._mujoco.mj_kinematics(self._model, data)
+        self._mujoco.mj_comPos(self._model, data)
+        self._mujoco.mj_camlight(self._model, data)
+        self._renderer.update_scene(data)
+        self._look(self._renderer.scene)
+        return t_ns, self._renderer.render().copy()
+
+    def _look(self, scene: object) -> None:
+        """Put both eyes of the scene where the camera is."""
+        x, y, z, qw, qx, qy, qz = self._camera.pose
+        rotation = np.zeros(9)
+        self._mujoco.mju_quat2Mat(rotation, np.array([qw, qx, qy, qz]))
+        R = rotation.reshape(3, 3)
+        half = np.tan(np.radians(self._camera.fov_y_deg) / 2.0)
+        for eye in scene.camera:  # type: ignore[attr-defined]
+            eye.pos[:], eye.forward[:], eye.up[:] = (x, y, z), R[:, 2], -R[:, 1]
+            near = eye.frustum_near
+            eye.frustum_bottom, eye.frustum_top = -near * half, near * half
+            eye.frustum_center, eye.frustum_width = 0.0, 0.0
+
+    def _take(self) -> None:
+        """Take the ticks that are due from what the loop has said since."""
+        readers = (*self._readers, self._object)
+        self._held = [np.concatenate([old, reader.drain()]) for old, reader in zip(self._held, readers, strict=True)]
+        left, right, seen = self._held
+        if not len(left) or not len(right):
+            return
+        self._due_ns = int(left["t_ns"][0]) if self._due_ns is None else self._due_ns
+        until_ns = min(int(left["t_ns"][-1]), int(right["t_ns"][-1]))
+        while self._due_ns <= until_ns:
+            k = int(np.searchsorted(left["t_ns"], self._due_ns))
+            t_ns = int(left["t_ns"][k])
+            other = min(int(np.searchsorted(right["t_ns"], t_ns)), len(right) - 1)
+            known = int(np.searchsorted(seen["t_ns"], t_ns, side="right")) - 1
+            pose = None
+            if known >= 0 and seen["seen"][known]:
+                pose = np.concatenate([seen["position"][known], seen["orientation_wxyz"][known]])
+            self._waiting.append((t_ns, np.stack([left["q"][k], right["q"][other]]), pose))
+            self._due_ns += self._period_ns
+        keep_ns = self._due_ns - self._period_ns
+        self._held = [each[max(0, int(np.searchsorted(each["t_ns"], keep_ns)) - 1) :] for each in self._held]
+
+    def close(self) -> None:
+        """See Camera."""
+        self._renderer.close()
