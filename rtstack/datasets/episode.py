@@ -5,7 +5,7 @@ import json
 import re
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
@@ -16,16 +16,30 @@ from numpy.typing import NDArray
 from hal.topic import Topic
 from rtstack.log.errors import LogError
 from rtstack.log.job import Attachment
+from rtstack.log.pictures import camera_topics
 from rtstack.log.reader import Log, read_log
 from rtstack.topics import ARM_TOPICS, TOPICS
 
+_PICTURES = re.compile(r"/camera/(\w+)/image")
 _STAMP = re.compile(r"(\d{8})-(\d{6})-")  # of the logs of `rtstack up`: UTC
 NONE = "none"  # a label that the log does not have
 
 
+@dataclass(frozen=True, slots=True)
+class Pictures:
+    """What a camera has given: JPEG each, and when, ns of the robot's time, in order; about: calibration and frame, as
+    the log has them, by topic: (t_ns, message)."""
+
+    t_ns: tuple[int, ...]
+    jpeg: tuple[bytes, ...]
+    about: Mapping[str, tuple[int, bytes]]
+
+
 @dataclass(frozen=True)
 class Episode:
-    """A log in memory. digest: SHA-256 of its file. records: by topic, (n,) each, t_ns in ns of the robot's time."""
+    """A log in memory. digest: SHA-256 of its file. records: by topic, (n,) each, t_ns in ns of the robot's time.
+
+    pictures: of each camera, by its name."""
 
     path: Path
     digest: str
@@ -33,6 +47,7 @@ class Episode:
     metadata: Mapping[str, Mapping[str, str]]
     attachments: tuple[Attachment, ...]
     records: Mapping[str, NDArray[Any]]
+    pictures: Mapping[str, Pictures] = field(default_factory=dict)
 
     @property
     def labels(self) -> dict[str, str]:
@@ -99,7 +114,16 @@ def read_episode(path: Path, digest: str) -> Episode:
     """Read a whole log. Raises LogError with one line."""
     log = check_log(path)
     records = {name: log.topic(name) for name in TOPICS}
-    return Episode(path, digest, log.start_ns, log.metadata, log.attachments, records)
+    cameras = (found[1] for topic in log.topics if (found := _PICTURES.fullmatch(topic)))
+    pictures = {name: shown for name in cameras if (shown := _pictures(log, name)).t_ns}
+    return Episode(path, digest, log.start_ns, log.metadata, log.attachments, records, pictures)
+
+
+def _pictures(log: Log, name: str) -> Pictures:
+    topic, *others = camera_topics(name)
+    shown = log.pictures(topic)
+    about = {other: said[0] for other in others if (said := log.messages(other))}
+    return Pictures(tuple(t_ns for t_ns, _ in shown), tuple(jpeg for _, jpeg in shown), about)
 
 
 def field_attributes(topic: Topic) -> dict[str, dict[str, str]]:

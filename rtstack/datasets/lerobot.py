@@ -1,21 +1,24 @@
 """LeRobot data sets, v3.0: the folder `data` with all frames, and `meta`. lerobot's own loader reads it."""
 
+import base64
+import io
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rtstack.datasets.episode import Episode
-from rtstack.datasets.frames import TICKS, Feature, frames_of, span_of
+from rtstack.datasets.episode import Episode, Pictures
+from rtstack.datasets.frames import TICK_NS, TICKS, Feature, frames_of, span_of
 from rtstack.log.errors import LogError
 from rtstack.topics import EVENT_TOPIC
 
 VERSION = "v3.0"
 _FILE_BYTES, _FILES = 100_000_000, 1000  # of a data file, and how many a folder has: LeRobot's defaults
 DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+IMAGES, PICTURE_TIMES = "observation.images.", "timing.picture_t_ns."
 _QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 _DTYPES = {"f": "float64", "i": "int64", "b": "bool"}
 
@@ -45,6 +48,11 @@ class LeRobot:
             "features": {name: _described(feature) for name, feature in features.items()},
         }
         table = pa.table({name: _column(feature.values) for name, feature in features.items()})
+        for camera, pictures in episode.pictures.items():
+            at = _at_frames(episode, pictures, count, TICKS // self.fps)
+            for name, column, described in _image_columns(camera, pictures, at):
+                said["features"][name] = described
+                table = table.append_column(name, column)
         table = table.replace_schema_metadata({"rtstack": json.dumps(said)})
         pq.write_table(table, path, compression="lz4", use_dictionary=False)  # read once more: fast before small
 
@@ -131,8 +139,37 @@ def _kept(episode: Episode) -> dict[str, Any]:
         "first_t_ns": span_of(episode)[0],
         "events": json.dumps(said),
         "attachments": json.dumps(files),
+        "cameras": json.dumps(
+            {
+                name: {
+                    topic: [t_ns, base64.b64encode(message).decode()] for topic, (t_ns, message) in each.about.items()
+                }
+                for name, each in episode.pictures.items()
+            }
+        ),
         "source": episode.source,
     }
+
+
+def _at_frames(episode: Episode, pictures: Pictures, count: int, step: int) -> NDArray[np.intp]:
+    """Return which picture was the newest at each frame; before the first one it is that."""
+    frames_ns = span_of(episode)[0] + TICK_NS * (step * np.arange(1, count + 1) - 1)
+    return np.maximum(np.searchsorted(pictures.t_ns, frames_ns, side="right") - 1, 0)
+
+
+def _image_columns(camera: str, pictures: Pictures, at: NDArray[np.intp]) -> Iterator[tuple[str, Any, dict[str, Any]]]:
+    """Yield name, column and description of a camera's pictures at the frames, unchanged, and of their times."""
+    import pyarrow as pa
+    from PIL import Image
+
+    width, height = Image.open(io.BytesIO(pictures.jpeg[0])).size
+    data = pa.array([pictures.jpeg[k] for k in at], pa.binary())
+    image = {"dtype": "image", "shape": [height, width, 3], "names": ["height", "width", "channels"]}
+    paths = pa.array([None] * len(at), pa.string())
+    yield IMAGES + camera, pa.StructArray.from_arrays([data, paths], ["bytes", "path"]), image
+    text = "When the picture was taken, of the robot's time."
+    described = {"dtype": "int64", "shape": [1], "names": ["t_ns"], "unit": "ns", "description": text}
+    yield PICTURE_TIMES + camera, _column(np.array(pictures.t_ns, np.int64)[at]), described
 
 
 def _described(feature: Feature) -> dict[str, Any]:

@@ -4,6 +4,7 @@ The log has every tick of the episode's frames. What has no frame is lost: the t
 object's poses between two frames.
 """
 
+import base64
 import json
 from pathlib import Path
 from typing import Any
@@ -13,11 +14,12 @@ import numpy as np
 from hal.files import replacing
 from rtstack.datasets.export import check_installed
 from rtstack.datasets.frames import TICK_NS, tick_features
-from rtstack.datasets.lerobot import DATA, VERSION, LeRobot, plain
+from rtstack.datasets.lerobot import DATA, IMAGES, PICTURE_TIMES, VERSION, LeRobot, plain
 from rtstack.log.batches import BatchWriter
 from rtstack.log.errors import LogError
 from rtstack.log.job import Attachment
 from rtstack.log.mcap_writer import McapWriter
+from rtstack.log.pictures import camera_schemas, camera_topics, picture_message
 from rtstack.topics import EVENT_TOPIC, OBJECT_TOPIC, TOPICS
 
 _POSE = "observation.environment_state"
@@ -34,19 +36,34 @@ def import_episode(folder: Path, number: int, out: Path) -> float:
         attachments = [Attachment(name, kind, text.encode()) for name, (kind, text) in
                        json.loads(row["attachments"]).items()]  # fmt: skip
         records = _records(row, table)
+        cameras = json.loads(row.get("cameras", "{}"))
+        pictures = _pictures(table, cameras)
     except (OSError, KeyError, ValueError) as error:
         raise LogError(f"{folder}: it is no data set of rtstack export --to lerobot: {error}") from None
     metadata = {name: said for name, said in source.items() if isinstance(said, dict) and name not in ("result", "log")}
     try:
         with replacing(out) as partial, open(partial, "wb") as file:
-            mcap = McapWriter(file)
+            mcap = McapWriter(file, {topic: each for name in cameras for topic, each in camera_schemas(name).items()})
             mcap.begin(metadata.items(), attachments)
             writer = BatchWriter(mcap, None)
             writer.write(records)
+            if pictures:
+                mcap.write({}, pictures)
             writer.finish(source.get("result", {}), "imported", None, {})
     except OSError as error:
         raise LogError(f"cannot write {out}: {error.strerror}") from None
     return 1e-9 * TICK_NS * len(next(iter(records.values())))
+
+
+def _pictures(table: Any, cameras: dict[str, dict[str, tuple[int, str]]]) -> dict[str, list[tuple[int, bytes]]]:
+    """Return the messages of all cameras, by topic: the pictures that frames have; calibration and frame unchanged."""
+    made: dict[str, list[tuple[int, bytes]]] = {}
+    for name, about in cameras.items():
+        times = table[PICTURE_TIMES + name].to_pylist()
+        shown = dict(zip(times, (each["bytes"] for each in table[IMAGES + name].to_pylist()), strict=True))
+        made[camera_topics(name)[0]] = [(t_ns, picture_message(name, t_ns, jpeg)) for t_ns, jpeg in shown.items()]
+        made |= {topic: [(t_ns, base64.b64decode(said))] for topic, (t_ns, said) in about.items()}
+    return made
 
 
 def _episode(folder: Path, number: int) -> tuple[dict[str, Any], Any]:

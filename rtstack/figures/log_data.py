@@ -4,15 +4,14 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
 from numpy.typing import NDArray
 
-from rtstack.figures.log_figure import FigureLog, Span, Trace
+from rtstack.figures.log_figure import FigureLog, Trace
 from rtstack.log.derived import DERIVED_TOPICS, derived
+from rtstack.log.mode_spans import mode_spans
 from rtstack.log.reader import Log, read_log
 from rtstack.log.signals import Signal, signals
-from rtstack.samples import SIDES, Mode
-from rtstack.topics import CONTROL_TOPICS
+from rtstack.samples import SIDES
 
 _NS = 1e-9
 
@@ -39,21 +38,6 @@ def impacts_of(log: Log) -> tuple[tuple[float, str], ...]:
 def with_references(wanted: Sequence[Signal]) -> list[Signal]:
     """Return signals, and behind them what they are to follow, each once."""
     return list(dict.fromkeys([*wanted, *(signals()[signal.reference] for signal in wanted if signal.reference)]))
-
-
-def mode_spans(log: Log) -> list[Span]:
-    """Return when the left arm was in which mode."""
-    control = log.topic(CONTROL_TOPICS[0])
-    if not len(control):
-        return []
-    t_s, mode = (control["t_ns"] - log.start_ns) * _NS, control["mode"]
-    edges = [0, *(np.flatnonzero(np.diff(mode)) + 1).tolist()]
-    ends = [*edges[1:], len(mode) - 1]
-    return [
-        Span(float(t_s[start]), float(t_s[end]), Mode(int(mode[start])))
-        for start, end in zip(edges, ends, strict=True)
-        if mode[start] in Mode._value2member_map_
-    ]
 
 
 def arm_of(text: str) -> str:

@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 
 from hal.arrays import Array
 from rtstack.figures.style import COLOURS, STYLE, mode_band, new_figure
+from rtstack.log.mode_spans import Span
 from rtstack.log.signals import Signal
 from rtstack.palette import MODE_STYLES
 from rtstack.samples import SIDES, Mode
@@ -34,15 +35,6 @@ class Trace:
     signal: Signal
     t_s: Array
     values: Array
-
-
-@dataclass(frozen=True, slots=True)
-class Span:
-    """The time, s after a log's first sample, in which the left arm was in a mode."""
-
-    start_s: float
-    end_s: float
-    mode: Mode
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,10 +42,9 @@ def cell_urdf(cell: CellFrames) -> str:
     for name, colour in COLOURS.items():
         SubElement(SubElement(robot, "material", name=name), "color", rgba=_numbers(colour))
     SubElement(robot, "link", name=WORLD)
-    for side in SIDES:
+    for side, size in zip(SIDES, cell.pad_sizes_m, strict=True):
         _add_arm(robot, side, cell.T_world_base(side), cell.urdf(side))
         pad = f"{side}_pad"
-        size = cell.pad_size_m
         # the frame is in the pad's outer face
         _add_box(robot, pad, size, "pad", (0.0, 0.0, -0.5 * size[2]))
         _add_joint(robot, f"{side}_base", pad, "floating")

@@ -7,6 +7,7 @@ before it: its joint's placement turned by the joint's angle, so that no forward
 
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from foxglove.messages import FrameTransform, FrameTransforms, Quaternion, Timestamp, Vector3
@@ -23,13 +24,16 @@ BASE_LINK = "link0"  # of the arm's URDF
 _UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class CellFrames:
-    """Where things are mounted in the cell. Poses (4, 4) row-major, m; the sizes are for drawing. URDFs of the arms."""
+    """Where things are mounted in the cell. Poses (4, 4) row-major, m; the sizes are for drawing. URDFs of the arms.
+
+    Compared and hashed by identity.
+    """
 
     T_world_base_left: Array
     T_world_base_right: Array
-    pad_size_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    pad_sizes_m: tuple[tuple[float, float, float], tuple[float, float, float]] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     object_size_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     table_centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     table_size_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -55,6 +59,7 @@ class JointPlacement:
     axis: Array | None
 
 
+@lru_cache(maxsize=8)
 def joint_placements(urdf: str) -> tuple[JointPlacement, ...]:
     """Return the joints of a serial arm, from its base to its flange."""
     joints = []

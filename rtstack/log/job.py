@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, BinaryIO
 
 from rtstack.log.frames import CellFrames
+from rtstack.log.pictures import LoggedCamera
 
 _HEADER = 8  # bytes of the job's length; the result follows the job
 
@@ -29,6 +30,7 @@ class LogJob:
     metadata: tuple[tuple[str, dict[str, str]], ...]
     attachments: tuple[Attachment, ...]
     cell: CellFrames | None
+    cameras: tuple[LoggedCamera, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """The MCAP file while it is being written: foxglove-sdk behind the log's topics, metadata and attachments."""
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import BinaryIO
 
 import foxglove
@@ -51,7 +51,8 @@ class McapWriter:
     Every method raises OSError when the disk refuses.
     """
 
-    def __init__(self, file: BinaryIO) -> None:
+    def __init__(self, file: BinaryIO, pictures: Mapping[str, foxglove.Schema] = {}) -> None:
+        """pictures: the topics of cameras."""
         self._file = _File(file)
         # kept here: the channels hold no reference to their context, and fall silent without it
         self._context = context = foxglove.Context()
@@ -62,7 +63,7 @@ class McapWriter:
         self._writer = foxglove.open_mcap(self._file, context=context, writer_options=options)
         self._channels = {
             topic: foxglove.Channel(topic, schema=schema, message_encoding=schema.encoding, context=context).base
-            for topic, schema in topic_schemas().items()
+            for topic, schema in (topic_schemas() | dict(pictures)).items()
         }
         self.messages = dict.fromkeys(self._channels, 0)
         self._flushed_wall_ns = time.monotonic_ns()

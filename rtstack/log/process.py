@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from rtstack.log.batches import BatchWriter
 from rtstack.log.job import Evidence, LogJob, get_job, get_result
 from rtstack.log.mcap_writer import McapWriter
+from rtstack.log.pictures import PictureDrain
 from rtstack.log.ring import LogState, Rings
 from rtstack.log.scenery import Scenery
-from rtstack.topics import TICK_TOPICS, TOPICS
+from rtstack.topics import EVENT_TOPIC, TICK_TOPICS, TOPICS
 
 POLL_S = 0.04  # forty records a topic at 1 kHz: enough for a batch, little for a ring, a tenth of what may be lost
 _FAR_FUTURE_NS = np.iinfo(np.int64).max
@@ -28,9 +29,9 @@ _NOTHING_YET_NS = np.iinfo(np.int64).min
 class RingDrain:
     """Moves what is in the rings into the file, a batch at a time."""
 
-    def __init__(self, rings: Rings, mcap: McapWriter, scenery: Scenery | None) -> None:
+    def __init__(self, rings: Rings, mcap: McapWriter, scenery: Scenery | None, pictures: PictureDrain) -> None:
         self._rings = rings
-        self._mcap = mcap
+        self._mcap, self._pictures = mcap, pictures
         self._writer = BatchWriter(mcap, scenery)
         self._readers = {topic: rings.log_reader(topic) for topic in TOPICS}
         self._held = {name: np.zeros(0, topic.record) for name, topic in TOPICS.items()}
@@ -40,8 +41,15 @@ class RingDrain:
         """Read every ring and write what was in it, in order of robot's time; `final` holds nothing back."""
         batches = {topic: reader.drain() for topic, reader in self._readers.items()}
         self._writer.write(self._settled(batches, final))
+        self._write_pictures()
         self._rings.messages = self._writer.messages
         self._mcap.flush_if_due()
+
+    def _write_pictures(self) -> None:
+        newest_ns = max(0, *self._newest.values())
+        made, said = self._pictures.step(newest_ns), self._pictures.events(newest_ns)
+        if made or len(said):
+            self._mcap.write({EVENT_TOPIC: said}, made)
 
     def _settled(self, batches: dict[str, NDArray], final: bool) -> dict[str, NDArray]:
         """Hold back whatever is not older than the newest tick that every topic has told about.
@@ -63,7 +71,8 @@ class RingDrain:
     def finish(self, result: dict[str, str], ended: str, evidence: Evidence | None = None) -> None:
         """Write what is left, result, evidence and the account of what was lost, and finish the file."""
         self.step(final=True)
-        self._writer.finish(result, ended, evidence, {topic: reader.lost for topic, reader in self._readers.items()})
+        lost = {topic: reader.lost for topic, reader in self._readers.items()}
+        self._writer.finish(result, ended, evidence, lost | self._pictures.lost)
 
 
 def run(job_descriptor: int, log_descriptor: int, parent: int) -> None:
@@ -72,10 +81,11 @@ def run(job_descriptor: int, log_descriptor: int, parent: int) -> None:
     rings = Rings.attach(job.rings)
     try:
         with os.fdopen(log_descriptor, "wb") as file:
-            mcap = McapWriter(file)
+            mcap = McapWriter(file, {topic: each for camera in job.cameras for topic, each in camera.schemas().items()})
             mcap.begin(job.metadata, job.attachments)
             mcap.flush()
-            drain = RingDrain(rings, mcap, Scenery(job.cell) if job.cell else None)
+            pictures = PictureDrain(job.cameras, file)
+            drain = RingDrain(rings, mcap, Scenery(job.cell) if job.cell else None, pictures)
             rings.state = LogState.READY
             while not rings.closing and os.getppid() == parent:
                 drain.step()

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -27,7 +28,7 @@ from rtstack.log.container import (
     scan,
     tail_chunk,
 )
-from rtstack.log.decoding import TopicDecoder
+from rtstack.log.decoding import TopicDecoder, message_class
 from rtstack.log.errors import LogError
 from rtstack.log.job import Attachment
 from rtstack.log.scenery import scenery_schemas
@@ -185,15 +186,41 @@ class Log:
             found.setdefault(wanted[channel_id], []).append(records)
         return {topic: np.concatenate(records) for topic, records in found.items()}
 
-    def messages(self, name: str) -> list[tuple[int, bytes]]:
-        """Return all messages of any topic as (t_ns, encoded message): for /tf, which has no record."""
+    def messages(self, name: str, between_ns: tuple[int, int] | None = None) -> list[tuple[int, bytes]]:
+        """Return messages of any topic as (t_ns, encoded message): for /tf and pictures, which have no record.
+
+        between_ns: of these log times alone, both included; chunks that the index places elsewhere are not read.
+        """
         return [
             (t_ns, data[start : start + size])
-            for data, table in self._tables(name)
+            for data, table in self._read(self._channels(name), between_ns)
             for t_ns, start, size in zip(
                 table.log_time_ns.tolist(), table.start.tolist(), table.size.tolist(), strict=True
             )
+            if between_ns is None or between_ns[0] <= t_ns <= between_ns[1]
         ]
+
+    def pictures(self, topic: str, between_ns: tuple[int, int] | None = None) -> list[tuple[int, bytes]]:
+        """Return a camera's pictures as (t_ns, JPEG), like `messages`, in order."""
+        schemas = [self._contents.schemas[self._contents.channels[each].schema_id] for each in self._channels(topic)]
+        found = [(t_ns, message_class(schemas[0]).FromString(data).data) for t_ns, data in
+                 self.messages(topic, between_ns)] if schemas else []  # fmt: skip
+        return sorted(found)
+
+    def times(self, topic: str) -> list[int]:
+        """Return the log times of a topic's messages, ns, in order; from the index alone where there is one."""
+        wanted, found = self._channels(topic), []
+        with open_mcap(self.path) as file:
+            for chunk in self._contents.chunks:
+                if isinstance(chunk, ChunkIndex):
+                    offsets = [
+                        chunk.message_index_offsets[each] for each in wanted if each in chunk.message_index_offsets
+                    ]
+                    found += [entries[:, 0] for _, entries in map(partial(_index_entries, file), offsets)]
+                    continue
+                table = message_table(chunk if isinstance(chunk, bytes) else _read_chunk(self.path, file, chunk))
+                found.append(table.log_time_ns[np.isin(table.channel_id, wanted)])
+        return np.sort(np.concatenate([np.zeros(0, np.int64), *found])).tolist()
 
     def _channels(self, topic: str) -> list[int]:
         return [channel.id for channel in self._contents.channels.values() if channel.topic == topic]
@@ -332,14 +359,19 @@ def _read_chunk(path: Path, file: BinaryIO, offset: int) -> bytes:
         raise LogError(f"{path} is damaged at byte {offset}: {error or type(error).__name__}") from error
 
 
+def _index_entries(file: BinaryIO, offset: int) -> tuple[int, NDArray[np.int64]]:
+    """Return the channel of an index record, and (n, 2): log time, place in the chunk."""
+    file.seek(offset + RECORD_HEADER)
+    channel_id = int.from_bytes(file.read(2), "little")
+    return channel_id, np.frombuffer(file.read(int.from_bytes(file.read(4), "little")), "<i8").reshape(-1, 2)
+
+
 def _indexed(file: BinaryIO, data: bytes, offsets: list[int]) -> MessageTable:
     """The messages that the index records at these file offsets name."""
     bytes_of = np.frombuffer(data, np.uint8)
     columns = [np.zeros((4, 0), np.int64)]
     for offset in offsets:
-        file.seek(offset + RECORD_HEADER)
-        channel_id = int.from_bytes(file.read(2), "little")
-        entries = np.frombuffer(file.read(int.from_bytes(file.read(4), "little")), "<i8").reshape(-1, 2)
+        channel_id, entries = _index_entries(file, offset)
         position = entries[:, 1]
         # a message record is opcode, length (8 bytes), 22 bytes of numbers and times, and the message
         lengths = bytes_of[position[:, None] + np.arange(1, RECORD_HEADER)].copy().view("<i8")[:, 0]

@@ -1,12 +1,14 @@
 """What other people's viewers show of a log by themselves, made from its samples: the topics beside the records'."""
 
+from functools import lru_cache
+
 import foxglove
 from foxglove.messages import FrameTransforms, PointCloud, SceneUpdate, VoxelGrid
 from numpy.typing import NDArray
 
-from rtstack.log.cell_urdf import cell_urdf, shapes_of
+from rtstack.log.cell_urdf import Shape, cell_urdf, shapes_of
 from rtstack.log.frames import CellFrames, FrameTree
-from rtstack.log.instants import InstantFinder, stamp
+from rtstack.log.instants import InstantFinder
 from rtstack.log.shapes import Forces, Solids
 from rtstack.log.voxels import VOXELS, voxel_messages
 
@@ -25,11 +27,16 @@ def scenery_schemas() -> dict[str, foxglove.Schema]:
     } | dict.fromkeys(VOXELS, VoxelGrid.get_schema())
 
 
+@lru_cache(maxsize=8)  # a campaign's logs are of a few cells
+def _shapes(cell: CellFrames) -> list[Shape]:
+    return shapes_of(cell_urdf(cell))
+
+
 class Scenery:
     """Makes these messages from a run's batches of records."""
 
     def __init__(self, cell: CellFrames) -> None:
-        shapes = shapes_of(cell_urdf(cell))
+        shapes = _shapes(cell)
         self._instants = InstantFinder()
         self._tree = FrameTree(cell)
         self._solids, self._forces = Solids(shapes), Forces(cell)
@@ -44,7 +51,7 @@ class Scenery:
         if not len(instants.t_ns):
             return {}
         first_ns = int(instants.t_ns[0])
-        voxels = voxel_messages(self._voxels, stamp(first_ns))
+        voxels = voxel_messages(self._voxels, first_ns)
         self._voxels = []
         arrows, lines = self._forces.messages(instants)
         return {

@@ -4,13 +4,14 @@ Of foxglove.SceneUpdate it makes nothing (rerun-sdk 0.41). One topic a body, sin
 once, since the grids move with their frames.
 """
 
+from functools import lru_cache
+
 import numpy as np
 from foxglove.messages import (
     PackedElementField,
     PackedElementFieldNumericType,
     Pose,
     Quaternion,
-    Timestamp,
     Vector3,
     VoxelGrid,
 )
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from hal.arrays import Array
 from rtstack.log.cell_urdf import Shape
 from rtstack.log.frames import TABLE, from_rpy, rotation_of
-from rtstack.log.instants import OBJECT
+from rtstack.log.instants import OBJECT, stamp
 from rtstack.samples import SIDES
 
 CELL_M = 0.02  # of a link's voxels: below the least radius of the arm's URDF, 25 mm
@@ -30,15 +31,16 @@ VOXELS: tuple[str, ...] = tuple(
 )
 
 
-def voxel_messages(shapes: list[Shape], now: Timestamp) -> dict[str, bytes]:
-    """Return a VoxelGrid by topic for every body that has solids."""
+def voxel_messages(shapes: list[Shape], t_ns: int) -> dict[str, bytes]:
+    """Return a VoxelGrid by topic for every body that has solids, at t_ns."""
     bodies: dict[str, list[Shape]] = {}
     for shape in shapes:
         bodies.setdefault(shape.link, []).append(shape)
-    return {f"{PREFIX}/{body}": _grid(body, solids, now) for body, solids in bodies.items()}
+    return {f"{PREFIX}/{body}": _grid(body, tuple(solids), t_ns) for body, solids in bodies.items()}
 
 
-def _grid(body: str, solids: list[Shape], now: Timestamp) -> bytes:
+@lru_cache(maxsize=4 * len(VOXELS))
+def _grid(body: str, solids: tuple[Shape, ...], t_ns: int) -> bytes:
     if len(solids) == 1 and solids[0].kind == "box":
         (box,) = solids
         # exact: a single voxel
@@ -50,7 +52,7 @@ def _grid(body: str, solids: list[Shape], now: Timestamp) -> bytes:
     data[filled] = [round(255 * part) for part in solids[0].colour]
     kind = PackedElementFieldNumericType.Uint8
     return VoxelGrid(
-        timestamp=now,
+        timestamp=stamp(t_ns),
         frame_id=body,
         pose=pose,
         row_count=rows[1],
@@ -75,7 +77,7 @@ def _placed(box: Shape) -> Pose:
     return Pose(position=_vector(corner), orientation=Quaternion(x=x, y=y, z=z, w=w))
 
 
-def _filled(solids: list[Shape]) -> tuple[Pose, Array, NDArray[np.bool_]]:
+def _filled(solids: tuple[Shape, ...]) -> tuple[Pose, Array, NDArray[np.bool_]]:
     """Pose and cell size, m, of a grid along the link's axes; (z, y, x): whether a cell's centre is in a solid."""
     turns = [rotation_of(from_rpy(np.array(solid.rpy))) for solid in solids]
     centres, halves = (np.array([getattr(s, name) for s in solids]) for name in ("position", "size"))

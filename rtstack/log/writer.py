@@ -14,6 +14,7 @@ from typing import Any, BinaryIO
 from rtstack.log.errors import LogError
 from rtstack.log.frames import CellFrames
 from rtstack.log.job import Attachment, Evidence, LogJob, put_job, put_result
+from rtstack.log.pictures import LoggedCamera
 from rtstack.log.ring import LogState, Rings
 from rtstack.topics import TOPICS
 
@@ -76,16 +77,18 @@ class LogProcess:
         attachments: Sequence[Attachment] = (),
         description: CellFrames | None = None,
         overwrite: bool = False,
+        cameras: Sequence[LoggedCamera] = (),
     ) -> "LogProcess":
         """Start writing `path` and return at once: what is pushed meanwhile waits in the rings.
 
         metadata: record name -> values, written at the start of the file, so that a killed log still has it.
-        description: makes /tf; without it there is none. Raises LogError where the file cannot be created.
+        description: makes /tf; without it there is none. cameras: whose pictures the log has.
+        Raises LogError where the file cannot be created.
         """
         path = Path(path)
         with _create(path, overwrite) as log:
             job, errors = tempfile.TemporaryFile(), tempfile.TemporaryFile()  # noqa: SIM115 (closed in _reap)
-            put_job(job, LogJob(rings.name, tuple(metadata.items()), tuple(attachments), description))
+            put_job(job, LogJob(rings.name, tuple(metadata.items()), tuple(attachments), description, tuple(cameras)))
             process = subprocess.Popen(
                 [
                     sys.executable,

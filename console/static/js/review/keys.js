@@ -2,7 +2,7 @@
 
 const TEXT = "input[type=search], input[type=text], textarea";
 
-export function startKeys(view, timeline, marks) {
+export function startKeys(view, timeline, marks, cameras) {
   const help = document.getElementById("help");
   const actions = {
     p: () => timeline.play(!timeline.playing),
@@ -10,6 +10,8 @@ export function startKeys(view, timeline, marks) {
     ArrowRight: (event) => timeline.step(event.shiftKey ? 10 : 1),
     "[": () => marks.step(-1),
     "]": () => marks.step(1),
+    ",": () => cameras.step(-1),
+    ".": () => cameras.step(1),
     "+": () => view.zoom(0.5),
     "-": () => view.zoom(2),
     0: () => view.setWindow(0, view.end),

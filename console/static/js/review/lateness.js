@@ -9,20 +9,21 @@ export async function showLateness(log, view) {
   document.getElementById("lateness").hidden = lateness === null;
   document.getElementById("lateness").dataset.known = "true";
   if (lateness === null) return;
-  document.getElementById("lateness-line").textContent = lateness.late ? `${lateness.late} of ${lateness.turns} turns, ${lateness.stalls} stalls` : "none";
+  const shares = Object.entries(lateness.shares).map(([whose, count]) => `${count} ${whose}`).join(", ");
+  document.getElementById("lateness-line").textContent = lateness.late ? `${shares}; ${lateness.cycles} cycles` : "none";
   document.getElementById("lateness-line").title = lateness.line;
-  document.getElementById("late-turns").replaceChildren(...lateness.worst.map((turn) => {
+  document.getElementById("late-cycles").replaceChildren(...lateness.worst.map((cycle) => {
     const [row, button] = [document.createElement("li"), document.createElement("button")];
     button.type = "button";
-    const parts = [`outside ${us(turn.outside_us)}`, `turn before ${us(turn.busy_us)}`, `waking ${us(turn.wake_us)}`, `socket ${us(turn.read_us)}`, `tick ${us(turn.tick_us)}`];
-    const text = `${turn.side}, ${(turn.late_us / 1000).toFixed(1)} ms${turn.cause ? `, ${turn.cause}` : ""}: ${parts.join(", ")}`;
-    for (const [name, word] of [["at", `${turn.t_s.toFixed(3)} s`], ["level", turn.blame], ["", text]]) {
+    const parts = [`outside ${us(cycle.outside_us)}`, `cycle before ${us(cycle.busy_us)}`, `waking ${us(cycle.wake_us)}`, `socket ${us(cycle.read_us)}`, `tick ${us(cycle.tick_us)}`];
+    const text = `${cycle.side} arm, ${(cycle.late_us / 1000).toFixed(1)} ms${cycle.cause ? `, ${cycle.cause}` : ""}: ${parts.join(", ")}`;
+    for (const [name, word] of [["at", `${cycle.t_s.toFixed(3)} s`], ["level", cycle.blame], ["", text]]) {
       const part = document.createElement("span");
       part.className = name;
       part.textContent = word;
       button.append(part);
     }
-    button.addEventListener("click", () => view.setCursor(turn.t_s));
+    button.addEventListener("click", () => view.setCursor(cycle.t_s));
     row.append(button);
     return row;
   }));

@@ -5,6 +5,7 @@ import { showError } from "../errors.js";
 import { startFrame } from "../frame.js";
 import { startPlayback } from "../playback.js";
 import { startScene } from "../scene.js";
+import { Cameras } from "./cameras.js";
 import { Compare } from "./compare.js";
 import { startKeys } from "./keys.js";
 import { showLateness } from "./lateness.js";
@@ -71,7 +72,8 @@ async function start() {
     startScene((detail) => `/viser/review/${detail}/${scrub.key}/`);
   });
   startPlayback(log.id, live);
-  startKeys(view, timeline, marks);
+  const cameras = new Cameras(view, log);
+  startKeys(view, timeline, marks, cameras);
 
   const link = () => {
     const none = !view.known || view.signals.length === 0 || plots.drawn === null;
@@ -103,6 +105,7 @@ async function start() {
     plots.refresh();
     link();
   });
+  await cameras.start().catch((error) => showError(`The pictures of this log are not shown: ${error.message}`));
   showLateness(log, view).catch((error) => showError(`Who was late in this log is not known: ${error.message}`));
 }
 

@@ -1,0 +1,65 @@
+"""The process of one camera: its pictures, as JPEG, into its ring. Started by rtstack.cameras.start, never by hand."""
+
+import io
+import json
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+from types import FrameType
+
+from PIL import Image
+from pydantic import TypeAdapter
+
+from hal.extensions import ExtensionError
+from rtstack.cameras.source import CAMERAS, CameraRequest, draw_time
+from rtstack.log.pictures import PictureRing
+from rtstack.log.ring import Rings
+from rtstack.model.cell_description import CameraDescription
+
+_NICENESS = 10  # a picture may wait for everything else
+_IDLE_S = 0.005
+
+
+def main() -> int:
+    """Entry point: the job as JSON."""
+    job = json.loads(sys.argv[1])
+    ending: list[int] = []
+
+    def end(number: int, _frame: FrameType | None) -> None:
+        ending.append(number)
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent
+    signal.signal(signal.SIGTERM, end)
+    if os.sched_getscheduler(0) != os.SCHED_OTHER:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))  # not the priority of who started us
+    os.nice(_NICENESS)
+    pictures, rings = PictureRing.attach(job["pictures"]), Rings.attach(job["rings"])
+    described = TypeAdapter(CameraDescription).validate_python(job["camera"])
+    try:
+        request = CameraRequest(job["name"], described, rings, Path(job["cell_file"]), job["object"])
+        camera = CAMERAS.load(described.kind)(request)
+        pictures.opened()
+        while os.getppid() == job["parent"]:
+            found = camera.read()
+            if found is None:
+                if ending:
+                    break
+                time.sleep(_IDLE_S)
+                continue
+            t_ns, picture = found
+            if described.stamped:
+                draw_time(picture, t_ns)
+            file = io.BytesIO()
+            Image.fromarray(picture).save(file, "JPEG", quality=described.quality)
+            pictures.write(t_ns, file.getvalue())
+        camera.close()
+    except (OSError, ExtensionError, ImportError) as error:
+        pictures.fail(" ".join(str(error).split()))
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

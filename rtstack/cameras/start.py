@@ -1,0 +1,75 @@
+"""Starts the cameras of a run, and ends them."""
+
+import contextlib
+import json
+import os
+import subprocess
+import sys
+import time
+from dataclasses import asdict
+from pathlib import Path
+
+from rtstack.log.pictures import LoggedCamera, PictureRing
+from rtstack.log.ring import Rings
+from rtstack.model.cell_description import CellDescription
+
+_OPEN_S = 20.0  # for a camera to open: a program starts, and MuJoCo's drawing
+_POLL_S = 0.005
+_END_S = 20.0  # for the pictures that are still to be made
+
+
+class Cameras:
+    """The cameras' processes of one run, and their rings."""
+
+    def __init__(self, description: CellDescription, cell_file: Path, object_name: str, rings: Rings) -> None:
+        self._processes: list[subprocess.Popen[bytes]] = []
+        self._rings: list[PictureRing] = []
+        logged = []
+        for name, camera in description.cameras.items():
+            ring = PictureRing.create()
+            self._rings.append(ring)
+            logged.append(LoggedCamera(name, ring.name, camera.width, camera.height, camera.K, camera.D, camera.pose))
+            job = {
+                "name": name, "camera": asdict(camera), "pictures": ring.name, "rings": rings.name,
+                "cell_file": str(cell_file), "object": object_name, "parent": os.getpid(),
+            }  # fmt: skip
+            self._processes.append(
+                subprocess.Popen(
+                    [sys.executable, "-m", "rtstack.cameras.process", json.dumps(job)],
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.DEVNULL,
+                    start_new_session=True,
+                    env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+                )
+            )
+        self.logged = tuple(logged)
+
+    @property
+    def pids(self) -> tuple[int, ...]:
+        """The processes, in the order of the description."""
+        return tuple(process.pid for process in self._processes)
+
+    def wait_ready(self) -> None:
+        """Wait until each camera is open or has failed, before an arm moves; one that takes too long is left behind."""
+        until_s = time.monotonic() + _OPEN_S
+        for process, ring in zip(self._processes, self._rings, strict=True):
+            while not ring.ready and not ring.error and process.poll() is None and time.monotonic() < until_s:
+                time.sleep(_POLL_S)
+
+    def finish(self) -> None:
+        """Have what was seen so far made into pictures, and end the processes. One that died before says so."""
+        for process, ring in zip(self._processes, self._rings, strict=True):
+            code = process.poll()
+            if code and not ring.error:
+                ring.fail(f"its process ended with {code}")
+            process.terminate()
+        for process in self._processes:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(_END_S)
+            process.kill()
+            process.wait()
+
+    def close(self) -> None:
+        """Remove the rings, once the log process has read them."""
+        for ring in self._rings:
+            ring.close()
