@@ -142,4 +142,5 @@ def _figures(report: Report) -> list[Figure]:
 
 
 def _claim(claim: Claim) -> dict[str, str]:
-    return {"where": claim.where, "claim": claim.says, "verdict": str(claim.verdict), "figures": claim.ours}
+    verdict = {"verdict": str(claim.verdict), "figures": claim.ours, "why": claim.why}
+    return {"where": claim.where, "claim": claim.says} | verdict

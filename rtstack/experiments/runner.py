@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import Any
 
 from distributed import Client, Future, as_completed
@@ -11,9 +12,12 @@ from rtstack.experiments.experiment import Case, Experiment, Row, Stage, Task
 from rtstack.experiments.progress import Progress
 from rtstack.experiments.store import Store
 from rtstack.experiments.task import run_cases, run_stage
+from rtstack.experiments.workers import slots
 from rtstack.trials.errors import TrialError
 
 RETRIES = 2  # of a task that could not be run: a full disk, a machine that went away
+# tasks a worker that are submitted at a time: the scheduler remembers each one, and its result, as long as we do
+AHEAD = 16
 
 
 @dataclass(slots=True)
@@ -72,13 +76,10 @@ class Runner:
             return {}
         self._progress.begin(stage.label, 0, len(stage.tasks))
         sources = self._experiment.sources
-        futures = {
-            self._submit(task, run_stage, task.function, task.arguments, sources, retries=0): task
-            for task in stage.tasks
-        }
         failed: dict[str, str] = {}
-        for future in _finished(futures):
-            task = futures[future]
+        for task, future in self._finished(
+            stage.tasks, lambda task: self._submit(task, run_stage, task.function, task.arguments, sources, retries=0)
+        ):
             if future.status != "finished":
                 raise TrialError(f"{stage.label}: {task.name}: {_reason_of(future)}")
             reason = future.result()
@@ -98,14 +99,12 @@ class Runner:
 
     def _run(self, cases: list[Case], began_s: float) -> None:
         experiment, tally = self._experiment, self.tally
-        futures = {
-            self._submit(
+        for task, future in self._finished(
+            experiment.tasks(cases),
+            lambda task: self._submit(
                 task, run_cases, task.function, task.arguments, experiment.sources, experiment.digest, retries=RETRIES
-            ): task
-            for task in experiment.tasks(cases)
-        }
-        for future in _finished(futures):
-            task = futures.pop(future)
+            ),
+        ):
             if future.status != "finished":
                 tally.failures[_words(task)] = _reason_of(future)
                 self._progress.advance(failed=len(task.cases), done=0)
@@ -124,21 +123,33 @@ class Runner:
         key = f"{task.name}-{self._experiment.digest}-{time.time_ns()}"
         return self._client.submit(function, *arguments, key=key, retries=retries, pure=False)
 
+    def _finished(self, tasks: Iterable[Task], submit: Callable[[Task], Future]) -> Iterator[tuple[Task, Future]]:
+        """Yield tasks as they end, AHEAD of a worker submitted at a time; cancel them where the work is broken off."""
+        missing, running, ended = iter(tasks), dict[Future, Task](), as_completed()
+
+        def fill() -> int:
+            most = AHEAD * max(1, slots(self._client))  # workers join and leave
+            for task in islice(missing, max(0, most - len(running))):
+                future = submit(task)
+                running[future] = task
+                ended.add(future)
+            return most // 2
+
+        try:
+            few = fill()
+            for future in ended:
+                yield running.pop(future), future
+                if len(running) < few:
+                    few = fill()
+        except BaseException:
+            for future in running:
+                future.cancel()
+            raise
+
 
 def _words(task: Task) -> str:
     further = len(task.cases) - 1
     return f"{task.cases[0].id} and {further} more" if further > 0 else task.name
-
-
-def _finished(futures: Iterable[Future]) -> Iterator[Future]:
-    """Yield futures as they end; cancel those that have not where the work is broken off."""
-    waiting = list(futures)
-    try:
-        yield from as_completed(waiting)
-    except BaseException:
-        for future in waiting:
-            future.cancel()
-        raise
 
 
 def _reason_of(future: Future) -> str:

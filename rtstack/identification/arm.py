@@ -10,7 +10,7 @@ All signals are smoothed alike, by cubics over 31 ms, which leaves these equatio
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import pinocchio as pin
@@ -30,10 +30,12 @@ BLOCK_S = 0.5  # ticks that share their errors: the tones of an excitation are 1
 CONTACT_N = 5.0  # of the estimated force, from how it begins: beyond it a tick does not count, nor those around it
 FREE_TICKS = 300  # a log begins away from everything
 GRAVITY_NM = 0.2  # of a joint's gravity torque, standard deviation: below it the compensation is not seen
-SHAPES = 7
+SHAPES = 8
+LATE_S = 0.05  # of the two shapes that stand for a signal that is late
 # how far the gravity compensation, and each of the shapes, may be off, standard deviations, and the torque of a tick
 # against which these count
 GRAVITY_PRIOR, SHAPE_PRIOR_NM, PRIOR_NM = 0.02, 0.02, 0.02
+RANK = 1e-5  # of the links' regressors: below it a direction of the inertial parameters has no effect on the torques
 HELD_OUT = 0.2  # of each log's ticks, the last ones: judged on, and never fitted
 
 
@@ -57,6 +59,7 @@ class ArmSamples:
     tau_J: Array
     dtau_J: Array
     tau_d: Array
+    dtau_d: Array
     tau_ext: Array
     blocks: NDArray[np.int64]
     held_out: NDArray[np.bool_]
@@ -98,7 +101,7 @@ def _samples(log: NDArray, number: int) -> tuple[NDArray, ...]:
     values = (
         smooth(log["q"]), smooth(log["dq"]), rate(log["dq"]), smooth(wind), smooth(log["dtheta"] - log["dq"]),
         _around(log["dtheta"]), rate(log["dtheta"]), smooth(log["tau_J"]), rate(log["tau_J"]),
-        smooth(tau_d), smooth(log["tau_ext_hat_filtered"]),
+        smooth(tau_d), rate(tau_d), smooth(log["tau_ext_hat_filtered"]),
     )  # fmt: skip
     blocks = 100_000 * number + (ticks * PERIOD_S / BLOCK_S).astype(np.int64)
     return (*(each[ticks] for each in values), blocks, np.arange(len(ticks)) >= (1.0 - HELD_OUT) * len(ticks))
@@ -112,55 +115,58 @@ def _around(values: Array) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Links:
-    """The links' side of an arm: inertia (70,) that its description lacks, and the torques (n, 7) Nm that follow.
+    """The links' side of an arm, over the ticks (n,) of its samples with the payload, then of those without it.
 
-    torque: through the joints; gravity: the part of it that is gravity's; shapes (7, n, SHAPES): what else it could be
-    along the motion, of size one, the most likely first; what the robot's own, which is late, lacks in 50 ms; and a
-    constant.
+    samples: all of them. torque: through the joints (n, 7) Nm; gravity: the part of it that is gravity's; shapes
+    (7, n, SHAPES): what else it could be along the motion, of size one, the most likely first; what the commanded
+    torque and the robot's own compensation, which act late, change in LATE_S; and a constant. payload: mass kg and
+    first moment (3,) kg m in the last link's frame; infinitely uncertain without samples of the arm without it.
     """
 
-    inertia: Array
+    samples: ArmSamples
     torque: Array
     gravity: Array
     shapes: Array
+    payload: Estimate
 
 
-def links(samples: ArmSamples, known: Array | None = None) -> Links:
+def links(samples: ArmSamples, bare: ArmSamples | None = None) -> Links:
     """Fit the inertial parameters that explain the torques; those of no effect on them stay the description's.
 
-    known (70,): from logs without the payload; then the last link's are fitted alone, and added.
+    bare: of the same arm without its payload. Both are fitted together: what the description lacks, which both have,
+    and what the last link carries in `samples` alone, so that the payload's interval has what is open of the links.
     """
-    n = len(samples.q)
-    Y, Y_gravity, described = _regressors(samples)
-    left = samples.tau_J - described[0] - (0.0 if known is None else Y @ known)
-    use, columns = ~samples.held_out, slice(None) if known is None else slice(60, 70)
-    X, y = Y[use][:, :, columns].reshape(-1, Y[:, :, columns].shape[2]), left[use].reshape(-1)
-    scale = np.maximum(np.linalg.norm(X, axis=0), 1e-9)
-    inertia = np.zeros(70) if known is None else known.copy()
-    inertia[columns] += np.linalg.lstsq(X / scale, y, rcond=1e-5)[0] / scale
-    gravity_left = (Y_gravity.reshape(n * 7, 70) @ inertia).reshape(n, 7)
+    together = samples if bare is None else _joined(samples, bare)
+    n = len(together.q)
+    Y, Y_gravity, described = _regressors(together)
+    if bare is not None:
+        carried = (np.arange(n) < len(samples.q))[:, None, None]
+        Y, Y_gravity = (np.concatenate([each, np.where(carried, each[:, :, 60:], 0.0)], axis=2)
+                        for each in (Y, Y_gravity))  # fmt: skip
+    left, use = together.tau_J - described[0], ~together.held_out
+    blocks, weights = np.repeat(together.blocks[use], 7), np.ones(7)
+    for _ in range(2):  # joints whose torque is measured better count more
+        X, y = (Y * weights[:, None])[use].reshape(-1, Y.shape[2]), (left * weights)[use].reshape(-1)
+        found = linear(X, y, blocks, rank=RANK)
+        weights = 1.0 / np.maximum((left - Y @ found.value)[use].std(axis=0), 1e-4)
+    gravity_left = Y_gravity @ found.value
     shapes = np.ones((7, n, SHAPES))
     for j in range(7):
         columns, sizes, _ = np.linalg.svd(Y_gravity[:, j], full_matrices=False)
-        shapes[j, :, :-2] = columns[:, : SHAPES - 2] * np.where(sizes[: SHAPES - 2] > 1e-6, np.sqrt(n), 0.0)
-    shapes[:, :, -2] = 0.05 * described[2].T
-    return Links(inertia, described[0] + Y @ inertia, described[1] + gravity_left, shapes)
+        shapes[j, :, :-3] = columns[:, : SHAPES - 3] * np.where(sizes[: SHAPES - 3] > 1e-6, np.sqrt(n), 0.0)
+    shapes[:, :, -3], shapes[:, :, -2] = LATE_S * together.dtau_d.T, LATE_S * described[2].T
+    payload = Estimate(np.zeros(4), np.full(4, np.inf))
+    if bare is not None:
+        payload = Estimate(found.value[70:74], found.half_width[70:74])
+    return Links(together, described[0] + Y @ found.value, described[1] + gravity_left, shapes, payload)
 
 
-def payload(samples: ArmSamples, known: Array) -> Estimate:
-    """Return mass kg and first moment (3,) kg m in the last link's frame of what is on it besides.
-
-    known (70,): the inertia that the description lacks without it, from logs of the arm without it.
-    """
-    use = ~samples.held_out
-    Y, _, described = _regressors(samples)
-    left = samples.tau_J - described[0] - Y @ known
-    Y, weights = Y[:, :, 60:], np.ones(7)
-    for _ in range(2):  # joints whose torque is measured better count more
-        X, y = (Y * weights[:, None])[use].reshape(-1, 10), (left * weights)[use].reshape(-1)
-        found = linear(X, y, np.repeat(samples.blocks[use], 7))
-        weights = 1.0 / np.maximum((left - Y @ found.value)[use].std(axis=0), 1e-4)
-    return Estimate(found.value[:4], found.half_width[:4])
+def _joined(one: ArmSamples, other: ArmSamples) -> ArmSamples:
+    """Return the samples of both, of the first one's model."""
+    parts = [[getattr(each, field.name) for field in fields(ArmSamples)[1:]] for each in (one, other)]
+    columns = dict(zip((field.name for field in fields(ArmSamples)[1:]), zip(*parts, strict=True), strict=True))
+    columns["blocks"] = (one.blocks, other.blocks + one.blocks.max() + 1)
+    return ArmSamples(one.model, **{name: np.concatenate(both) for name, both in columns.items()})
 
 
 def _regressors(samples: ArmSamples) -> tuple[Array, Array, tuple[Array, Array, Array]]:
@@ -179,9 +185,10 @@ def _regressors(samples: ArmSamples) -> tuple[Array, Array, tuple[Array, Array, 
     return Y, Y_gravity, (torque, gravity, rate / PERIOD_S)
 
 
-def joint(samples: ArmSamples, link: Links, j: int, friction: Sequence[float], B_theta: float) -> Joint:
+def joint(link: Links, j: int, friction: Sequence[float], B_theta: float) -> Joint:
     """Fit joint 0 to 6. friction, B_theta: where the fit begins. A joint that feels no gravity says nothing about the
     robot's compensation of it."""
+    samples = link.samples
     use = ~samples.held_out
     blocks = samples.blocks[use]
     heavy = link.gravity[use, j].std() > GRAVITY_NM
@@ -189,7 +196,7 @@ def joint(samples: ArmSamples, link: Links, j: int, friction: Sequence[float], B
     free = np.full(SHAPES, 1.0)
 
     def residual(x: Array) -> Array:
-        left = predicted(samples, link, j, x)[use] - samples.tau_J[use, j]
+        left = predicted(link, j, x)[use] - samples.tau_J[use, j]
         return np.concatenate([left, PRIOR_NM * np.append((x[4] - 1.0) / GRAVITY_PRIOR, x[5:] / SHAPE_PRIOR_NM)])
 
     motor = curve(
@@ -206,8 +213,9 @@ def joint(samples: ArmSamples, link: Links, j: int, friction: Sequence[float], B
     return Joint(motor, Estimate(spring.value[:2], spring.half_width[:2]))
 
 
-def predicted(samples: ArmSamples, link: Links, j: int, x: Array) -> Array:
+def predicted(link: Links, j: int, x: Array) -> Array:
     """Return the torque through a joint (n,) as the motor's side has it. x: Joint.MOTOR, and how much of each shape."""
+    samples = link.samples
     resisted = sigmoid(samples.slip[:, j], *x[:3]) @ SMOOTH + x[3] * samples.ddtheta[:, j]
     return samples.tau_d[:, j] + x[4] * link.gravity[:, j] + link.shapes[j] @ x[5:] - resisted
 

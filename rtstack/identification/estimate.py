@@ -24,17 +24,26 @@ class Estimate:
     half_width: Array
 
 
-def linear(X: Array, y: Array, blocks: NDArray[np.int64], instruments: Array | None = None) -> Estimate:
+def linear(
+    X: Array, y: Array, blocks: NDArray[np.int64], instruments: Array | None = None, rank: float = 3e-5
+) -> Estimate:  # fmt: skip
     """Fit y (m,) = X (m, n) beta. blocks (m,): which samples belong together.
 
-    instruments (m, n): what is known of each column without the noise that X has, where X has any.
+    instruments (m, n): what is known of each column without the noise that X has, where X has any. rank: the share of
+    the largest singular value below which a direction of beta is left at zero.
     """
     scale = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
     X = X / scale
     Z = X if instruments is None else instruments / np.maximum(np.linalg.norm(instruments, axis=0), 1e-300)
-    value = np.linalg.pinv(Z.T @ X, rcond=1e-9) @ (Z.T @ y)
-    half = _half_width(X, Z, y - X @ value, blocks)
-    return Estimate(value / scale, half / scale)
+    sizes, directions = np.linalg.eigh(X.T @ X)
+    seen = directions[:, sizes > rank**2 * sizes[-1]]
+    X, Z = X @ seen, Z @ seen
+    value = np.linalg.solve(Z.T @ X, Z.T @ y)
+    covariance = _covariance(X, Z, y - X @ value, blocks)
+    if not np.isfinite(covariance).all():
+        return Estimate(seen @ value / scale, np.full(len(scale), np.inf))
+    half = np.sqrt(np.einsum("ij,jk,ik->i", seen, covariance, seen))
+    return Estimate(seen @ value / scale, half / scale)
 
 
 def curve(
@@ -44,18 +53,18 @@ def curve(
     """Fit the parameters of a residual (m,), from `start`, within bounds; scale: of each parameter."""
     found = least_squares(residual, start, bounds=bounds, x_scale=scale)
     J = found.jac * scale
-    return Estimate(found.x, _half_width(J, J, -found.fun, blocks) * scale)
+    return Estimate(found.x, np.sqrt(np.diag(_covariance(J, J, -found.fun, blocks))) * scale)
 
 
-def _half_width(X: Array, Z: Array, left: Array, blocks: NDArray[np.int64]) -> Array:
-    """Return the half widths, (n,). left (m,): what the fit leaves."""
+def _covariance(X: Array, Z: Array, left: Array, blocks: NDArray[np.int64]) -> Array:
+    """Return the covariance (n, n) times the quantile's square: half widths are its roots. left (m,): residuals."""
     names, index = np.unique(blocks, return_inverse=True)
     scores = np.zeros((len(names), X.shape[1]))
     np.add.at(scores, index, Z * left[:, None])
     bread = Z.T @ X
     if len(names) <= X.shape[1] or np.linalg.cond(bread) > 1e12:
-        return np.full(X.shape[1], np.inf)
+        return np.full(bread.shape, np.inf)
     inverse = np.linalg.inv(bread)
     covariance = inverse @ (scores.T @ scores) @ inverse.T * len(names) / (len(names) - X.shape[1])
     quantile = float(student.ppf(0.5 + CONFIDENCE / 2.0, len(names) - X.shape[1]))
-    return quantile * np.sqrt(np.diag(covariance))
+    return quantile**2 * covariance

@@ -104,12 +104,10 @@ def _whole_ticks(log: Log, side: str) -> NDArray:
 def _arm(samples: ArmSamples, bare: ArmSamples | None, B_theta: NDArray[np.floating]) -> ArmTwin:
     published = FrictionParameters()
     friction = np.array([published.p1, published.p2, published.p3]).T
-    known = identification.links(bare).inertia if bare is not None else None
-    load = identification.payload(samples, known) if known is not None else Estimate(np.zeros(4), np.full(4, np.inf))
-    link = identification.links(samples, known)
-    joints = [identification.joint(samples, link, j, friction[j], float(B_theta[j])) for j in range(7)]
-    parameters = [*_named("payload_kg", 0, load, 0), *(
-        each for k, axis in enumerate("xyz") for each in _named(f"payload_moment_{axis}", 0, load, 1 + k)
+    link = identification.links(samples, bare)
+    joints = [identification.joint(link, j, friction[j], float(B_theta[j])) for j in range(7)]
+    parameters = [*_named("payload_kg", 0, link.payload, 0), *(
+        each for k, axis in enumerate("xyz") for each in _named(f"payload_moment_{axis}", 0, link.payload, 1 + k)
     )]  # fmt: skip
     for j, found in enumerate(joints):
         for k, name in enumerate(Joint.MOTOR):
@@ -119,11 +117,11 @@ def _arm(samples: ArmSamples, bare: ArmSamples | None, B_theta: NDArray[np.float
     offsets = identification.bias(samples)
     parameters += [each for j in range(7) for each in _named("torque_offset", 1 + j, offsets, j)]
     before = [
-        _rms(samples, link, j, np.array([*friction[j], B_theta[j], 1.0, *np.zeros(identification.SHAPES)]))
-        for j in range(7)
+        _rms(link, j, np.array([*friction[j], B_theta[j], 1.0, *np.zeros(identification.SHAPES)])) for j in range(7)
     ]
-    after = [_rms(samples, link, j, found.motor.value) for j, found in enumerate(joints)]
-    motion = np.sqrt(np.mean((link.torque - samples.tau_J)[samples.held_out] ** 2, axis=0)).tolist()
+    after = [_rms(link, j, found.motor.value) for j, found in enumerate(joints)]
+    every = link.samples
+    motion = np.sqrt(np.mean((link.torque - every.tau_J)[every.held_out] ** 2, axis=0)).tolist()
     return ArmTwin(tuple(parameters), {"motor, published": before, "motor, twin": after, "links, twin": motion})
 
 
@@ -137,8 +135,9 @@ def _named(name: str, joint: int, estimate: Estimate, k: int) -> Iterator[Parame
     yield Parameter(name, joint, value, half, half < bound)
 
 
-def _rms(samples: ArmSamples, link: Links, j: int, x: Array) -> float:
-    error = (identification.predicted(samples, link, j, x) - samples.tau_J[:, j])[samples.held_out]
+def _rms(link: Links, j: int, x: Array) -> float:
+    samples = link.samples
+    error = (identification.predicted(link, j, x) - samples.tau_J[:, j])[samples.held_out]
     return float(np.sqrt(np.mean(error**2)))
 
 

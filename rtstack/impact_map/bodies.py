@@ -11,12 +11,13 @@ import numpy as np
 import pinocchio as pin
 
 from hal.arrays import Array
+from hal.pad import Pad
 from hal.robots import RobotModel, robot
 from rtstack.impact_map.patch import Face, box_face
 from rtstack.impact_map.reflected import ReflectedInertia, joint_inertia
 from rtstack.impact_map.scene import Arm, Box
-from rtstack.model.arm_model import build_model
-from rtstack.model.cell_description import ArmMounting, Pad
+from rtstack.model.arm_model import build_model, face_placement
+from rtstack.model.cell_description import ArmMounting
 from rtstack.model.rotation import rotation_from_quaternion
 
 _LOWER, _DIAGONAL = np.tril_indices(7, -1), np.diag_indices(7)
@@ -55,7 +56,7 @@ def skew(p: Array) -> Array:
 
 def arm_body(arm: Arm, pad: Pad, reflected: ReflectedInertia) -> tuple[Body, Face]:
     """Return an arm and the face of its pad."""
-    its_robot = robot(arm.model)
+    its_robot, pad = robot(arm.model), arm.pad or pad
     model, flange, face = _arm_model(arm.base_position, arm.base_orientation_wxyz, arm.model, pad)
     data = model.createData()
     q = np.array(arm.q)
@@ -81,9 +82,7 @@ def _arm_model(
     """Return the arm's model, its last joint, and the pad's face in that joint's frame."""
     mounting = ArmMounting("scene", position, orientation, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), robot_model)
     model = build_model(mounting, pad)
-    flange = model.frames[model.getFrameId("link8")]
-    face = flange.placement * pin.SE3(np.eye(3), np.array([0.0, 0.0, pad.flange_to_face]))
-    return model, flange.parentJoint, face
+    return model, model.frames[model.getFrameId("link8")].parentJoint, face_placement(mounting, pad, model)
 
 
 class BoxBody:

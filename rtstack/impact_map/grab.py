@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.arrays import Array, seven
+from hal.pad import Pad
 from rtstack.impact_map.bodies import moved_to
 from rtstack.impact_map.map import impact_map
 from rtstack.impact_map.reflected import ReflectedInertia
 from rtstack.impact_map.result import ImpactMap
 from rtstack.impact_map.scene import Arm, Box, Contact, Plane, Scene, SceneError
 from rtstack.model.arm_model import ArmModel
-from rtstack.model.cell_description import ArmMounting, CellDescription, Pad
+from rtstack.model.cell_description import ArmMounting, CellDescription
 from rtstack.model.rotation import log_so3
 from rtstack.samples import SIDES
 
@@ -130,4 +131,4 @@ def joint_state_near(model: ArmModel, q: Array, point: NDArray) -> tuple[Array, 
 
 def _arm(mounting: ArmMounting, q: Array, dq: Array) -> Arm:
     place, turn = mounting.base_position, mounting.base_orientation_wxyz
-    return Arm(place, seven(q), turn, dq=seven(dq), model=mounting.model)
+    return Arm(place, seven(q), turn, dq=seven(dq), model=mounting.model, pad=mounting.pad)

@@ -12,15 +12,14 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
 from hal.configuration import STRICT, ConfigurationError, NotNegative, Positive, Real, load_toml
+from hal.pad import DEFAULT_PAD, Pad
 from hal.robots import DEFAULT
 from rtstack.impact_map.reflected import ReflectedInertia
-from rtstack.model.cell_description import Pad
 
 Vector = tuple[Real, Real, Real]
 Quaternion = tuple[Real, Real, Real, Real]
 Joints = tuple[Real, Real, Real, Real, Real, Real, Real]
 
-DEFAULT_PAD = Pad(size=(0.1, 0.1, 0.03), mass=0.35, flange_to_face=0.03)
 UPRIGHT: Quaternion = (1.0, 0.0, 0.0, 0.0)
 STILL: Vector = (0.0, 0.0, 0.0)
 
@@ -29,7 +28,8 @@ STILL: Vector = (0.0, 0.0, 0.0)
 class Arm:
     """An arm on its base, with the scene's pad: configuration rad, and before the impact either joint velocities rad/s
     or the twist of the pad's face (linear m/s, then angular rad/s, along the world's axes), which takes the joint
-    velocities of least norm. Neither: the arm is still. model: of the robot (hal.robots)."""
+    velocities of least norm. Neither: the arm is still. model: of the robot (hal.robots). pad: its own, where it is not
+    the scene's."""
 
     base_position: Vector
     q: Joints
@@ -37,6 +37,7 @@ class Arm:
     dq: Joints | None = None
     pad_twist: tuple[Real, Real, Real, Real, Real, Real] | None = None
     model: str = DEFAULT
+    pad: Pad | None = None
 
 
 @checked(frozen=True, slots=True, config=STRICT)

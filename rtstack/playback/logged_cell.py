@@ -62,10 +62,22 @@ class LoggedTracker:
         return self._pose
 
 
+class Turns:
+    """Counts how often its tick is asked for, which LoggedStop does once a tick: in the place of a logged arm."""
+
+    def __init__(self) -> None:
+        self._ticks = count()
+
+    @property
+    def tick(self) -> int:
+        """The number of this tick."""
+        return next(self._ticks)
+
+
 class LoggedStop:
     """The stop that came from outside of the tick, in the tick in which the log has it."""
 
-    def __init__(self, columns: Columns, arm: LoggedArm) -> None:
+    def __init__(self, columns: Columns, arm: LoggedArm | Turns) -> None:
         stopping = np.flatnonzero(columns.control[0]["mode"] == Mode.STOPPING)
         self._arm, self._from = arm, int(stopping[0]) if len(stopping) else len(columns.timing)
 

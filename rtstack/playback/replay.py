@@ -42,8 +42,8 @@ from rtstack.trials.trial import prepare_trial, run_trial
 
 OURS = ("tau_desired", "tau_applied")  # of an arm's sample: all others are the robot's
 # an end that nothing in the states shows: the log says when
-OUTSIDE = (End.STOP_REQUESTED, End.CONSOLE_GONE, End.OPERATOR_GONE, End.RELEASED, End.CLUTCH_QUIET, End.PARENT_GONE,
-           End.LOG_FAILED)  # fmt: skip
+OUTSIDE = (End.STOP_REQUESTED, End.CONSOLE_GONE, End.OPERATOR_GONE, End.RELEASED, End.CLUTCH_QUIET, End.POLICY_QUIET,
+           End.PARENT_GONE, End.LOG_FAILED)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +83,49 @@ class Replay:
 
 def replay(path: Path) -> Replay:
     """Replay a log of a trial, a demonstration or a teleoperation. Raises TrialError with one line."""
+    run = read_run(path)
+    columns = run.columns
+    cell, left = logged_cell(run.log.metadata["trial"].get("cell", "log"), columns)
+    replayed = run.again(lambda _folder, _description: cell, LoggedStop(columns, left))
+    trial = run.log.metadata["trial"]
+    n, m = columns.arm.shape[1], replayed.arm.shape[1]
+    commits = trial.get("git_commit", "unknown"), git_commit()
+    return Replay(str(path), run.kind, n, m, commits, compared(columns, replayed))
+
+
+@dataclass(frozen=True, slots=True)
+class LoggedRun:
+    """A log whose commands can be run again. asked: its specification."""
+
+    log: Log
+    columns: Columns
+    kind: str
+    asked: dict[str, Any]
+
+    def again(self, opened: Callable[[Path, CellDescription], Cell], stop: LoggedStop) -> Columns:
+        """Return the samples of the session that made the log, on another cell.
+
+        opened: the cell, of a folder with the log's cell.toml and of its description. stop: used where the log's end
+        came from outside of the tick.
+        """
+        reason = self.log.metadata.get("result", {}).get("failure_reason", "")
+        outside = self.kind not in ("trial", "demonstration") or any(str(end) in reason for end in OUTSIDE)
+        kept = RunSamples(self.log.path)
+        with TemporaryDirectory() as name:
+            folder = Path(name)
+            description = _description(self.log, folder)
+            context = RunContext(kept, stop=stop if outside else None)
+            cell = opened(folder, description)
+            try:
+                RUNS[self.kind](self.log, dict(self.asked), description, cell, context, folder)
+            finally:
+                cell.close()
+        assert kept.columns is not None
+        return kept.columns
+
+
+def read_run(path: Path) -> LoggedRun:
+    """Read a log to be run again. Raises TrialError with one line."""
     try:
         log = read_log(path)
         columns = log_columns(log)
@@ -90,22 +133,11 @@ def replay(path: Path) -> Replay:
         raise TrialError(str(error)) from None
     trial = log.metadata.get("trial", {})
     kind = trial.get("kind", "unknown")
-    run = RUNS.get(kind)
-    if run is None:
+    if kind not in RUNS:
         raise TrialError(f"{path}: its kind is {kind}; what is replayed are logs of {', '.join(RUNS)}")
     if not columns.arm.shape[1]:
         raise TrialError(f"{path}: it has no samples of both arms: there is nothing to replay")
-    cell, left = logged_cell(trial.get("cell", "log"), columns)
-    reason = log.metadata.get("result", {}).get("failure_reason", "")
-    outside = kind not in ("trial", "demonstration") or any(str(end) in reason for end in OUTSIDE)
-    kept = RunSamples(path)
-    context = RunContext(kept, stop=LoggedStop(columns, left) if outside else None)
-    with TemporaryDirectory() as folder:
-        run(log, json.loads(trial["specification"]), _description(log, Path(folder)), cell, context, Path(folder))
-    assert kept.columns is not None
-    differences = compared(columns, kept.columns)
-    n, m = columns.arm.shape[1], kept.columns.arm.shape[1]
-    return Replay(str(path), kind, n, m, (trial.get("git_commit", "unknown"), git_commit()), differences)
+    return LoggedRun(log, columns, kind, json.loads(trial["specification"]))
 
 
 def compared(logged: Columns, replayed: Columns) -> tuple[Difference, ...]:

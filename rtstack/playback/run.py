@@ -120,7 +120,7 @@ def _look_for_objects(prepared: PreparedPlayback, cell: Cell) -> None:
         return
     description = prepared.description
     largest = max(float(np.linalg.norm(thing.size)) for thing in description.objects.values())
-    clear = 0.5 * (largest + float(np.linalg.norm(description.pad.size))) + CLEAR_M
+    clear = 0.5 * (largest + max(float(np.linalg.norm(pad.size)) for pad in description.pads)) + CLEAR_M
     for side, stations in zip(SIDES, prepared.stations, strict=True):
         if np.linalg.norm(stations["position"] - pose.position, axis=1).min() < clear:
             raise TrialError(

@@ -1,6 +1,6 @@
 """A comparison: a set of published measurements, and what one of our models says about it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ class Finding:
     held_out: int
     unit: str
     headings: Sequence[str]
-    lines: dict[str, Sequence[float | None]]
+    lines: Mapping[str, Sequence[float | None]]
     better: str = ""
     worse: str = ""
     fitted: str = ""

@@ -27,8 +27,9 @@ COMPARISONS = {each.name: each for each in (
     Comparison(
         "air_hockey", "Boxes that a real arm hits", ["*.csv"],
         "The speed at which a box leaves the hand, from how far it slides. Fitted on every second hit, judged on the "
-        "others.",
-        "tables of data/airhockey_processed/raw in the GitHub repository epfl-lasa/air_hockey, such as D5.csv",
+        "others; and the light box's number, judged on the heavy box.",
+        "tables of data/airhockey_processed in the GitHub repository epfl-lasa/air_hockey: raw/D5.csv, "
+        "clean/for_paper/D1-robot_agnostic.csv, clean/KL_div-object_agnostic/D2_clean_clean.csv",
         "none stated: for a comparison of your own, not to be passed on", hits.compare,
     ),
     Comparison(
@@ -45,9 +46,9 @@ COMPARISONS = {each.name: each for each in (
         human_force.compare,
     ),
     Comparison(
-        "fr3_link", "The link to a real FR3", ["*.json"],
+        "fr3_link", "The link to a real FR3", [link.RUNS],
         "The time between two states, as the client sees it, in torque control.",
-        "the files *_model_rt_r*.json of bench/results/20260904T162559-hw in the GitHub repository "
+        "the files cpp_model_rt_r* and rust_model_rt_r* of bench/results/20260904T162559-hw in the GitHub repository "
         "BarisYazici/franka-rs", "Apache-2.0", link.compare,
     ),
 )}  # fmt: skip

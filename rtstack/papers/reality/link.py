@@ -8,12 +8,13 @@ import numpy as np
 
 from rtstack.papers.reality.comparison import Finding
 
+RUNS = "[cr]*_model_rt_r*"  # of the set's folder, JSON each: libfranka (cpp) and franka-rs (rust)
 HEADINGS = {"p50": 50.0, "p99": 99.0, "p999": 99.9, "max": 100.0}
 
 
 def compare(folder: Path) -> Finding:
     """Measure the simulated link on this machine, in real time, during a demonstration: us."""
-    measured = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(folder.glob("*.json"))]
+    measured = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(folder.glob(RUNS))]
     lines: dict[str, Sequence[float | None]] = {
         f"FR3, {run['library']}, run {run['rep']}": [float(run["interval_us"][name]) for name in HEADINGS]
         for run in measured

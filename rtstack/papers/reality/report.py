@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
+from textwrap import wrap
 from typing import Any
 
 import matplotlib as mpl
@@ -15,6 +16,8 @@ from rtstack.experiments.experiment import Results
 from rtstack.experiments.report import Figure, Report, Section, Table
 from rtstack.figures.style import COLOURS, STYLE, new_figure, save
 from rtstack.papers.reality.comparison import Comparison
+
+HEADING_WIDTH = 22  # characters, of a figure's columns
 
 
 def report(results: Results, comparisons: Mapping[str, Comparison], missing: Sequence[Comparison]) -> Report:
@@ -62,8 +65,11 @@ def _bars(path: Path, finding: dict[str, Any]) -> None:
     places = np.arange(len(finding["headings"]))
     for k, (name, values) in enumerate(lines.items()):
         heights = [np.nan if value is None else value for value in values]
-        axes[0][0].bar(places + (k + 0.5) * width - 0.4, heights, width, color=COLOURS[k % len(COLOURS)], label=name)
-    axes[0][0].set_xticks(places, finding["headings"])
+        axes[0][0].bar(
+            places + (k + 0.5) * width - 0.4, heights, width, color=COLOURS[k % len(COLOURS)],
+            hatch="//" * (k // len(COLOURS)), label=name,
+        )  # fmt: skip
+    axes[0][0].set_xticks(places, ["\n".join(wrap(heading, HEADING_WIDTH)) for heading in finding["headings"]])
     axes[0][0].set_ylabel(finding["unit"])
     figure.legend(loc="outside lower center", ncols=2, fontsize=8)
     save(figure, path)

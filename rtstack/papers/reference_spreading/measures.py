@@ -90,7 +90,7 @@ def passage(columns: Columns, description: CellDescription, object_name: str) ->
         centre, axis_y = thing
         # the corner of a tilted pad that comes nearest: its way along the object's y from the middle of the face
         along = np.einsum("ni,nij->nj", axis_y, rotation[:, :, :2])
-        reach = np.abs(along) @ (np.array(description.pad.size[:2]) / 2.0)
+        reach = np.abs(along) @ (np.array(description.pads[arm].size[:2]) / 2.0)
         gap[arm] = np.abs(np.einsum("ni,ni->n", axis_y, position - centre)) - half_y - reach
     velocity_y = np.zeros_like(face_y)
     step_s = 1e-9 * (t_ns[2 * SLOPE :] - t_ns[: -2 * SLOPE])

@@ -44,6 +44,8 @@ SIDE_BY_SIDE = (
     ("highest torque over its limit", "peak_torque_ratio", " %", 0, 100.0),
 )
 
+MOST_DRAWN = 50  # trials in a figure: a log has 10 MB, and its samples stay in memory
+
 
 def report(plan: Plan, bench: Bench, results: Results) -> Report:
     """Return the report of a campaign."""
@@ -152,6 +154,7 @@ def _single_trials(rows: list[Row], archive: Archive, description: CellDescripti
         return []
     wanted = ("experiment", "conditions", "reference", "displacement_mm")
     same = [row for row in some if all(row[name] == example[name] for name in wanted)]
+    which, same = "every repetition" if len(same) <= MOST_DRAWN else "the first repetitions", same[:MOST_DRAWN]
     parameters = cell_parameters(description)
     recording = load_recording(
         archive.file(f"{RECORDINGS}/{Reference.named(example['reference']).file}"),
@@ -175,7 +178,7 @@ def _single_trials(rows: list[Row], archive: Archive, description: CellDescripti
         found += [
             Figure("figure8.png", f"Figure 8: velocity and desired force towards the object ({of}, {log}).",
                    lambda path: figure8(path, columns, reference, EXAMPLE_MM)),
-            Figure("figure10.png", f"Figure 10: desired force norm (33), {of}, every repetition.",
+            Figure("figure10.png", f"Figure 10: desired force norm (33), {of}, {which}.",
                    lambda path: figure10(path, papers, reference.nominal_impact_s)),
         ]  # fmt: skip
     pair = [trial for trial in logged if trial.controller in COMPARED]

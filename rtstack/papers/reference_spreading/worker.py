@@ -9,6 +9,7 @@ from pathlib import Path
 
 from rtstack.cells import with_profile
 from rtstack.experiments.experiment import Row
+from rtstack.log.frames import CellFrames
 from rtstack.papers.conditions import Conditions
 from rtstack.papers.demonstrations import CELL, LOGS, RECORDINGS, Bench, Reference, common_attachments
 from rtstack.papers.reference_spreading.measures import Measures, measure
@@ -27,6 +28,11 @@ def _prepared(bench: Bench, reference: Reference) -> PreparedTrial:
     return prepare_trial(TrialSpecification(str(path), object=reference.object), bench.description)
 
 
+@lru_cache(maxsize=32)
+def _frames(bench: Bench, object_name: str) -> CellFrames:
+    return frames(bench.description, object_name)
+
+
 def run(bench: Bench, trial: Trial, conditions: Conditions) -> list[Row]:
     """Run a trial and write its log. Returns the row of the results' table."""
     reference = Reference.named(trial.reference)
@@ -42,10 +48,7 @@ def run(bench: Bench, trial: Trial, conditions: Conditions) -> list[Row]:
     kind = with_profile(CELL, conditions.profile)
     metadata = {"trial": trial_metadata(specification, kind, prepared.reference), "campaign": campaign}
     with bench.archive.new(f"{LOGS}/{trial.id}.mcap") as path:
-        log = WholeRunLog(
-            path, metadata, common_attachments(bench.cell_file),
-            frames(prepared.description, trial.object),
-        )  # fmt: skip
+        log = WholeRunLog(path, metadata, common_attachments(bench.cell_file), _frames(bench, trial.object))
         cell = bench.open_cell(trial.object, trial.displacement, trial.seed, conditions)
         try:
             result = run_trial(prepared, cell, RunContext(log), criterion=bench.criterion)

@@ -8,7 +8,8 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
 from hal.configuration import STRICT, ConfigurationError, NotNegative, Positive, Real
-from rtstack.model.cell_description import ArmMounting, Pad
+from hal.pad import Pad
+from rtstack.model.cell_description import ArmMounting
 from rtstack.monitor.parameters import MonitorParameters
 from rtstack.papers.aim_aware.grid import Case, Column, Found, monitors_of
 from rtstack.papers.aim_aware.outline import Outline, Portion, load_outline

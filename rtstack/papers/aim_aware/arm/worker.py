@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from hal.pad import Pad
 from rtstack.experiments.experiment import Row
 from rtstack.experiments.seeds import seed_of
-from rtstack.model.cell_description import ArmMounting, Pad
+from rtstack.model.cell_description import ArmMounting
 from rtstack.monitor.parameters import MonitorParameters
 from rtstack.papers.aim_aware.arm.study import ArmRun, ArmStudy
 from rtstack.papers.aim_aware.classification import Impact

@@ -9,16 +9,17 @@ from pydantic.dataclasses import dataclass as checked
 from hal.arm import Arm
 from hal.configuration import STRICT, NotNegative, Positive
 from hal.errors import HardwareError
+from hal.pad import Pad
 from hal.state import ARM_STATE
 from rtstack.control.modes import ModeMachine, Strategy
 from rtstack.control.parameters import ControlParameters
 from rtstack.control.tick import ArmController, make_arm_controller
 from rtstack.model.arm_model import ArmModel
-from rtstack.model.cell_description import ArmMounting, Pad
+from rtstack.model.cell_description import ArmMounting, tool_of
 from rtstack.monitor.monitor import Monitor
 from rtstack.monitor.parameters import MonitorParameters
 from rtstack.papers.aim_aware.platform.plan import HitPlan
-from rtstack.safety.judge import Cause, SafetyJudge, Tool
+from rtstack.safety.judge import Cause, SafetyJudge
 from rtstack.safety.limits import hardware_limits
 from rtstack.samples import Mode, QpStatus
 
@@ -75,7 +76,7 @@ class Hitter:
     def judge(self) -> SafetyJudge:
         """Return a fresh judge, within the hardware's limits."""
         limits = hardware_limits(self.mounting.robot)
-        return SafetyJudge(limits, self.mounting.base, Tool(self.pad.size, self.pad.flange_to_face))
+        return SafetyJudge(limits, self.mounting.base, tool_of(self.pad))
 
 
 def hit(arm: Arm, hitter: Hitter, plan: HitPlan, monitoring: MonitorParameters, until: int | None = None) -> Hit:

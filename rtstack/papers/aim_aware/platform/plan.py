@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.arrays import Array
+from hal.pad import Pad
 from rtstack.control.records import POINT
 from rtstack.model.arm_model import ArmModel
-from rtstack.model.cell_description import ArmMounting, Pad
+from rtstack.model.cell_description import ArmMounting
 from rtstack.papers.aim_aware.planar.parameters import Task
 from rtstack.papers.aim_aware.planar.plan import Reference, approach_velocity, impact_references
 
