@@ -28,7 +28,7 @@ from sim_robot.gripper import SimulatedGripper
 from sim_robot.hand import Hand
 from sim_robot.lab_objects import with_lab_objects
 from sim_robot.model import SIDES
-from sim_robot.plant import Plant, face_offsets_z
+from sim_robot.plant import Plant, faces
 from sim_robot.plant_parameters import PlantParameters, load_plant_parameters
 from sim_robot.profile import IDEAL, load_profile
 from sim_robot.scene import NO_OBJECT, Scene, load_scene
@@ -119,8 +119,8 @@ class SimulatedCell:
         empty: bool = False,
     ) -> None:
         """empty: the plant's object is out of reach and out of sight, from the start."""
-        self.plant, self.clock, self.seed = plant, clock, seed
-        self.sensors = Sensors(plant, parameters.sensors, face_offsets_z(scene), seed)
+        self.plant, self.clock, self.seed, self.scene = plant, clock, seed, scene
+        self.sensors = Sensors(plant, parameters.sensors, faces(scene), seed)
         self.states = self.sensors.states  # both arms' present states, dtype ARM_STATE, (2,)
         self._shown: list[tuple[RobotMode, int, float] | None] = [None, None]  # of each box
         self._masks = np.zeros(2, dtype=np.int64)

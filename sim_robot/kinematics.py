@@ -11,7 +11,7 @@ from sim_robot.arm_description import JOINTS
 KINEMATICS_RECORD = np.dtype(
     [
         ("T_parent_joint", "f8", (JOINTS, 4, 4)),
-        ("face_offset_z", "f8"),
+        ("joint_T_face", "f8", (4, 4)),  # the end effector's frame in that of joint 7
         ("T", "f8", (4, 4)),  # T_O_EE, row-major
         ("axes", "f8", (JOINTS, 3)),
         ("origins", "f8", (JOINTS, 3)),
@@ -41,8 +41,12 @@ def forward_kinematics(kinematics, q):
             T[r, 3] += a * P[0, 3] + b * P[1, 3] + c * P[2, 3]
             T[r, 0], T[r, 1], T[r, 2] = x * cq + y * sq, y * cq - x * sq, z
             axes[j, r], origins[j, r] = z, T[r, 3]
+    F = kinematics.joint_T_face
     for r in range(3):
-        T[r, 3] += kinematics.face_offset_z * T[r, 2]
+        a, b, c = T[r, 0], T[r, 1], T[r, 2]
+        T[r, 3] += a * F[0, 3] + b * F[1, 3] + c * F[2, 3]
+        for k in range(3):
+            T[r, k] = a * F[0, k] + b * F[1, k] + c * F[2, k]
     J = kinematics.J
     for j in range(JOINTS):
         ax, ay, az = axes[j, 0], axes[j, 1], axes[j, 2]

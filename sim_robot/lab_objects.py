@@ -1,6 +1,7 @@
 """A lab's own arms and objects: what the plant takes of the cell's file, where the controller finds its own values.
 
-[left] and [right]: the arm's `model`; where a file names one, the simulated arm is one of it and begins at the `home`.
+[left] and [right]: the arm's `model` and its own `pad`; where a file names one of them, the simulated arm has it and
+begins at the `home`.
 [objects.NAME] is what a person weighed and measured: mass, size and, where they are not the scene's, the frictions. For
 an object that the scene does not have the plant takes these, and the walls below. [objects.NAME.plant] is the plant's
 alone: any key of GraspObject, in the place of what the plant would have. An object of the scene stays what the scene
@@ -37,21 +38,22 @@ def with_lab_objects(scene: Scene, cell_file: Path) -> Scene:
     return replace(
         scene,
         objects=objects,
-        left=_with_model(scene.left, cell_file, "left"),
-        right=_with_model(scene.right, cell_file, "right"),
+        left=_as_described(scene.left, cell_file, "left"),
+        right=_as_described(scene.right, cell_file, "right"),
     )
 
 
-def _with_model(arm: ArmPlacement, cell_file: Path, side: str) -> ArmPlacement:
+def _as_described(arm: ArmPlacement, cell_file: Path, side: str) -> ArmPlacement:
     described = read_toml(cell_file)[0].get(side, {})
-    if not isinstance(described, dict) or "model" not in described:
+    if not isinstance(described, dict) or not {"model", "pad"} & set(described):
         return arm
     where = f"{cell_file}: {side}"
-    own = {key: described[key] for key in ("model", "home") if key in described}
-    if not isinstance(own["model"], str):
+    own = {key: described[key] for key in ("model", "pad", "home") if key in described}
+    if not isinstance(own.get("model", ""), str):
         raise ConfigurationError(f"{where}: model: expected a name or the path of a TOML, got {own['model']!r}")
-    own["model"] = reference_in(cell_file, own["model"])
-    known = {field.name: getattr(arm, field.name) for field in fields(arm) if field.name != "hand"}
+    if "model" in own:
+        own["model"] = reference_in(cell_file, own["model"])
+    known = {field.name: getattr(arm, field.name) for field in fields(arm) if field.name not in ("hand", "pad")}
     placed = replace(from_document(known | own, ArmPlacement, where), hand=arm.hand)
     load_plant_parameters().of(placed.robot)  # a bad key of its table [plant] is found before anything is opened
     return placed

@@ -89,11 +89,22 @@ def _add_arm(world: Element, side: str, arm: ArmDescription, scene: Scene, frict
     if place.hand is not None:
         _add_hand(body, side, place.hand, arm.flange_offset_z)
         return
-    pad = scene.pad
-    centre = (0.0, 0.0, arm.flange_offset_z + pad.flange_to_face - pad.size[2] / 2.0)
-    body = SubElement(body, "body", name=f"{side}_pad", pos=_text(centre))
+    pad = place.pad or scene.pad
+    T = pad.F_T_box
+    middle = (0.0, 0.0, arm.flange_offset_z) + pad.F_T_face[:3, 3] - T[:3, 2] * (pad.size[2] / 2.0)
+    body = SubElement(body, "body", name=f"{side}_pad", pos=_text(middle))
+    if pad.orientation_wxyz[1:] != (0.0, 0.0, 0.0):
+        body.set("quat", _text(_quaternion(T[:3, :3])))
     geom = SubElement(body, "geom", name=f"{side}_pad", type="box", size=_text(np.array(pad.size) / 2.0))
-    geom.set("mass", repr(pad.mass))
+    if pad.centre is None and pad.inertia is None:
+        geom.set("mass", repr(pad.mass))
+    else:
+        geom.set("mass", "0")
+        I = T[:3, :3].T @ pad.I_centre @ T[:3, :3]  # noqa: E741 - the field's name
+        inertial = SubElement(
+            body, "inertial", pos=_text(T[:3, :3].T @ (pad.F_x_centre - T[:3, 3])), mass=repr(pad.mass)
+        )
+        inertial.set("fullinertia", _text((I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2])))
     geom.set("friction", f"{friction!r} 0 0")
     geom.set("priority", "1")  # the pad's friction and stiffness count, not the larger of the two
     _collides(geom, side)

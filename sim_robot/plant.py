@@ -9,6 +9,7 @@ from hal.displacement import Displacement
 from hal.errors import HardwareError
 from sim_robot.arm_description import JOINTS, arm_description
 from sim_robot.model import build_cell
+from sim_robot.near_geoms import look_at_all, masks_of, near_of, pairs_of
 from sim_robot.plant_parameters import PlantParameters
 from sim_robot.profile import ARM_DRAW, Profile, load_profile
 from sim_robot.scatter import DrawnArm, as_twin, draw_arm, draw_estimate_error, own_model, with_own_friction
@@ -22,7 +23,7 @@ class SimulationDiverged(HardwareError):
     """The simulation produced an absurd velocity or a number that is not finite, and cannot go on."""
 
 
-def pad_face(place: ArmPlacement, face_offset_z: float) -> Array:
+def pad_face(place: ArmPlacement, joint_T_face: Array) -> Array:
     """Return the pad's face in the start pose, (3,) m in the world, from the nominal kinematics."""
     T = np.eye(4)
     rotation = np.zeros(9)
@@ -33,23 +34,25 @@ def pad_face(place: ArmPlacement, face_offset_z: float) -> Array:
         c, s = np.cos(angle), np.sin(angle)
         turn[:2, :2] = [[c, -s], [s, c]]
         T = T @ T_parent_joint @ turn
-    return T[:3, 3] + face_offset_z * T[:3, 2]
+    return T[:3, 3] + T[:3, :3] @ joint_T_face[:3, 3]
 
 
-def face_offsets_z(scene: Scene) -> tuple[float, float]:
-    """Return how far beyond joint 7 each arm's pad ends, or its hand's fingertips are, m."""
-    left, right = (
-        arm_description(place.robot).flange_offset_z
-        + (place.hand.tip_offset_z if place.hand else scene.pad.flange_to_face)
-        for place in (scene.left, scene.right)
-    )
-    return left, right
+def faces(scene: Scene) -> Array:
+    """Return the frames of the arms' pads, or of their hands' fingertips along the flange's axes, in that of joint 7,
+    (2, 4, 4), m."""
+    T = np.tile(np.eye(4), (2, 1, 1))
+    for side, (place, pad) in enumerate(zip((scene.left, scene.right), scene.pads, strict=True)):
+        if place.hand is None:
+            T[side] = pad.F_T_face
+        else:
+            T[side, 2, 3] = place.hand.tip_offset_z
+        T[side, 2, 3] = arm_description(place.robot).flange_offset_z + T[side, 2, 3]
+    return T
 
 
 def _pad_faces_y(scene: Scene) -> tuple[float, float]:
     """Return where the pads begin along y, m: between them is the object's place. A hand leaves its side open."""
-    faces = zip((scene.left, scene.right), face_offsets_z(scene), strict=True)
-    left, right = (float(pad_face(place, offset)[1]) for place, offset in faces)
+    left, right = (float(pad_face(*arm)[1]) for arm in zip((scene.left, scene.right), faces(scene), strict=True))
     # arms that were exchanged stand at each other's side
     return np.inf if scene.left.hand else max(left, right), -np.inf if scene.right.hand else min(left, right)
 
@@ -117,7 +120,8 @@ class Plant:
         # what is on the flanges, a pad or a hand, and where in it an arm is pushed: the middle of its face
         self.pad_bodies, self.finger_bodies, self._object_body = cell.pad_bodies, cell.finger_bodies, cell.object_body
         ends = [
-            place.hand.tip_offset_z if place.hand else scene.pad.size[2] / 2.0 for place in (scene.left, scene.right)
+            place.hand.tip_offset_z if place.hand else pad.size[2] / 2.0
+            for place, pad in zip((scene.left, scene.right), scene.pads, strict=True)
         ]
         self.face_in_pad = np.array([(0.0, 0.0, z) for z in ends])
         self._pad_force = np.zeros((2, 3))
@@ -133,12 +137,18 @@ class Plant:
         for side, arm in enumerate(arms):
             self._fill(side, arm, parameters)
             self.joints[side]["payload_error"] = self.estimate_errors[side].payload_kg
+        model, masks = self.model, masks_of(self.model)
+        collision = (model.geom_contype, model.geom_conaffinity, model.body_contype, model.body_conaffinity)
+        self.look_at_all = bound(look_at_all, masks, *collision)
+        # what is remembered of where the geoms are: near["fixed"] = 1 has MuJoCo look at all of them, always
+        self.near = near_of(model, cell.link1_bodies, cell.object_body, bool(scene.left.hand or scene.right.hand))
         # compiled, or loaded from the cache, before a clock runs
         self._advance_millisecond = bound(
             advance_millisecond,
             self.model._address, data._address, data.qpos, data.qvel, data.qfrc_applied, data.qfrc_constraint,
             data.xanchor, data.xaxis, data.subtree_com, self.model.body_subtreemass,
-            np.array(cell.link1_bodies, dtype=np.int64), self.joints, self.motors,
+            np.array(cell.link1_bodies, dtype=np.int64), self.joints, self.motors, pairs_of(model), masks, self.near,
+            *collision, model.geom_type, model.geom_size, model.geom_rbound, data.geom_xpos, data.geom_xmat,
         )  # fmt: skip
 
     def _fill(self, side: int, arm: DrawnArm, parameters: PlantParameters) -> None:
@@ -216,6 +226,7 @@ class Plant:
     def put_object_back(self) -> bool:
         """Put the object where it began, at rest, unless a pad is in the way. Returns whether it is there now."""
         data, first = self.data, 2 * JOINTS
+        self.look_at_all()
         was = data.qpos[first:].copy(), data.qvel[first:].copy()
         data.qpos[first:], data.qvel[first:] = self._object_place, 0.0
         mujoco.mj_forward(self.model, data)

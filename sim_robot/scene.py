@@ -6,11 +6,13 @@ from math import cos, degrees, pi, radians, sin
 from pathlib import Path
 
 import numpy as np
+from pydantic.dataclasses import dataclass as checked
 
 from hal.arrays import Seven
-from hal.configuration import load_toml
+from hal.configuration import STRICT, load_toml
 from hal.displacement import Displacement
 from hal.errors import ObjectOutOfReach, UnknownObject
+from hal.pad import Pad
 from hal.robots import DEFAULT, RobotModel, robot
 from sim_robot.hand_parameters import FrankaHand
 from sim_robot.plant_parameters import Vector3
@@ -32,13 +34,15 @@ def _positive(**values: float) -> None:
 class ArmPlacement:
     """One arm: its base in the world (m, quaternion wxyz) and its start position (7 joints, rad).
 
-    hand: on the flange instead of the pad. model: of the robot, a name or a TOML's path (hal.robots).
+    hand: on the flange instead of the pad; pad: where it is not the scene's. model: of the robot, a name or a TOML's
+    path (hal.robots).
     """
 
     T_world_base_position: Vector3
     T_world_base_wxyz: Quaternion
     home: Seven
     hand: FrankaHand | None = None
+    pad: Pad | None = None
     model: str = DEFAULT
 
     @property
@@ -69,13 +73,10 @@ class Table:
         _positive(friction=self.friction)
 
 
-@dataclass(frozen=True, slots=True)
-class Pad:
-    """The silicone pad on each flange: a box of `size` m, its face flange_to_face beyond the flange. N/m, kg."""
+@checked(frozen=True, slots=True, config=STRICT, kw_only=True)
+class ScenePad(Pad):
+    """The silicone pad on each flange. stiffness of its silicone N/m."""
 
-    size: Vector3
-    mass: float
-    flange_to_face: float
     stiffness: float
     friction: float
 
@@ -178,7 +179,7 @@ class Scene:
     left: ArmPlacement
     right: ArmPlacement
     table: Table
-    pad: Pad
+    pad: ScenePad
     contact: ContactModel
     placement_scatter: PlacementScatter
     objects: dict[str, GraspObject]
@@ -189,6 +190,11 @@ class Scene:
             raise ValueError("objects must not be empty")
         if NO_OBJECT in self.objects:
             raise ValueError(f"objects.{NO_OBJECT}: the name stands for an empty cell; choose another one")
+
+    @property
+    def pads(self) -> tuple[Pad, Pad]:
+        """What is on the left and on the right flange, where no hand is."""
+        return self.left.pad or self.pad, self.right.pad or self.pad
 
     def find(self, object_name: str) -> GraspObject:
         """Return the object of this name. Raises UnknownObject."""

@@ -8,6 +8,7 @@ from math import exp, floor, pi, sqrt
 
 import numpy as np
 
+from hal.arrays import Array
 from hal.compilation import bound, compiled
 from hal.limits import CONTROL_PERIOD_S
 from hal.state import ARM_STATE
@@ -106,9 +107,8 @@ class Sensors:
     Noise comes from one generator, drawn in blocks: deterministic for a seed and the number of milliseconds.
     """
 
-    def __init__(
-        self, plant: Plant, parameters: SensorParameters, faces_offset_z: tuple[float, float], seed: int
-    ) -> None:
+    def __init__(self, plant: Plant, parameters: SensorParameters, faces: Array, seed: int) -> None:
+        """faces: (2, 4, 4), the end effectors in the frames of joint 7."""
         self.states = np.zeros(2, ARM_STATE)
         self.states["O_T_EE"][:] = np.eye(4)
         self._plant = plant
@@ -117,7 +117,7 @@ class Sensors:
         self._next = BLOCK
         self.kinematics = np.zeros(2, KINEMATICS_RECORD)
         self.kinematics["T_parent_joint"] = [arm_description(model).T_parent_joint for model in plant.robots]
-        self.kinematics["face_offset_z"] = faces_offset_z
+        self.kinematics["joint_T_face"] = faces
         self._records = np.zeros(2, SENSOR_RECORD)
         record = self._records
         for name in ("q_quantum", "smallest_singular_value", "wrench_damping"):

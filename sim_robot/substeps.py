@@ -15,6 +15,7 @@ from numba import types
 from hal.compilation import compiled
 from sim_robot.arm_description import JOINTS
 from sim_robot.model import GRAVITY, SUBSTEPS, TIMESTEP_S
+from sim_robot.near_geoms import look, look_at_all, note_motion
 
 _LIBRARY = next(Path(mujoco.__file__).parent.glob("libmujoco.so.*"))
 llvmlite.binding.load_library_permanently(str(_LIBRARY))
@@ -67,9 +68,12 @@ MOTOR_RECORD = np.dtype(
 @compiled
 def advance_millisecond(
     model_address, data_address, qpos, qvel, qfrc_applied, qfrc_constraint, xanchor, xaxis, subtree_com,
-    subtree_mass, link1_bodies, joints, motors,
+    subtree_mass, link1_bodies, joints, motors, pairs, masks, nears, contype, conaffinity, body_contype,
+    body_conaffinity, geom_type, geom_size, geom_rbound, geom_xpos, geom_xmat,
 ):  # fmt: skip
     """Advance the plant by four substeps; False as soon as a velocity is absurd or not finite.
+
+    pairs, masks and nears: see sim_robot.near_geoms.
 
     In the order of the vendor's loop, with the same old tau_t on both sides of the gear:
     tau_t = K (theta - q) + D (dtheta - dq); the link side takes tau_t for one step; then the motor side
@@ -94,7 +98,21 @@ def advance_millisecond(
                 unknown = joints[arm].payload_error * GRAVITY * lever
                 motor.tau_gravity[j] -= unknown
                 motor.tau_ext[j] += unknown
+    near = nears[0]
+    stale = near.fixed != 0
+    for i in range(qpos.shape[0]):
+        if qpos[i] != near.qpos[i]:  # it was put there: where the geoms are is not known before the next step
+            stale = True
     for _ in range(SUBSTEPS):
+        if stale:
+            look_at_all(masks, contype, conaffinity, body_contype, body_conaffinity)
+            near.room, near.moved = 0.0, 0.0
+        elif near.moved >= near.room:
+            look(
+                pairs, masks, near, contype, conaffinity, body_contype, body_conaffinity, geom_type, geom_size,
+                geom_rbound, geom_xpos, geom_xmat,
+            )  # fmt: skip
+        stale = near.fixed != 0
         for arm in range(2):
             joint, motor = joints[arm], motors[arm]
             for j in range(JOINTS):
@@ -105,6 +123,7 @@ def advance_millisecond(
                 motor.tau_J[j] = tau_t
                 qfrc_applied[i] = tau_t + motor.tau_applied[j]
         _mj_step(model_address, data_address)
+        note_motion(near, qvel, TIMESTEP_S)
         for arm in range(2):
             joint, motor = joints[arm], motors[arm]
             for j in range(JOINTS):
@@ -136,4 +155,6 @@ def advance_millisecond(
             i = arm * JOINTS + j
             motor.tau_J[j] = joint.K[j] * (motor.theta[j] - qpos[i]) + joint.D[j] * (motor.dtheta[j] - qvel[i])
             motor.dq[j] = qvel[i]
+    for i in range(qpos.shape[0]):
+        near.qpos[i] = qpos[i]
     return True

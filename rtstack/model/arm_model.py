@@ -7,8 +7,9 @@ import numpy as np
 import pinocchio as pin
 
 from hal.arrays import Array
+from hal.pad import Pad
 from hal.robots import RobotModel
-from rtstack.model.cell_description import ArmMounting, Pad, base_frame
+from rtstack.model.cell_description import ArmMounting, base_frame
 
 
 @cache
@@ -25,14 +26,23 @@ def flange_pose(robot: RobotModel, q: Array) -> Array:
 
 
 def build_model(mounting: ArmMounting, pad: Pad) -> pin.Model:
-    """Return the Pinocchio model of an arm on its base, with the pad as a solid box fixed to the flange."""
+    """Return the Pinocchio model of an arm on its base, with its own pad, or this one, fixed to the flange."""
     model = pin.Model(_flange_model(mounting.robot))
     frame = base_frame(mounting)
     model.jointPlacements[1] = pin.SE3(frame.rotation, frame.translation) * model.jointPlacements[1]
     flange = model.frames[model.getFrameId("link8")]
-    centre = flange.placement * pin.SE3(np.eye(3), np.array([0.0, 0.0, pad.flange_to_face - pad.size[2] / 2]))
-    model.appendBodyToJoint(flange.parentJoint, pin.Inertia.FromBox(pad.mass, *pad.size), centre)
+    pad = mounting.pad or pad
+    inertia, at = pin.Inertia.FromBox(pad.mass, *pad.size), flange.placement * pin.SE3(pad.F_T_box)
+    if pad.centre is not None or pad.inertia is not None:
+        inertia, at = pin.Inertia(pad.mass, pad.F_x_centre, pad.I_centre), flange.placement
+    model.appendBodyToJoint(flange.parentJoint, inertia, at)
     return model
+
+
+def face_placement(mounting: ArmMounting, pad: Pad, model: pin.Model) -> pin.SE3:
+    """Return the frame of the face of an arm's own pad, or of this one, in the frame of its last joint."""
+    flange = model.frames[model.getFrameId("link8")]
+    return flange.placement * pin.SE3((mounting.pad or pad).F_T_face)
 
 
 class ModelArrays(NamedTuple):
@@ -52,7 +62,9 @@ class ArmModel:
 
     M (7, 7) mass matrix of the links (upper triangle), C (7, 7) Coriolis matrix, g (7,) gravity torque, J0 and dJ0
     (6, 7) Jacobian and its time derivative at the world's origin along the world's axes (linear first), R7 (3, 3)
-    and p7 (3,) pose of the last joint, face (3,) position of the pad's face in the last joint's frame.
+    and p7 (3,) pose of the last joint, face (3,) and R_joint_ee (3, 3) the pad's face in the last joint's frame.
+
+    pad: of the cell, which counts where the arm has none of its own.
     """
 
     def __init__(self, mounting: ArmMounting, pad: Pad) -> None:
@@ -63,8 +75,7 @@ class ArmModel:
         self.T_world_base = np.eye(4)
         self.T_world_base[:3, :3] = frame.rotation
         self.T_world_base[:3, 3] = frame.translation
-        flange = self.pin_model.frames[self.pin_model.getFrameId("link8")]
-        face = flange.placement * pin.SE3(np.eye(3), np.array([0.0, 0.0, pad.flange_to_face]))
+        face = face_placement(mounting, pad, self.pin_model)
         self.face: Array = face.translation.copy()
         self.R_joint_ee: Array = np.ascontiguousarray(face.rotation)
         self.update(np.array(mounting.home), np.zeros(7))

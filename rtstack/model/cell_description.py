@@ -11,32 +11,25 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, Field
+from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
 from hal.clock_relation import ClockRelation
 from hal.configuration import STRICT, ConfigurationError, NotNegative, Positive, load_toml, place_of
+from hal.pad import Pad, Quaternion, Vector
 from hal.robots import DEFAULT, RobotModel, reference_in, robot
+from hal.tag_camera import TagCamera
 from hal.tracker import TrackerFrames, TrackerRequest, TrackerTimes
 from rtstack.model.rotation import rotation_from_quaternion
 from rtstack.safety.body import Base, Tool
 from rtstack.safety.limits import hardware_limits
 from rtstack.samples import Reaction
 
-_UNIT_TOLERANCE = 1e-2  # four rounded digits
 LARGEST_AGE_MS = 100.0  # ten frames of a slow tracker; ours
+Clock = Literal["robot", "host", "own", "arrival"]
+_CLOCKS: dict[str, Clock] = {"natnet": "own", "apriltag": "host"}  # of the kinds that have only one
 NO_TRACKER = "none"  # [tracker] kind of a cell in which nothing sees the object
-Number = Annotated[float, Field(allow_inf_nan=False)]
-Vector = tuple[Number, Number, Number]
 
-
-def _unit(q: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
-    if abs(math.hypot(*q) - 1.0) > _UNIT_TOLERANCE:
-        raise ValueError(f"a unit quaternion wxyz is expected, not one of norm {math.hypot(*q):.3g}")
-    return q
-
-
-Quaternion = Annotated[tuple[Number, Number, Number, Number], AfterValidator(_unit)]
 Friction = Annotated[float, Field(gt=0.0, le=2.0, allow_inf_nan=False)]
 # at most twice the paper's, N/m and Nm/rad: an untested gain is not accepted for real arms
 Stiffness = Annotated[float, Field(ge=0.0, le=4000.0, allow_inf_nan=False)]
@@ -50,7 +43,7 @@ class ArmMounting:
 
     model: of the robot, a registered name or the path of its TOML (hal.robots), in a cell's file from its folder.
     desk: HOST or HOST:PORT of its Desk, "" where it is not looked at; serial: of its control box, as `rtstack desk
-    status` says it, "" where it is not compared.
+    status` says it, "" where it is not compared. pad: its own, where it is not the cell's.
     """
 
     address: Annotated[str, Field(pattern=r"^[^\s,:/]+$")]
@@ -60,6 +53,7 @@ class ArmMounting:
     model: str = DEFAULT
     desk: Annotated[str, Field(pattern=r"^([A-Za-z0-9.-]+(:\d{1,5})?)?$")] = ""
     serial: str = ""
+    pad: Pad | None = None
 
     @property
     def robot(self) -> RobotModel:
@@ -70,15 +64,6 @@ class ArmMounting:
     def base(self) -> Base:
         """What the safety judge knows of it. Raises ValueError for what is no place."""
         return Base(self.base_position, self.base_orientation_wxyz, self.robot)
-
-
-@checked(frozen=True, slots=True, config=STRICT)
-class Pad:
-    """The silicone pad on the flange, a box whose outer face is the end effector's origin. m, kg."""
-
-    size: tuple[float, float, float]
-    mass: NotNegative
-    flange_to_face: float
 
 
 @checked(frozen=True, slots=True, config=STRICT)
@@ -123,15 +108,16 @@ class TrackerDescription:
     """Where the object's poses come from, in which frame and with which times: see hal.tracker.
 
     kind: a name of rtstack.trackers. udp: datagrams (hal.tracker_link) that are sent to HOST:PORT; natnet: Motive at
-    HOST:PORT; none: nothing sees the object. clock: of the poses' times, udp alone; position, orientation_wxyz: of the
-    tracker's frame in the world. bodies: by the objects' names. largest_age_ms: None: 100, any by the robot's clock.
-    place_tolerance_m: an object that is seen further from its place than this is put back before a trial.
+    HOST:PORT; apriltag: `camera` sees a tag on the object; none: nothing sees the object. clock: of the poses' times,
+    udp alone; position, orientation_wxyz: of the tracker's frame in the world. bodies: by the objects' names.
+    largest_age_ms: None: 100, any by the robot's clock. place_tolerance_m: an object that is seen further from its
+    place than this is put back before a trial.
     """
 
     kind: str = "udp"
     address: Annotated[str, Field(pattern=r"^[^\s:]+:\d{1,5}$")] = "127.0.0.1:1341"
     place_tolerance_m: Annotated[float, Field(gt=0.0, le=1.0, allow_inf_nan=False)] = 0.06
-    clock: Literal["robot", "own", "arrival"] = "robot"
+    clock: Clock = "robot"
     latency_ms: Annotated[float, Field(ge=0.0, le=1000.0, allow_inf_nan=False)] = 0.0
     largest_age_ms: Annotated[float, Field(gt=0.0)] | None = None
     multicast: Annotated[str, Field(pattern=r"^(\d{1,3}(\.\d{1,3}){3})?$")] = ""
@@ -139,6 +125,7 @@ class TrackerDescription:
     position: Vector = (0.0, 0.0, 0.0)
     orientation_wxyz: Quaternion = (1.0, 0.0, 0.0, 0.0)
     bodies: dict[str, TrackedBody] = field(default_factory=dict)
+    camera: TagCamera | None = None
 
     def frames(self, object_name: str) -> TrackerFrames:
         """Return where tracker and object stand. Raises ValueError for an object that is not among the bodies, where
@@ -153,11 +140,11 @@ class TrackerDescription:
         """Return what the tracker is opened with; see hal.tracker.TrackerRequest. Raises ValueError as `frames`."""
         host, _, port = self.address.rpartition(":")
         body = self.bodies.get(object_name)
-        clock = "own" if self.kind == "natnet" else self.clock
+        clock: Clock = _CLOCKS.get(self.kind, self.clock)
         age_ms = self.largest_age_ms or (math.inf if clock == "robot" else LARGEST_AGE_MS)
         return TrackerRequest(
             host, int(port), self.frames(object_name), TrackerTimes(clock, self.latency_ms, age_ms),
-            robot_clock, None if body is None else body.id, self.multicast,
+            robot_clock, None if body is None else body.id, self.multicast, self.camera,
         )  # fmt: skip
 
 
@@ -214,6 +201,50 @@ class Calibration:
     points: int | None = None
 
 
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+@checked(frozen=True, slots=True, config=STRICT)
+class CameraDescription:
+    """A camera, `[cameras.NAME]`: none by default. kind: an entry point of rtstack.cameras; address: a device or file.
+
+    position, m, and orientation_wxyz, in the world: it looks along its z, its x is to the picture's right. fov_y_deg:
+    of the picture's height; intrinsics (9,): K, row-major, px, in its place where it was measured, with distortion
+    (k1, k2, p1, p2, k3). stamped: the time is drawn into each picture; quality: of the JPEG.
+    """
+
+    kind: str
+    position: Vector
+    orientation_wxyz: Quaternion
+    address: str = ""
+    width: Annotated[int, Field(ge=64, le=4096, multiple_of=2)] = 640
+    height: Annotated[int, Field(ge=64, le=4096, multiple_of=2)] = 480
+    rate_hz: Annotated[float, Field(ge=1.0, le=120.0)] = 30.0
+    fov_y_deg: Annotated[float, Field(gt=1.0, lt=170.0)] = 45.0
+    intrinsics: Annotated[tuple[Finite, ...], Field(min_length=9, max_length=9)] | None = None
+    distortion: Annotated[tuple[Finite, ...], Field(max_length=5)] = ()
+    stamped: bool = False
+    quality: Annotated[int, Field(ge=10, le=95)] = 85
+
+    @property
+    def K(self) -> tuple[float, ...]:
+        """The camera matrix (9,), row-major, px."""
+        if self.intrinsics is not None:
+            return self.intrinsics
+        f = 0.5 * self.height / math.tan(0.5 * math.radians(self.fov_y_deg))
+        return f, 0.0, 0.5 * self.width, 0.0, f, 0.5 * self.height, 0.0, 0.0, 1.0
+
+    @property
+    def D(self) -> tuple[float, ...]:
+        """Its distortion, empty where it has none."""
+        return self.distortion
+
+    @property
+    def pose(self) -> tuple[float, ...]:
+        """T_world_camera (7,): m, wxyz."""
+        return *self.position, *self.orientation_wxyz
+
+
 class LoadPolicy(StrEnum):
     """What becomes of an object that is still held after a stop: rtstack.trials.load."""
 
@@ -250,6 +281,9 @@ class CellDescription:
     load_after_stop: LoadPolicy = LoadPolicy.HOLD
     safety: dict[str, Any] = field(default_factory=dict)
     joint_friction: Path | None = None
+    cameras: dict[Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,15}$")], CameraDescription] = field(
+        default_factory=dict
+    )
 
     @property
     def reaction(self) -> Reaction:
@@ -261,12 +295,28 @@ class CellDescription:
         """The models of the left and of the right arm."""
         return self.left.robot, self.right.robot
 
+    @property
+    def pads(self) -> tuple[Pad, Pad]:
+        """What the left and the right arm carry."""
+        return self.left.pad or self.pad, self.right.pad or self.pad
+
+    @property
+    def tools(self) -> tuple[Tool, Tool]:
+        """The same as the safety judge sees it. Raises ValueError for what is no pad."""
+        left, right = self.pads
+        return tool_of(left), tool_of(right)
+
     def about(self, object_name: str) -> "CellDescription":
         """Return the description with the contact friction of this object, where it has its own."""
         thing = self.objects[object_name]
         own = {"pad": thing.pad_friction, "table": thing.table_friction}
         own = {what: friction for what, friction in own.items() if friction is not None}
         return replace(self, contact_friction=replace(self.contact_friction, **own))
+
+
+def tool_of(pad: Pad) -> Tool:
+    """Return a pad as the safety judge sees it. Raises ValueError."""
+    return Tool(pad.size, pad.flange_to_face, pad.offset_xy, pad.orientation_wxyz)
 
 
 @dataclass(frozen=True, slots=True)
@@ -308,7 +358,9 @@ def load_cell_description(path: Path) -> CellDescription:
         "left.": lambda: left.base,
         "right.": lambda: right.base,
         "objects.": lambda: _check_names(description.objects),
-        "pad.": lambda: Tool(pad.size, pad.flange_to_face),
+        "pad.": lambda: tool_of(pad),
+        "left.pad.": lambda: tool_of(left.pad or pad),
+        "right.pad.": lambda: tool_of(right.pad or pad),
         "": lambda: [hardware_limits(model).tightened(description.safety) for model in description.robots],
     }
     for key, check in checks.items():

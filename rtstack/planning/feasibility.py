@@ -15,7 +15,7 @@ from rtstack.model.cell_description import CellDescription, ObjectDescription
 from rtstack.planning.impact_loads import impact_loads
 from rtstack.planning.planned import PlannedMotion
 from rtstack.planning.request import PlanError, TooFast
-from rtstack.safety.body import Tool, arm_body
+from rtstack.safety.body import arm_body
 from rtstack.safety.geometry import arm_distance, place_arm
 from rtstack.safety.limits import HARDWARE, SafetyLimits, hardware_limits
 from rtstack.safety.records import StopProfile, empty_memory, rules
@@ -50,9 +50,9 @@ def object_named(description: CellDescription, name: str) -> ObjectDescription:
 
 def check_place(description: CellDescription, object_name: str, height: float) -> None:
     """Refuse a height at which the pads do not lie on the object's face as a whole, or touch the table."""
-    thing, pad = description.objects[object_name], description.pad
-    room = (thing.size[2] - pad.size[1]) / 2
-    lowest = max(-room, CLEARANCE_M + (pad.size[1] - thing.size[2]) / 2)
+    thing, length = description.objects[object_name], max(pad.size[1] for pad in description.pads)
+    room = (thing.size[2] - length) / 2
+    lowest = max(-room, CLEARANCE_M + (length - thing.size[2]) / 2)
     if not lowest - 1e-9 <= height <= room + 1e-9:
         raise PlanError(
             f"height {height:g} m: on {object_name} the pads have to be within {lowest:.3f} and {room:.3f} m of its "
@@ -203,17 +203,17 @@ def near_misses(description: CellDescription, q: Sequence[Array], points: NDArra
 
     q: (n, 7) rad of either arm; points (2, n): position and rotation of the pads at the same ticks.
     """
-    table, pad = description.table, description.pad
+    table = description.table
     half = np.array(table.size_xy) / 2
     low, high = np.array(table.centre_xy) - half, np.array(table.centre_xy) + half
-    tool = Tool(pad.size, pad.flange_to_face)
-    bodies = [arm_body(mounting.base, tool) for mounting in (description.left, description.right)]
+    mountings = (description.left, description.right)
+    bodies = [arm_body(mounting.base, tool) for mounting, tool in zip(mountings, description.tools, strict=True)]
     rule = [rules(HARDWARE, StopProfile(), bodies[arm], bodies[1 - arm]) for arm in range(2)]
     memory = empty_memory(2)
-    reach, still = np.array(pad.size) / 2, np.zeros(7)
+    reaches, still = [np.array(pad.size) / 2 for pad in description.pads], np.zeros(7)
     for tick in range(0, points.shape[1], LOOK_TICKS):
         for arm, side in enumerate(SIDES):
-            point = points[arm, tick]
+            point, reach = points[arm, tick], reaches[arm]
             place_arm(q[arm][tick], still, rule[arm][0], memory[arm])
             lowest = point["position"][2] - point["rotation"][2, 2] * reach[2] - np.abs(point["rotation"][2]) @ reach
             first = bodies[arm]["first"]

@@ -98,7 +98,7 @@ def _push_impact(description: CellDescription, object_name: str, meeting: NDArra
         q, dq = (seven(values) for values in joint_state(mounting, description.pad, meeting))
         return impact_map(
             Scene(
-                arms={"left": Arm(mounting.base_position, q, mounting.base_orientation_wxyz, dq=dq)},
+                arms={"left": Arm(mounting.base_position, q, mounting.base_orientation_wxyz, dq=dq, pad=mounting.pad)},
                 objects={"object": Box(thing.mass, thing.size, (0.0, 0.0, top + thing.size[2] / 2))},
                 supports={"table": Plane((0.0, 0.0, top), (0.0, 0.0, 1.0))},
                 contacts=(

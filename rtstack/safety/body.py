@@ -56,10 +56,13 @@ class Base:
 
 @dataclass(frozen=True, slots=True)
 class Tool:
-    """The pad on the flange: a box, m, whose outer face is `flange_to_face` away from the flange. Raises ValueError."""
+    """The pad on the flange: a box, m; the middle of its outer face is at (offset_xy, flange_to_face), m, and looks
+    along its z, turned by a quaternion wxyz, in the flange's frame. Raises ValueError."""
 
     size: tuple[float, float, float] = (0.1, 0.1, 0.03)
     flange_to_face: float = 0.03
+    offset_xy: tuple[float, float] = (0.0, 0.0)
+    orientation_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         """Check it."""
@@ -67,6 +70,10 @@ class Tool:
             raise ValueError(f"size = {list(self.size)}: must be positive and finite")
         if not math.isfinite(self.flange_to_face):
             raise ValueError(f"flange_to_face = {self.flange_to_face}: must be finite")
+        if not all(map(math.isfinite, self.offset_xy)):
+            raise ValueError(f"offset_xy = {list(self.offset_xy)}: must be finite")
+        if not 1e-6 < math.hypot(*self.orientation_wxyz) < math.inf:
+            raise ValueError(f"orientation_wxyz = {list(self.orientation_wxyz)}: not a quaternion")
 
 
 def arm_body(base: Base, tool: Tool) -> NDArray[np.void]:
@@ -78,7 +85,7 @@ def arm_body(base: Base, tool: Tool) -> NDArray[np.void]:
         origin = root.find(f"joint[@name='joint{i + 1}']/origin")
         body["translation"][i], body["rotation"][i] = _numbers(origin, "xyz"), _turn(_numbers(origin, "rpy"))
     flange = _numbers(root.find("joint[@name='joint8']/origin"), "xyz")
-    body["face"] = flange + (0.0, 0.0, tool.flange_to_face)
+    body["face"] = flange + (*tool.offset_xy, tool.flange_to_face)
     count = 0
     for link in range(LINKS):
         body["first"][link] = count
@@ -91,8 +98,9 @@ def arm_body(base: Base, tool: Tool) -> NDArray[np.void]:
                 _add(body, count, middle - along, middle + along, float(cylinder.attrib["radius"]))
                 count += 1
     width, depth, height = tool.size
-    middle = body["face"] - (0.0, 0.0, height / 2)
-    _add(body, count, middle - (width / 2, 0, 0), middle + (width / 2, 0, 0), math.hypot(depth / 2, height / 2))
+    turn = _rotation(tool.orientation_wxyz)
+    middle, half = body["face"] - turn[:, 2] * (height / 2), turn[:, 0] * (width / 2)
+    _add(body, count, middle - half, middle + half, math.hypot(depth / 2, height / 2))
     body["first"][LINKS] = count + 1
     return body
 

@@ -40,9 +40,9 @@ class Standing:
     distance: float
 
 
-def standing(q: Array, bases: tuple[Base, Base], tool: Tool, limits: PairLimits) -> Standing:
+def standing(q: Array, bases: tuple[Base, Base], tools: tuple[Tool, Tool], limits: PairLimits) -> Standing:
     """Return where arms at q (2, 7) stand, by the judge's own picture of them."""
-    bodies = [arm_body(base, tool) for base in bases]
+    bodies = [arm_body(*arm) for arm in zip(bases, tools, strict=True)]
     memories, dq = empty_memory(2), np.zeros(7)
     both = [rules(limits[k], StopProfile(), bodies[k], bodies[1 - k]) for k in (0, 1)]
     for k in (0, 1):

@@ -86,13 +86,13 @@ class SafetyJudge:
         profile: StopProfile | None = None,
         pair: NDArray[np.void] | None = None,
         side: int = 0,
-        other: Base | None = None,
+        other: tuple[Base, Tool] | None = None,
     ) -> None:
-        """pair: memories (2,) shared with the other arm's judge; side: which of them is this one's; other: its base."""
+        """pair: memories (2,) shared with the other arm's judge; side: which of them is this one's; other: that arm."""
         memories = pair if pair is not None else empty_memory(2)
         self.memory, self._other = memories[side : side + 1], memories[1 - side : 2 - side]
         base, tool = base or Base(), tool or Tool()
-        self._rules = rules(limits, profile or StopProfile(), arm_body(base, tool), arm_body(other or base, tool))
+        self._rules = rules(limits, profile or StopProfile(), arm_body(base, tool), arm_body(*(other or (base, tool))))
         if pair is None:
             self._rules.flags.writeable = True
             self._rules["skew_max_ns"] = NEVER_NS
@@ -179,11 +179,11 @@ class SafetyJudge:
 
 
 def pair_of_judges(
-    limits: PairLimits, left: Base, right: Base, tool: Tool, profile: StopProfile | None = None
+    limits: PairLimits, left: Base, right: Base, tools: tuple[Tool, Tool], profile: StopProfile | None = None
 ) -> tuple[SafetyJudge, SafetyJudge]:
     """Return the judges of two arms that watch each other: distance, silence, and that neither goes on alone."""
     pair = empty_memory(2)
     return (
-        SafetyJudge(limits[0], left, tool, profile, pair, 0, right),
-        SafetyJudge(limits[1], right, tool, profile, pair, 1, left),
+        SafetyJudge(limits[0], left, tools[0], profile, pair, 0, (right, tools[1])),
+        SafetyJudge(limits[1], right, tools[1], profile, pair, 1, (left, tools[0])),
     )

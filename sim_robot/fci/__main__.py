@@ -26,10 +26,9 @@ from sim_robot.fci.lockstep import Lockstep
 from sim_robot.fci.realtime import Realtime, RightClock
 from sim_robot.fci.server import Server
 from sim_robot.fci.tracker_feed import TrackerFeed
-from sim_robot.lab_objects import difference, with_lab_objects
+from sim_robot.lab_objects import difference
 from sim_robot.plant_parameters import load_plant_parameters
 from sim_robot.profile import IDEAL, profile_names
-from sim_robot.scene import load_scene
 
 LARGEST_PRIORITY = 99  # sched(7)
 
@@ -137,11 +136,9 @@ def _open(options: argparse.Namespace) -> Server:
         scene=scene, cell_file=options.cell_file, box_kind=DrivenBox, faults=faults, on_the_wire=True,
         profile=options.profile,
     )  # fmt: skip
-    if options.cell_file is not None:
-        layout = with_lab_objects(load_scene(scene), options.cell_file)
-        if other := difference(layout, options.cell_file, options.object):
-            print(f"warning: {other}", file=sys.stderr, flush=True)
-    server = Server(cell, load_scene(scene), load_plant_parameters(), (options.left, options.right))
+    if options.cell_file is not None and (other := difference(cell.scene, options.cell_file, options.object)):
+        print(f"warning: {other}", file=sys.stderr, flush=True)
+    server = Server(cell, load_plant_parameters(), (options.left, options.right))
     if options.tracker is not None:
         host, port = options.tracker
         try:

@@ -188,10 +188,10 @@ def fill_states(states, measured, desired, settings, motions, motors, wires, col
 
         # what the robot carries of a load that was set
         mass, Q = setting.m_load, body.T
+        product(Q, setting.face_T_F, T)
         for r in range(3):
-            flange = Q[r, 3] - setting.F_T_NE[2, 3] * Q[r, 2]
             centre = setting.F_x_Cload
-            lever[r] = flange + Q[r, 0] * centre[0] + Q[r, 1] * centre[1] + Q[r, 2] * centre[2]
+            lever[r] = T[r, 3] + T[r, 0] * centre[0] + T[r, 1] * centre[1] + T[r, 2] * centre[2]
         for j in range(JOINTS):
             axis, origin = body.axes[j], body.origins[j]
             lift = axis[0] * (lever[1] - origin[1]) - axis[1] * (lever[0] - origin[0])

@@ -16,7 +16,6 @@ from sim_robot.fci.settings import SETTINGS_RECORD, Settings
 from sim_robot.fci.tracker_feed import TrackerFeed
 from sim_robot.plant_parameters import PlantParameters
 from sim_robot.proximity import Proximity
-from sim_robot.scene import Scene
 
 TIDY_AFTER_S = 1.0
 
@@ -24,11 +23,9 @@ TIDY_AFTER_S = 1.0
 class Server:
     """The arm_servers of both arms, and the one way in which the plant goes on."""
 
-    def __init__(
-        self, cell: SimulatedCell, scene: Scene, parameters: PlantParameters, addresses: tuple[str, str]
-    ) -> None:
+    def __init__(self, cell: SimulatedCell, parameters: PlantParameters, addresses: tuple[str, str]) -> None:
         """Listen at both addresses (left, right). Raises OSError when one cannot be taken."""
-        self.cell, self.poller = cell, Poller()
+        self.cell, self.poller, scene = cell, Poller(), cell.scene
         self._wires = np.zeros(2, ROBOT_STATE)
         self._settings = np.zeros(2, SETTINGS_RECORD)
         self._motions = np.zeros(2, MOTION_RECORD)
@@ -50,7 +47,7 @@ class Server:
                 on_gone=functools.partial(self._gone, side),
             )
             hand, model = (scene.left, scene.right)[side].hand, cell.plant.robots[side]
-            settings = Settings(self._settings[side], model, scene.pad, parameters.holding.stiffness, hand)
+            settings = Settings(self._settings[side], model, scene.pads[side], parameters.holding.stiffness, hand)
             arm_servers.append(
                 make_station(
                     cell,

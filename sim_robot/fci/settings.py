@@ -4,10 +4,10 @@ import numpy as np
 
 from hal.arrays import Array
 from hal.limits import COLLISION_TORQUES
+from hal.pad import Pad
 from hal.robots import RobotModel
 from sim_robot.arm_description import JOINTS, arm_description
 from sim_robot.hand_parameters import FrankaHand
-from sim_robot.scene import Pad
 
 # Transforms are row-major here. thresholds: lower and upper while accelerating, lower and upper at constant velocity.
 SETTINGS_RECORD = np.dtype(
@@ -18,6 +18,7 @@ SETTINGS_RECORD = np.dtype(
         ("NE_T_EE", "f8", (4, 4)),
         ("face_T_EE", "f8", (4, 4)),  # from the pad's face, where the sensors estimate the wrench
         ("face_T_K", "f8", (4, 4)),
+        ("face_T_F", "f8", (4, 4)),  # the flange in the pad's face
         ("flange_offset_z", "f8"),
         ("m_ee", "f8"),
         ("I_ee", "f8", 9),
@@ -79,25 +80,26 @@ class Settings:
     ) -> None:
         """hand: what Desk has set as the end effector instead of the pad."""
         self.record = record
-        size, flange = np.array(pad.size), arm_description(model).flange_offset_z
+        flange = arm_description(model).flange_offset_z
         limits, cartesian = model.limits, model.cartesian
         record["joint_limits"] = [
             limits.q_lower, limits.q_upper, limits.dq_max, *limits.enforced_velocity_law(), limits.ddq_max,
             limits.dddq_max, limits.tau_max,
         ]  # fmt: skip
         record["cartesian_limits"] = cartesian.translation, cartesian.rotation, cartesian.elbow
-        record["F_T_NE"] = np.eye(4)
-        record["F_T_NE"][2, 3] = pad.flange_to_face
+        record["F_T_NE"] = pad.F_T_face
         record["flange_offset_z"] = flange
         record["NE_T_EE"], record["EE_T_K"] = np.eye(4), np.eye(4)
         record["m_ee"] = pad.mass
-        record["F_x_Cee"] = (0.0, 0.0, pad.flange_to_face - size[2] / 2.0)
-        record["I_ee"] = np.diag(pad.mass / 12.0 * (np.sum(size**2) - size**2)).ravel()
+        record["F_x_Cee"], record["I_ee"] = pad.F_x_centre, pad.I_centre.ravel()
+        record["face_T_F"] = np.linalg.inv(pad.F_T_face)
         self._face_T_NE = np.eye(4)
         if hand is not None:
             record["F_T_NE"], record["m_ee"], record["F_x_Cee"] = hand.F_T_NE(), hand.mass, hand.centre
             record["I_ee"] = np.diag(hand.inertia).ravel()
             self._face_T_NE[:3, :3] = record["F_T_NE"][:3, :3]  # the face has the flange's axes
+            record["face_T_F"] = np.eye(4)
+            record["face_T_F"][2, 3] = -hand.tip_offset_z
         record["torque_thresholds"] = (CONTACT_TORQUES, COLLISION_TORQUES) * 2
         record["force_thresholds"] = (CONTACT_FORCES, COLLISION_FORCES) * 2
         record["K_theta"] = joint_stiffness
