@@ -5,11 +5,12 @@ A topic that is added here, or that an installed package offers, is in all of th
 
 from collections.abc import Iterable, Sequence
 
+from hal.cycle import CYCLE_FIELDS, WORK_FIELDS
 from hal.extensions import ExtensionPoint
+from hal.record import POSE as POSE_AXES
 from hal.record import Field
 from hal.topic import Message, Topic
 from hal.tracker import OBJECT_POSE_FIELDS
-from hal.turn import TURN_FIELDS, WORK_FIELDS
 from rtstack.samples import ARM_FIELDS, CONTROL_FIELDS, EVENT_FIELDS, SIDES, TIMING_FIELDS
 
 ARM = Message(
@@ -19,13 +20,33 @@ ARM = Message(
 )
 CONTROL = Message("rtstack.ControlSample", "What the controller of one arm did in this tick.", CONTROL_FIELDS)
 TIMING = Message("rtstack.TimingSample", "How the real-time loop kept time.", TIMING_FIELDS)
-TURN = Message(
-    "rtstack.TurnSample", "When a state came and was answered, where each arm has a clock of its own.", TURN_FIELDS
+CYCLE = Message(
+    "rtstack.CycleSample", "When a state came and was answered, where each arm has a clock of its own.", CYCLE_FIELDS
 )
 WORK = Message("rtstack.WorkSample", "What the host did with the real-time loop.", WORK_FIELDS)
 POSE = Message("foxglove.PoseInFrame", "Pose of an object, in a frame.", OBJECT_POSE_FIELDS)
 EVENT = Message("foxglove.Log", "Something that happened.", EVENT_FIELDS)
 
+HAND = Message(
+    "rtstack.HandSample",
+    "A command of teleoperation that was applied, and the picture that it answers. Filtered it is pose_ref.",
+    (
+        *(
+            Field(f"asked_{side}", f"Requested pose T_world_ee, {side}: m, quaternion.", "m", POSE_AXES, "world")
+            for side in SIDES
+        ),
+        Field("sequence", "Number of the command, as its sender counts.", kind="i8"),
+        Field("picture", "Number of the picture that its sender saw, as the console counts.", kind="i8"),
+        Field("made_us", "From when it was made until its torque was sent, {unit}.", "us", host_clock=True),
+        Field("came_us", "From when the console had it until its torque was sent, {unit}.", "us", host_clock=True),
+        Field("picture_us", "From the picture's robot state until then, {unit}.", "us", host_clock=True),
+        Field("seen_us", "From when the picture was seen until then, {unit}.", "us", host_clock=True),
+        Field("dropped_old", "Commands so far that were too old to be applied.", kind="i8", host_clock=True),
+        Field("dropped_order", "Commands so far that came after a later one.", kind="i8", host_clock=True),
+        Field("dropped_picture", "Commands so far that were made on an old picture.", kind="i8", host_clock=True),
+        Field("dropped_other", "Commands so far that were not applied for another reason.", kind="i8", host_clock=True),
+    ),
+)
 CLOCK = Message(
     "rtstack.ClockSample",
     "How the robot's time is the host's: a line through the states that were delayed least, of the last 20 s.",
@@ -44,9 +65,10 @@ CLOCK = Message(
 
 ARM_TOPICS = tuple(f"/{side}/arm" for side in SIDES)
 CONTROL_TOPICS = tuple(f"/{side}/control" for side in SIDES)
-TURN_TOPICS = tuple(f"/{side}/turn" for side in SIDES)
+CYCLE_TOPICS = tuple(f"/{side}/cycle" for side in SIDES)
 WORK_TOPIC = "/host/work"
 TIMING_TOPIC, OBJECT_TOPIC, EVENT_TOPIC, CLOCK_TOPIC = "/timing", "/object/pose", "/events", "/clock"
+HAND_TOPIC = "/hand"
 
 
 def topic_table(rows: Iterable[Topic]) -> dict[str, Topic]:
@@ -87,8 +109,9 @@ TOPICS, REFUSED = _with_offered(
         Topic(OBJECT_TOPIC, POSE, 100, "what the tracker saw"),
         Topic(CLOCK_TOPIC, CLOCK, 10, "where the arms keep their own time: Unix time of the robot's"),
         Topic(EVENT_TOPIC, EVENT, 0, "who (`name`), what (`message`), how severe", plotted=False),
-        *(Topic(name, TURN, 1000, plotted=False) for name in TURN_TOPICS),
+        *(Topic(name, CYCLE, 1000, plotted=False) for name in CYCLE_TOPICS),
         Topic(WORK_TOPIC, WORK, 125, plotted=False),
+        Topic(HAND_TOPIC, HAND, 100, "of teleoperations", plotted=False),
     ]
 )
 TICK_TOPICS = tuple(topic.name for topic in TOPICS.values() if topic.every_tick)

@@ -60,12 +60,15 @@ def _explain(error: Exception) -> int:
     from hal.configuration import ConfigurationError
     from hal.errors import HardwareError
     from hal.extensions import ExtensionError
+    from hal.extras import advice
     from rtstack.log.errors import LogError
     from rtstack.trials.errors import TrialError
 
     usage = getattr(error, "format_message", None)  # what typer raises for a wrong option or argument
     if usage is not None:
         return _say(f"{usage()} (see --help)", BAD_INPUT)
+    if isinstance(error, ModuleNotFoundError) and (lacking := advice(error.name)):
+        return _say(lacking, BAD_INPUT)
     if isinstance(error, TrialError | LogError | ConfigurationError | HardwareError | ExtensionError):
         return _say(str(error), BAD_INPUT)
     if os.environ.get("RTSTACK_TRACEBACK"):

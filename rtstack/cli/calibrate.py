@@ -3,34 +3,24 @@
 import datetime
 import json as json_module
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import typer
 
 from hal.cell import Cell
-from rtstack.calibration.cell_file import Values, changes, write
-from rtstack.calibration.fit import SIDES, CalibrationError, Fit, calibrate
-from rtstack.calibration.payload import Payload, payload
-from rtstack.calibration.points import (
-    Point,
-    load_points,
-    nominal_geometry,
-    observations,
-    resting,
-    save_points,
-)
+from rtstack.calibration.cell_file import write
+from rtstack.calibration.outcome import Outcome, outcome
+from rtstack.calibration.points import Point, load_points, save_points
 from rtstack.cells import load_description, open_cell
-from rtstack.cells.metal import LARGEST_RMS_MM
 from rtstack.cli.hold_to_run import HoldToRun
 from rtstack.cli.interrupt import interruptible
 from rtstack.cli.tables import print_table
 from rtstack.identification.sweep import wiggle as wiggle_plan
 from rtstack.loop.watchdogs import Parent
-from rtstack.model.arm_model import build_model
 from rtstack.model.cell_description import CellDescription
 from rtstack.playback.run import NO_OBJECT
+from rtstack.samples import SIDES
 from rtstack.trials.assembly import arm_controllers, cell_parameters
 from rtstack.trials.errors import TrialError
 from rtstack.trials.guide import run_guide, where_arms_stand
@@ -78,21 +68,18 @@ def run_calibrate(
     if missing and cell_kind is not None:
         points = _measured(path, points, missing, cell_kind, description, source, seconds)
     try:
-        fit = calibrate(observations(points, description), nominal_geometry(description))
-        loads = _loads(points, description)
-    except CalibrationError as error:
+        found = outcome(points, description, datetime.date.today())
+    except TrialError as error:
         raise TrialError(f"{path}: {error}") from None
-    values = changes(fit, description, datetime.date.today())
-    coarse = 1e3 * max(fit.rms_m, fit.place_m) > LARGEST_RMS_MM
     if json:
-        typer.echo(json_module.dumps(_document(fit, values, loads)))
+        typer.echo(json_module.dumps(found.document()))
     else:
-        _print(fit, values, loads)
-    if coarse:
-        typer.echo(f"rtstack: above {LARGEST_RMS_MM:g} mm, not used: measure more points, further apart", err=True)
+        _print(found)
+    if found.refusal is not None:
+        typer.echo(f"rtstack: {found.refusal}", err=True)
         raise typer.Exit(FAILED)
     if into_file:
-        write(source, values)
+        write(source, found.values)
     if not json:
         typer.echo(f"written: {source}" if into_file else "nothing is written; --write puts it into the cell's file")
 
@@ -108,7 +95,7 @@ def _measured(
     try:
         for number, name in enumerate(missing, 1):
             while True:
-                what = f"point {number} of {len(missing)}, {name}: {_asked(points[name])}"
+                what = f"point {number} of {len(missing)}, {name}: {points[name].asked}"
                 typer.echo(what, err=True)
                 with interruptible() as stop, hold.held(what, stop) as held:
                     context = RunContext(stop=stop, watchdogs=(Parent(), *held))
@@ -122,19 +109,6 @@ def _measured(
     finally:
         cell.close()
     return points
-
-
-def _asked(point: Point) -> str:
-    x, y, z = point.place or (0.0, 0.0, 0.0)
-    match point.what:
-        case "touch":
-            return f"touch x {x:.4f}, y {y:.4f}, z {z:.4f} m with the middle of the {point.side} pad's face"
-        case "meet":
-            return "let both pads' faces touch each other, middle on middle"
-        case "see":
-            return f"any posture in which the tracker sees the {point.side} flange"
-        case _:
-            return "any posture, the pads free; then take the hands off"
 
 
 def _taken() -> bool:
@@ -157,56 +131,14 @@ def _looked_at(point: Point, cell: Cell) -> Point:
             state = arm.read()
             q[side] += state.q / LOOKS
             tau[side] += state.tau_ext_hat_filtered / LOOKS
-    left, right = (tuple(row) for row in q.round(6).tolist())
-    taus = [tuple(row) for row in tau.round(4).tolist()] if point.what == "rest" else [None, None]
-    return replace(point, q_left=left, q_right=right, tau_left=taus[0], tau_right=taus[1])
+    return point.taken(q, tau)
 
 
-def _loads(points: dict[str, Point], description: CellDescription) -> dict[str, Payload]:
-    pad, found = description.pad, {}
-    told = (pad.mass, np.array([0.0, 0.0, pad.flange_to_face - pad.size[2] / 2.0]))
-    for side, mounting in enumerate((description.left, description.right)):
-        q, tau = resting(points, side)
-        if len(q):
-            found[SIDES[side]] = payload(build_model(mounting, pad), told, q, tau)
-    return found
-
-
-def _print(fit: Fit, values: Values, loads: dict[str, Payload]) -> None:
-    rows = [(name, f"{1e3 * away:.2f}", "") for name, away in fit.residuals.items()]
-    rows += [(name, f"{1e3 * away:.2f}", "WRONG: left out") for name, away in fit.wrong.items()]
+def _print(found: Outcome) -> None:
+    rows = [(name, f"{1e3 * away:.2f}", "") for name, away in found.fit.residuals.items()]
+    rows += [(name, f"{1e3 * away:.2f}", "WRONG: left out") for name, away in found.fit.wrong.items()]
     print_table(("point", "off by, mm", ""), rows, "")
-    for key, value in values.items():
+    for key, value in found.values.items():
         typer.echo(f"{'.'.join(key)} = {value}")
-    low, high = (1e3 * edge for edge in fit.rms_interval_m)
-    typer.echo(
-        f"rms {1e3 * fit.rms_m:.2f} mm (95 %: {low:.2f} to {high:.2f}); in 95 % of such calibrations no pad is off "
-        f"there by more than {1e3 * fit.place_m:.2f} mm, no base by {np.degrees(fit.turn_rad):.2f} deg"
-    )
-    for side, name in enumerate(SIDES):
-        if f"{name} pad" in fit.groups:
-            x, y, z = (1e3 * fit.geometry.faces[side]).tolist()
-            typer.echo(f"{name} pad: its face is at x {x:+.1f}, y {y:+.1f}, z {z:+.1f} mm of the flange")
-    for name, load in loads.items():
-        centre = ", ".join(f"{1e3 * c:+.0f}" for c in load.centre)
-        typer.echo(
-            f"{name} payload: {load.mass:.3f} +- {load.mass_half:.3f} kg, centre {centre} mm of the flange "
-            f"(+- {1e3 * load.centre_half.max():.0f}); {load.rms_nm:.2f} Nm are left"
-        )
-
-
-def _document(fit: Fit, values: Values, loads: dict[str, Payload]) -> dict[str, object]:
-    return {
-        "values": {".".join(key): str(v) if isinstance(v, datetime.date) else v for key, v in values.items()},
-        "residuals_mm": {name: 1e3 * away for name, away in fit.residuals.items()},
-        "wrong_mm": {name: 1e3 * away for name, away in fit.wrong.items()},
-        "rms_mm": 1e3 * fit.rms_m,
-        "rms_interval_mm": [1e3 * edge for edge in fit.rms_interval_m],
-        "uncertainty_mm": 1e3 * fit.place_m,
-        "uncertainty_deg": float(np.degrees(fit.turn_rad)),
-        "pads_mm": (1e3 * fit.geometry.faces).tolist(),
-        "payloads": {
-            name: {"mass": load.mass, "mass_half": load.mass_half, "centre": load.centre.tolist()}
-            for name, load in loads.items()
-        },
-    }
+    for line in found.lines:
+        typer.echo(line)

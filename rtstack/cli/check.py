@@ -149,8 +149,8 @@ def _late(lateness: Lateness) -> Finding:
     shares = lateness.shares
     advice = _LATE[Blame(max(shares, key=lambda name: shares[name]))] if shares else ""
     cost = "a late answer is a lost one; 20 in a row stop the arm"
-    good = len(lateness.late) <= GOOD_LATE_SHARE * lateness.turns
-    return finding("late turns", lateness.line, good, cost, advice)
+    good = len(lateness.late) <= GOOD_LATE_SHARE * lateness.cycles
+    return finding("late cycles", lateness.line, good, cost, advice)
 
 
 def _link(figures: LinkBenchmark) -> Finding:

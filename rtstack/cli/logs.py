@@ -94,7 +94,7 @@ def _lines(found: Review) -> list[str]:
             value = getattr(values, name)
             lines.append(f"  {name:<22} {'-' if value is None else f'{value:.3f}'}")
     if found.lateness is not None:
-        lines += [f"  {'late turns':<22} {found.lateness.line}", *(f"    {row}" for row in found.lateness.table)]
+        lines += [f"  {'late cycles':<22} {found.lateness.line}", *(f"    {row}" for row in found.lateness.table)]
     lines.append("  events")
     lines += [f"    {e.t_ns * 1e-9:8.3f} s  {e.level.name:<7} {e.name}: {e.text}" for e in found.events]
     return lines

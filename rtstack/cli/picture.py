@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from rtstack.figures.log_data import mode_spans
+from rtstack.log.mode_spans import mode_spans
 from rtstack.log.reader import Log
 from rtstack.palette import MODE_STYLES
 from rtstack.samples import SIDES

@@ -1,4 +1,4 @@
-"""`rtstack replay`: the states of logs through the present controller, and a table of what it makes of them now."""
+"""`rtstack replay`: logs through the present controller, or their commands through a twin; a table of what differs."""
 
 import json as json_module
 from pathlib import Path
@@ -6,13 +6,22 @@ from pathlib import Path
 import typer
 
 from rtstack.playback.replay import Replay, replay
+from rtstack.playback.twin_replay import TwinReplay, replay_in_twin
 
 FAILED = 1
 SHOWN = 12  # fields in the table
+SAME_FORCE = 0.1  # a twin's contact force is as the log's within this share of it
 
 
-def run(logs: list[Path], json: bool) -> None:
-    """Replay logs one after another. Exits with 1 where one differs."""
+def run(logs: list[Path], json: bool, twin: str | None) -> None:
+    """Replay logs one after another, in a twin's plant where one is given. Exits with 1 where one differs."""
+    if twin is not None:
+        made = [replay_in_twin(path, twin) for path in logs]
+        for each in made:
+            typer.echo(json_module.dumps(each.as_dict()) if json else "\n".join(_forces(each)))
+        if any(abs(arm.off) > SAME_FORCE for each in made for arm in each.arms if arm.off is not None):
+            raise typer.Exit(FAILED)
+        return
     found = [replay(path) for path in logs]
     for each in found:
         typer.echo(json_module.dumps(each.as_dict()) if json else "\n".join(_lines(each)))
@@ -41,3 +50,14 @@ def _lines(found: Replay) -> list[str]:
     ]
     more = len(found.differences) - SHOWN
     return lines + [f"and {more} fields more"] * (more > 0)
+
+
+def _forces(made: TwinReplay) -> list[str]:
+    lines = [f"{made.log}: {made.kind}, {made.ticks} ticks; in {made.twin} {made.replayed_ticks}"]
+    lines.append(f"{'arm':<6}{'contact':>10}{'mean force':>14}{'twin':>9}{'off':>8}{'peak':>9}{'twin':>9}{'path':>9}")
+    for arm in made.arms:
+        mean, peak = ([f"{value:.1f} N" for value in pair] for pair in (arm.mean_n, arm.peak_n))
+        off = "-" if arm.off is None else f"{100.0 * arm.off:+.1f} %"
+        lines.append(f"{arm.side:<6}{1e-3 * arm.ticks:>8.1f} s{mean[0]:>14}{mean[1]:>9}{off:>8}{peak[0]:>9}{peak[1]:>9}"
+                     f"{arm.path_mm:>6.1f} mm")  # fmt: skip
+    return lines

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import typer
 
+from hal.extras import require
 from rtstack.cells import load_description, with_profile
 from rtstack.cells.fci import fci_addresses
 from rtstack.live.source import described_as
@@ -17,6 +18,7 @@ from rtstack.trials.errors import TrialError
 
 def up(port: int, logs: Path, cell_file: Path | None, kind: str, host: str | None = None, https: bool = False) -> None:
     """Start the stack on a kind of cell and stay until it ends. Raises TrialError, ConfigurationError."""
+    require("console")
     host = _host(host, https)
     source = load_description(cell_file)[1]
     described_as(source, kind)
@@ -81,6 +83,7 @@ def robot(run: Path, logs: Path, cell_file: Path | None, kind: str) -> None:
 
 def console(run: Path, port: int, logs: Path, cell_file: Path | None, kind: str) -> None:
     """Become the console of the robot process in a run folder. Raises TrialError, ConfigurationError, LogError."""
+    require("console")
     shared = _shared(run, logs, cell_file, kind)
     rings = find_rings(run)
     try:

@@ -17,6 +17,7 @@ from hal.extensions import ExtensionError
 from rtstack.cli.interrupt import interruptible
 from rtstack.live.protocol import JobState
 from rtstack.teleoperation.device import DEVICES, InputDevice
+from rtstack.teleoperation.stamp import Sender
 from rtstack.trials.errors import TrialError
 
 PERIOD_S = 0.02  # of the device, and of the clutch's signs of life
@@ -84,9 +85,10 @@ def teleoperate(name: str, address: str, token: str, object_name: str, recorded:
             job = operator.post("beat")["job"]
         if job["state"] == JobState.RUNNING:
             with operator.hand() as stream:
-                hold(operator, stream)
+                sender = Sender()
+                hold(operator, stream, sender)
                 with closing(factory(argument)) as device:
-                    job = lead(operator, device, stream, lambda: stop.stop_requested)
+                    job = lead(operator, device, stream, sender, lambda: stop.stop_requested)
         while job["state"] in _ACTIVE:
             time.sleep(PERIOD_S)
             job = operator.post("beat")["job"]
@@ -96,21 +98,22 @@ def teleoperate(name: str, address: str, token: str, object_name: str, recorded:
         raise typer.Exit(FAILED)
 
 
-def hold(operator: Operator, stream: Connection) -> None:
+def hold(operator: Operator, stream: Connection, sender: Sender) -> None:
     """Hold the clutch as soon as the arms have said where they are: what a device says before that would be lost."""
     until_s = time.monotonic() + TIMEOUT_S
-    while reason := _told(stream, {"clutch": True})["error"]:
+    _told(stream, sender, {})  # nothing asked: the answer is the first picture
+    while reason := _told(stream, sender, {"clutch": True})["error"]:
         if time.monotonic() > until_s or operator.post("beat")["job"]["state"] not in _ACTIVE:
             raise TrialError(reason)
         time.sleep(PERIOD_S)
 
 
-def _told(stream: Connection, message: dict[str, Any]) -> dict[str, Any]:
-    stream.send(json.dumps(message))
-    return json.loads(stream.recv(TIMEOUT_S))
+def _told(stream: Connection, sender: Sender, message: dict[str, Any]) -> dict[str, Any]:
+    stream.send(json.dumps(sender.stamped(message)))
+    return sender.saw(json.loads(stream.recv(TIMEOUT_S)))
 
 
-def lead(operator: Operator, device: InputDevice, stream: Connection, stop: Any) -> dict[str, Any]:
+def lead(operator: Operator, device: InputDevice, stream: Connection, sender: Sender, stop: Any) -> dict[str, Any]:
     """Pass on what the device says, 50 times a second, until it has finished. Returns the job."""
     beat_s, refused = 0.0, ""
     while True:
@@ -119,7 +122,7 @@ def lead(operator: Operator, device: InputDevice, stream: Connection, stop: Any)
         if said.finished or stop():
             operator.post("teleoperation/finish")
             return operator.post("beat")["job"]
-        answer = _told(stream, said.message())
+        answer = _told(stream, sender, said.message())
         reason = answer["error"] or answer.get("refusal") or ""
         if reason != refused:
             refused = reason

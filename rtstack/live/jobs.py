@@ -75,6 +75,8 @@ class Jobs:
 
     def run(self, order: JobRequest, log: Path) -> Result:
         """Carry out a job. Raises TrialError, LogError, HardwareError."""
+        if not isinstance(order, GuideRequest):  # which is the way out, and to the next point of a calibration
+            self._source.check()
         match order:
             case PlaybackRequest():
                 return self._playback(order, log)

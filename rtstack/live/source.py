@@ -8,6 +8,7 @@ from hal.cell import Cell
 from hal.displacement import Displacement
 from rtstack.cells import kind_of, open_cell
 from rtstack.model.cell_description import CellDescription, load_cell_description
+from rtstack.trials.errors import TrialError
 
 
 class OpenCell(Protocol):
@@ -24,12 +25,21 @@ class OpenCell(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class CellSource:
-    """A kind of cell (as the command line spells it), its description and that file, and how to open one."""
+    """A kind of cell (as the command line spells it), its description and that file, and how to open one.
+
+    content: what the file said when it was read.
+    """
 
     kind: str
     description: CellDescription
     file: Path
     open_cell: OpenCell
+    content: bytes
+
+    def check(self) -> None:
+        """Raise TrialError where the file was changed since it was read: a calibration, or a person."""
+        if self.file.read_bytes() != self.content:
+            raise TrialError(f"{self.file} was changed since the stack was started: end it and start it again")
 
 
 def described_as(file: Path, kind: str) -> CellDescription:
@@ -48,9 +58,9 @@ def live_source(file: Path, kind: str = "direct") -> CellSource:
 
     A simulated one is paced: real time where the machine can, slower where it cannot, and never wrong.
     """
-    description = described_as(file, kind)
+    description, content = described_as(file, kind), file.read_bytes()
 
     def open_live(object_name: str, displacement: Displacement, seed: int, faults: Path | None = None) -> Cell:
         return open_cell(kind, object_name, displacement, seed, description, faults, cell_file=file, live=True)
 
-    return CellSource(kind=kind, description=description, file=file, open_cell=open_live)
+    return CellSource(kind=kind, description=description, file=file, open_cell=open_live, content=content)

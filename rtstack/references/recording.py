@@ -16,6 +16,7 @@ from rtstack.log.errors import LogError
 from rtstack.log.reader import Log, read_log
 from rtstack.monitor.expected import ExpectedImpact
 from rtstack.references.acceptance import Acceptance, AcceptanceError, AcceptanceState, load_acceptance
+from rtstack.references.geometry import MOVED_M, moved_m
 from rtstack.references.impact import demonstrated_impact, planned_impact
 from rtstack.references.motion import Motion
 from rtstack.samples import SIDES, Mode
@@ -45,7 +46,8 @@ class Recording:
     N, Nm: by what each arm's feedforward steps at the nominal impact, where that is known (a plan). detected: index of
     the impact that was found, None without one; problem: why no reference can be made of it; measured (2, n) of
     MEASURED, None where the joints are not known; of a plan, what was planned. begin_s: how much was cut off before the
-    first sample; whole (2, m) of POINT: what there is without cutting, where it was asked for.
+    first sample; whole (2, m) of POINT: what there is without cutting, where it was asked for. hits: of each pad, the
+    index at which its impact was found, None without one.
     """
 
     points: NDArray
@@ -60,6 +62,7 @@ class Recording:
     measured: NDArray | None = None
     begin_s: float = 0.0
     whole: NDArray | None = None
+    hits: tuple[int | None, int | None] = (None, None)
 
     @property
     def impact_s(self) -> float:
@@ -171,6 +174,11 @@ def recording_of(
         problem = f"its impact was set to {accepted.nominal_impact_s:g} s by hand, past its end at {end_s:g} s"
     elif accepted.verdict is AcceptanceState.REJECTED and not patient:
         problem = "this recording was rejected: follow another one"
+    elif (away_m := moved_m(log, arms, measured["q"])) > MOVED_M:
+        problem = (
+            f"it was made with bases and pads elsewhere than the cell's file has them now: its pads would be up to "
+            f"{away_m * 1e3:.0f} mm off; record it again"
+        )
     if problem is not None and not patient:
         raise ReferenceError(f"{path}: {problem}")
     impact = n if impact is None or problem is not None else impact
@@ -188,7 +196,13 @@ def recording_of(
         measured=measured,
         begin_s=begin * period_s,
         whole=whole,
+        hits=(_hit(hits[0], kept), _hit(hits[1], kept)),
     )
+
+
+def _hit(index: int, kept: slice) -> int | None:
+    """Return the index of a pad's impact in what is used."""
+    return index - kept.start if index < kept.stop else None
 
 
 def _kept(path: Path, accepted: Acceptance, n: int, period_s: float) -> slice:

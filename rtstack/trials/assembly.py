@@ -23,7 +23,7 @@ from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
 from rtstack.monitor.expected import ExpectedImpact
 from rtstack.monitor.pair import PairParameters
-from rtstack.safety.judge import SafetyJudge, Tool, pair_of_judges
+from rtstack.safety.judge import SafetyJudge, pair_of_judges
 from rtstack.safety.limits import PairLimits
 from rtstack.samples import Mode, QpSolver, Reaction
 from rtstack.trials.friction import load_friction
@@ -103,8 +103,7 @@ def arm_controllers(
 
 def safety_judges(cell: CellDescription, limits: PairLimits | None = None) -> tuple[SafetyJudge, SafetyJudge]:
     """Return the left and the right arm's judges, by default within the hardware's limits as the cell tightens them."""
-    tool = Tool(cell.pad.size, cell.pad.flange_to_face)
-    return pair_of_judges(limits or limits_of_arms(cell), cell.left.base, cell.right.base, tool)
+    return pair_of_judges(limits or limits_of_arms(cell), cell.left.base, cell.right.base, cell.tools)
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from rtstack.model.cell_description import CellDescription
 from rtstack.references.acceptance import Acceptance
 from rtstack.references.recording import ReferenceError, recording_of
 from rtstack.references.spreading import ExtendedReference, extend
+from rtstack.references.worth import Remark, remarks_on
 from rtstack.samples import SIDES
 from rtstack.trials.assembly import arm_controllers, cell_parameters
 
@@ -34,6 +35,7 @@ class Extraction:
 
     problem: why no reference can be made; the curves are empty then. detected_impact_s: None where none was found.
     Times are s since the recording's start; begin_s, end_s: what is used of it, and duration_s: how long that is.
+    remarks: what is good and bad about it as a reference.
     """
 
     duration_s: float
@@ -51,6 +53,7 @@ class Extraction:
     whole_t_s: list[float]
     whole_velocity: dict[str, list[float]]
     whole_force: dict[str, list[float]]
+    remarks: list[Remark]
 
 
 def extract(
@@ -107,4 +110,5 @@ def extract(
         whole_t_s=(np.arange(whole.shape[1])[::step] * period_s).tolist(),
         whole_velocity={side: whole[arm]["twist"][::step, 1].tolist() for arm, side in enumerate(SIDES)},
         whole_force={side: whole[arm]["wrench_ff"][::step, 1].tolist() for arm, side in enumerate(SIDES)},
+        remarks=list(remarks_on(recording, control.exclusion_s)),
     )

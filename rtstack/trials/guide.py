@@ -12,7 +12,6 @@ from rtstack.loop.end import End
 from rtstack.loop.session import SessionPlan
 from rtstack.loop.watchdogs import WatchdogTrip
 from rtstack.model.cell_description import CellDescription
-from rtstack.safety.body import Tool
 from rtstack.safety.guided import Standing, beyond, beyond_limits, guided_limits, outside_robot, standing
 from rtstack.safety.limits import ForcePhase
 from rtstack.samples import Level
@@ -54,9 +53,8 @@ class _Hand:
 def where_arms_stand(description: CellDescription, cell: Cell) -> Standing:
     """Return where the arms of an open cell stand. Raises HardwareError."""
     q = np.array([arm.read().q for arm in (cell.left, cell.right)])
-    pad = description.pad
-    tool = Tool(pad.size, pad.flange_to_face)
-    return standing(q, (description.left.base, description.right.base), tool, limits_of_arms(description))
+    bases = (description.left.base, description.right.base)
+    return standing(q, bases, description.tools, limits_of_arms(description))
 
 
 def run_guide(

@@ -14,7 +14,7 @@ from rtstack.trials.specification import HandMotion, MoveSpecification
 HELD_AFTER = frozenset(
     (
         End.COMPLETED, End.STOP_REQUESTED, End.RELEASED, End.CLUTCH_QUIET, End.CONSOLE_GONE, End.OPERATOR_GONE,
-        End.PARENT_GONE, End.HARDWARE, End.CRASH, End.NOT_AT_REST, End.LOG_FAILED,
+        End.POLICY_QUIET, End.PARENT_GONE, End.HARDWARE, End.CRASH, End.NOT_AT_REST, End.LOG_FAILED,
     )
 )  # fmt: skip
 _MOTIONS = {LoadPolicy.LOWER: HandMotion.PUT_DOWN, LoadPolicy.RELEASE: HandMotion.OPEN}

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 from hal.cell import Cell
 from hal.realtime import obtainable
 from hal.robots import FR3
+from rtstack.cameras.start import Cameras
 from rtstack.log.errors import LogError
 from rtstack.log.ring import LogState, Rings
 from rtstack.log.writer import Attachment, CellFrames, Evidence, LogProcess
@@ -113,9 +114,12 @@ class TrialLog:
     lockstep: the robot waits for its answer, so that the run may wait for the log.
     """
 
-    def __init__(self, path: Path, rings: Rings, process: LogProcess, lockstep: bool) -> None:
+    def __init__(
+        self, path: Path, rings: Rings, process: LogProcess, lockstep: bool, cameras: Cameras | None = None
+    ) -> None:
         self.path = path
         self.rings = rings
+        self.cameras = cameras
         self.evidence: Evidence | None = None
         self._trouble, self._hangs = "", False
         self._process = process
@@ -132,6 +136,8 @@ class TrialLog:
     def wait_ready(self) -> None:
         """See RunLog."""
         self._process.wait_ready()
+        if self.cameras is not None:
+            self.cameras.wait_ready()
 
     def trip(self) -> WatchdogTrip | None:
         """See RunLog: the log process has said that it failed, or `wait_for_room` has found that it is gone."""
@@ -162,16 +168,25 @@ class TrialLog:
     def close(self, result: dict[str, Any]) -> str | None:
         """Write the result and finish the file. Returns None, or in one line why the log is not complete."""
         try:
+            if self.cameras is not None:
+                self.cameras.finish()
             self._process.close(result, self.evidence, _END_OF_HANGING_S if self._hangs else _END_S)
         except LogError as error:
             return str(error)
         finally:
-            self.rings.close()
+            self._let_go()
         return None
 
     def abandon(self) -> None:
         """Finish the file without a result, when something worse has happened. Never raises."""
+        if self.cameras is not None:
+            self.cameras.finish()
         self._process.abandon()
+        self._let_go()
+
+    def _let_go(self) -> None:
+        if self.cameras is not None:
+            self.cameras.close()
         self.rings.close()
 
 
@@ -201,6 +216,7 @@ def open_log(
     except OSError as error:
         raise LogError(f"cannot read the reference: {error.filename}: {error.strerror}") from None
     rings = Rings.create()
+    cameras = Cameras(description, cell_file, specification.object, rings) if description.cameras else None
     try:
         process = LogProcess.start(
             path,
@@ -213,11 +229,15 @@ def open_log(
             ],
             frames(description, specification.object),
             overwrite=overwrite,
+            cameras=() if cameras is None else cameras.logged,
         )
     except BaseException:
+        if cameras is not None:
+            cameras.finish()
+            cameras.close()
         rings.close()
         raise
-    return TrialLog(path, rings, process, lockstep)
+    return TrialLog(path, rings, process, lockstep, cameras)
 
 
 def _versions(specification: Specification) -> dict[str, str]:
@@ -276,11 +296,11 @@ def logged_urdfs(attachments: Sequence[Attachment]) -> tuple[str, str]:
 
 def frames(description: CellDescription, object_name: str) -> CellFrames:
     """Return where the arms stand and how large pads and object are, for /tf and for who draws the log."""
-    mounts = base_poses(description)
+    mounts, (left, right) = base_poses(description), description.pads
     thing = description.objects.get(object_name)
     table = description.table
     return CellFrames(
-        mounts[0], mounts[1], description.pad.size, thing.size if thing else (0.0, 0.0, 0.0),
+        mounts[0], mounts[1], (left.size, right.size), thing.size if thing else (0.0, 0.0, 0.0),
         (*table.centre_xy, 0.5 * table.top_z), (*table.size_xy, table.top_z),
         description.left.robot.urdf, description.right.robot.urdf,
     )  # fmt: skip

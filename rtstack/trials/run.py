@@ -1,6 +1,6 @@
 """A run: one session on a cell, with its history, its log, and its context."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any, Self, TypeVar
@@ -8,6 +8,7 @@ from typing import Any, Self, TypeVar
 from hal.cell import Cell
 from hal.errors import HardwareError
 from hal.realtime import realtime_thread
+from hal.sensor import Sensor
 from rtstack.control.watch import TrialMonitor
 from rtstack.loop.end import End
 from rtstack.loop.fault import Fault
@@ -40,25 +41,29 @@ class Run:
 
     Left by an exception, it finishes its log without a result.
 
-    share: how much of a run is over whose plan is written as it goes, None where not known.
+    share: how much of a run is over whose plan is written as it goes, None where not known. between: called between two
+    ticks with the number of the last one, before what is said is passed on.
     """
 
     share: Callable[[], float] | None = None
+    between: Callable[[int], None] | None = None
 
     def __init__(
         self, description: CellDescription, parameters: Parameters, plan: SessionPlan, limits: PairLimits,
-        context: RunContext, way: StartMotion | None,
+        context: RunContext, way: StartMotion | None, longest: int = 0, leads: Sequence[Sensor] = (),
     ) -> None:  # fmt: skip
+        """longest: ticks of a run whose plan is written as it goes, where all of it is to be kept."""
         self._description = description
         self._parameters = parameters
         self._plan = plan
         self._limits = limits
         self._context, self._log = context, context.log
         self._way = way
+        self._leads = leads
         self._watchdogs = (*context.watchdogs, *([context.log] if context.log is not None else []))
         self._publisher: Publisher | None = None
-        endless = plan.guide is not None
-        self.history = History(NEWEST_TICKS if endless else plan.ticks + SPARE_TICKS, endless)
+        endless = plan.guide is not None and not longest
+        self.history = History(NEWEST_TICKS if endless else max(plan.ticks, longest) + SPARE_TICKS, endless)
         if context.log is not None:
             context.log.take_from(self.history)
         self.log_name = context.log_name
@@ -98,7 +103,7 @@ class Run:
             self._description, self._parameters, factory, nominal_impact_s, watched, self._limits
         )
         self.monitor = controller.monitor
-        publisher = self._publisher = Publisher(self._context.listening, self.history, cell.sensors)
+        publisher = self._publisher = Publisher(self._context.listening, self.history, cell.sensors, self._leads)
         judges = safety_judges(self._description, self._limits)
         session = Session(
             cell, controller, judges, publisher, self._plan, self._context.stop, self._between_ticks,
@@ -175,6 +180,8 @@ class Run:
         return SessionOutcome(trip.end, trip.detail, 0, 0, 0, 0.0, fault)
 
     def _between_ticks(self, index: int) -> None:
+        if self.between is not None:
+            self.between(index)
         if index % ROOM_TICKS == 0 and self._log is not None:
             self._log.wait_for_room()
         if self._context.progress is not None and index % PROGRESS_TICKS == 0:

@@ -150,7 +150,8 @@ def _look_along(
     board = np.array([[*(np.array(table.centre_xy) - half), -1.0], [*(np.array(table.centre_xy) + half), table.top_z]])
     floor = np.array([[-9.0, -9.0, -1.0], [9.0, 9.0, 0.0]])
     for t_s in np.linspace(0.0, path.duration_s, LOOKS):
-        boxes = [_pad_box(arm, q, description.pad.size) for arm, q in zip(arms, path.at(float(t_s)), strict=True)]
+        placed = zip(arms, path.at(float(t_s)), description.pads, strict=True)
+        boxes = [_pad_box(arm, q, pad.size) for arm, q, pad in placed]
         for side, box in zip(SIDES, boxes, strict=True):
             if _near(box, board, CLEAR_OF_TABLE_M) or _near(box, floor, CLEAR_OF_TABLE_M):
                 raise _refusal(side, "the table")

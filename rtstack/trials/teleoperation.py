@@ -11,13 +11,16 @@ from rtstack.loop.session import SessionPlan
 from rtstack.loop.timeline import TICK_NS
 from rtstack.model.cell_description import CellDescription
 from rtstack.safety.limits import ForcePhase
+from rtstack.samples import Level
 from rtstack.teleoperation.guide import TeleoperationGuide
 from rtstack.teleoperation.reach import Reach
 from rtstack.trials.assembly import Parameters, cell_parameters, following
 from rtstack.trials.object import check_object
+from rtstack.trials.policy_host import PolicyHost
 from rtstack.trials.result import TeleoperationResult
 from rtstack.trials.run import Run
 from rtstack.trials.run_context import NO_CONTEXT, RunContext
+from rtstack.trials.run_observer import RunEvent
 from rtstack.trials.scoring import failure_reason
 from rtstack.trials.specification import TeleoperationSpecification
 from rtstack.trials.start_motion import StartMotion
@@ -36,11 +39,12 @@ def run_teleoperation(
     parameters: Parameters | None = None,
     way: StartMotion | None = None,
     clock: Callable[[], int] = time.monotonic_ns,
+    host: PolicyHost | None = None,
 ) -> TeleoperationResult:
     """Follow the mailbox's targets of this job on an open cell until the operator ends it. The log is closed here.
 
     Before the first target the arms hold where they are. clock: the host's monotonic time, ns, that the clutch's signs
-    of life carry. way: gone before the first tick.
+    of life carry. way: gone before the first tick. host: of a policy in this process, which leads from the beginning.
     """
     parameters = parameters or cell_parameters(description)
     check_object(specification.object, description)
@@ -49,7 +53,11 @@ def run_teleoperation(
     guide = TeleoperationGuide(mailbox, specification.job, reach, specification.stop_on_release, clock)
     control = parameters.control
     plan = SessionPlan.guided(guide, control.stiffness_teleoperation, control.period_s, ForcePhase.CONTACT)
-    with Run(description, parameters, plan, limits, context.with_watchdog(guide), way) as run:
+    longest = 0 if host is None else host.longest_ticks
+    with Run(description, parameters, plan, limits, context.with_watchdog(guide), way, longest, [guide]) as run:
+        guide.tell = lambda text: run.run_event(RunEvent(Level.INFO, "operator", text))
+        if host is not None:
+            run.between = host.serve(guide, cell.tracker, description, run.run_event)
         outcome = run.follow(cell, following(Strategy.PROPOSED), 0.0)
         interventions = outcome.safety_interventions
         end = End.COMPLETED if outcome.end in _AS_WANTED else outcome.end

@@ -8,11 +8,13 @@ They come from files that are named when the program starts. No request that arr
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydantic.dataclasses import dataclass as checked
 
 from hal.cell import Cell
 from hal.configuration import STRICT, load_toml
 from hal.limits import OwnLimits
+from hal.robots import ROBOTS, RobotModel
 from rtstack.model.cell_description import CellDescription
 from rtstack.safety.limits import (
     FORCES_BY_PHASE,
@@ -62,6 +64,27 @@ def difference_of_limits(description: CellDescription, own: tuple[OwnLimits, Own
         if (differs := within_own(limits, one)[1])
     ]
     return f"the robots' own limits differ, and the tighter ones hold: {', '.join(found)}" if found else ""
+
+
+def check_models(description: CellDescription, own: tuple[OwnLimits, OwnLimits] | None) -> None:
+    """Raise TrialError where a robot's joints move as those of another model than the cell's file has: in a range of
+    positions that the described one does not stay in, and that a registered model comes nearer to."""
+    for side, model, one in zip(SIDES, description.robots, own or (), strict=False):
+        stays = np.all(model.limits.q_lower >= one.q_lower) and np.all(model.limits.q_upper <= one.q_upper)
+        if stays:
+            continue
+        nearest = min(ROBOTS.loadable()[0].values(), key=lambda each: _apart(each, one))
+        if _apart(nearest, one) < _apart(model, one):
+            raise TrialError(
+                f"the {side} arm has the joint limits of {nearest.title}, and the cell's file has model "
+                f"{model.name!r}: correct [{side}] model, or the address"
+            )
+
+
+def _apart(model: RobotModel, own: OwnLimits) -> float:
+    """Return by how much the range of a joint differs at most, rad."""
+    limits = model.limits
+    return float(max(np.abs(limits.q_lower - own.q_lower).max(), np.abs(limits.q_upper - own.q_upper).max()))
 
 
 def limits_of_arms(description: CellDescription, tightening: Tightening = ()) -> PairLimits:

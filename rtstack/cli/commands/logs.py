@@ -48,11 +48,18 @@ def review(
 def replay(
     logs: Annotated[list[Path], typer.Argument(metavar="LOG.mcap...", help="Trials, demonstrations, teleoperations.")],
     json: Json = False,
+    twin: Annotated[
+        str | None,
+        typer.Option(
+            metavar="PROFILE",
+            help="Run the log's commands in this profile's plant: does its contact force come out within 10 %?",
+        ),
+    ] = None,
 ) -> None:
     """Give a log's states to the present controller: does it make the same of them, bit by bit? No arm moves."""
     from rtstack.cli.replay import run
 
-    run(logs, json)
+    run(logs, json, twin)
 
 
 @commands.command()

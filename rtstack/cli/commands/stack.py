@@ -8,7 +8,9 @@ import typer
 from rtstack.cli.commands.options import (
     CellFile,
     Faults,
+    Json,
     LeftArm,
+    LogOut,
     LogsWritten,
     ObjectName,
     OldCellFile,
@@ -116,6 +118,35 @@ def teleoperate(
     from rtstack.cli.teleoperate import teleoperate as run
 
     run(device, console, token, object_name, record)
+
+
+@commands.command()
+def policy(
+    name: Annotated[str, typer.Argument(metavar="NAME[:ARGUMENT]", help="A policy that an installed package offers.")],
+    console: Annotated[
+        str | None, typer.Option(metavar="URL", help="Of a running stack; else a simulated cell in this process.")
+    ] = None,
+    token: Annotated[
+        str, typer.Option(envvar="RTSTACK_TOKEN", help="Made by `rtstack token create --scope operate`.")
+    ] = "",
+    rate_hz: Annotated[float, typer.Option(help="Observations a second, 10 to 50.")] = 20.0,
+    object_name: ObjectName = "rice_box",
+    displacement_mm: ShiftY = 0.0,
+    displacement_x_mm: ShiftX = 0.0,
+    yaw_deg: Yaw = 0.0,
+    seed: Seed = 0,
+    log: LogOut = None,
+    json: Json = False,
+) -> None:
+    """Let a policy lead the arms, as an operator would: at a console once an operator gives it a lease there."""
+    from hal.displacement import Displacement
+    from rtstack.cli.policy import run_at_console, run_in_process
+
+    if console is not None:
+        run_at_console(name, rate_hz, console, token)
+        return
+    place = Displacement.given(displacement_mm, displacement_x_mm, yaw_deg)
+    run_in_process(name, rate_hz, object_name, place, seed, log, json)
 
 
 @commands.command()
