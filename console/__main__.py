@@ -22,6 +22,7 @@ from pydantic.warnings import UnsupportedFieldAttributeWarning
 from console.address import Address
 from console.app import create_app
 from console.authority import Authority
+from console.calibration import CellCalibration
 from console.campaigns.campaigns import Campaigns
 from console.heartbeats import OperatorHeartbeats
 from console.parts import Parts
@@ -128,6 +129,7 @@ def _parts(asked: argparse.Namespace, address: Address, stack: ExitStack) -> Par
     runner = stack.enter_context(closing(QueueRunner(queue, queue_client, catalogue, watch.learn)))
     runner.start()
     campaigns = stack.enter_context(closing(Campaigns(asked.logs)))
+    questions = stack.enter_context(closing(Questions(cell)))
     return Parts(
         sign_in=SignIn(address, Tokens(asked.logs), audit),
         audit=audit,
@@ -145,8 +147,9 @@ def _parts(asked: argparse.Namespace, address: Address, stack: ExitStack) -> Par
         campaigns=campaigns,
         preview=stack.enter_context(closing(Preview(asked.cell, ghost, profile_of(asked.kind)))),
         trainer=stack.enter_context(closing(Trainer(watch))),
-        questions=stack.enter_context(closing(Questions(cell))),
+        questions=questions,
         layouts=Layouts(asked.logs),
+        calibration=CellCalibration(asked.cell, asked.logs, questions, watch),
         profile=profile_of(asked.kind),
     )
 

@@ -12,10 +12,13 @@ import pickle
 import sys
 from collections.abc import Callable
 from dataclasses import asdict
+from datetime import date
 from pathlib import Path
 from typing import Any
 
 from console.niceness import stand_back
+from rtstack.calibration.outcome import outcome
+from rtstack.calibration.points import load_points
 from rtstack.model.cell_description import CellDescription
 from rtstack.playback.run import fastest_playback
 from rtstack.references.acceptance import Acceptance
@@ -34,9 +37,15 @@ def _fastest(path: Path, cell: CellDescription, _: None, progress: Progress) -> 
     return fastest_playback(path, cell)
 
 
+def _calibration(path: Path, cell: CellDescription, today: str, progress: Progress) -> dict[str, Any]:
+    found = outcome(load_points(path), cell, date.fromisoformat(today))
+    return {**found.document(), "lines": found.lines, "refusal": found.refusal}
+
+
 QUESTIONS: dict[str, Callable[[Path, CellDescription, Any, Progress], Any]] = {
     "extraction": _extraction,
     "fastest": _fastest,
+    "calibration": _calibration,
 }
 
 

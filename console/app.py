@@ -13,6 +13,7 @@ from fastapi.staticfiles import StaticFiles
 from starlette.exceptions import HTTPException
 
 from console.address import Address
+from console.calibration import CalibrationRefused
 from console.campaigns.campaigns import CampaignRefused, NoCampaign
 from console.description import describe, operation_id
 from console.guard import Guard
@@ -26,6 +27,7 @@ from console.review.logs import NotReviewable
 from console.review.search import FilterRefused
 from console.routes import (
     access,
+    calibration,
     campaigns,
     control,
     description,
@@ -36,6 +38,7 @@ from console.routes import (
     logs,
     pages,
     playback,
+    policy,
     queue,
     recordings,
     retention,
@@ -57,7 +60,7 @@ from rtstack.references.acceptance import AcceptanceError
 
 _ROUTES = (
     pages, description, access, robot, control, jobs, queue, trials, campaigns, playback, logs, layouts, retention,
-    live, review, scene, teleoperation, training, recordings, foxglove,
+    live, review, scene, teleoperation, policy, training, recordings, calibration, foxglove,
 )  # fmt: skip
 
 
@@ -134,6 +137,7 @@ def _with(status: int) -> Callable[[Request, Exception], Response]:
 
 _STATUSES: dict[type[Exception], int] = {
     RobotRefused: 409, NameTaken: 409, QueueRefused: 409, CampaignRefused: 409, ColumnsGone: 409, InUse: 409,
+    CalibrationRefused: 409,
     NoCampaign: 404, NoSuchEntry: 404, NoTrial: 404,
     FilterRefused: 422, SweepRefused: 422,
     QueueFileError: 500, LogError: 500, AcceptanceError: 500,

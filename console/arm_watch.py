@@ -11,7 +11,7 @@ from hal.robot_errors import error_names
 from hal.state import RobotMode
 from rtstack.log.ring import Rings
 from rtstack.loop.standstill import REST_DQ
-from rtstack.model.cell_description import ArmMounting, base_frame
+from rtstack.model.cell_description import ArmMounting, Frame, base_frame
 from rtstack.model.rotation import quaternion_from_rotation
 from rtstack.samples import Mode
 
@@ -106,15 +106,18 @@ class ArmWatch:
 
     def _take_pad(self, record: Any, control: NDArray | None) -> float | None:
         """Take where the pad is, in the world, what it was told, and what it feels; return its speed, m/s."""
-        base, pose = self._base, record["O_T_EE"]
-        measured = np.zeros(7)
-        measured[:3] = base.translation + base.rotation @ pose[:3, 3]
-        quaternion_from_rotation(np.ascontiguousarray(base.rotation @ pose[:3, :3]), measured[3:])
-        self.measured = measured
-        self.force = -(base.rotation @ record["O_F_ext_hat_K"][:3])
+        self.measured, self.force = in_world(self._base, record)
         led = control is not None and int(control["mode"][0]) == Mode.TELEOPERATION
         self.told = control["pose_ref"][0].copy() if led and control is not None else None
         return float(np.linalg.norm(control["twist_ref"][0][:3])) if led and control is not None else None
+
+
+def in_world(base: Frame, record: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return where a pad is, (7,) m and wxyz, and the force on it, (3,) N, in the world. record: of ARM_SAMPLE."""
+    frame, pose = record["O_T_EE"], np.zeros(7)
+    pose[:3] = base.translation + base.rotation @ frame[:3, 3]
+    quaternion_from_rotation(np.ascontiguousarray(base.rotation @ frame[:3, :3]), pose[3:])
+    return pose, -(base.rotation @ record["O_F_ext_hat_K"][:3])
 
 
 def _name(kind: type[RobotMode] | type[Mode], value: object) -> str:

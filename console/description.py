@@ -34,6 +34,7 @@ _TAGS = {
     "access": "Sessions, invitations, tokens, and the trail of who did what.",
     "robot": "What the robot says.",
     "control": "The lease, arming, STOP, recovery.",
+    "calibration": "Where bases, pads and tracker are: points, what they give, the cell's file.",
     "jobs": "What the robot is asked to carry out.",
     "queue": "Trials that wait, in the name of the operator who has control.",
     "trials": "What trials have come to: cards, means of sweeps.",

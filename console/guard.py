@@ -38,6 +38,8 @@ _SCENE_POLICY = (
     "style-src 'self' 'unsafe-inline'; worker-src 'self' blob: data:; connect-src 'self' data: blob:; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'self'"
 )
+# no frame of another site gets a headset or a device by us, and none of ours what it has no use for
+_DEVICE_POLICY = "xr-spatial-tracking=(self), hid=(self), gamepad=(self), camera=(), microphone=(), geolocation=()"
 _TOO_LONG = f"a request may have {MAX_BODY_BYTES >> 10} KiB"
 SCENE_PREFIX = "/viser/"
 FEED_PREFIX = "/foxglove/"
@@ -192,6 +194,7 @@ def _with_security_headers(scope: Scope, send: Send) -> Send:
             headers["referrer-policy"] = "no-referrer"
             headers["cross-origin-opener-policy"] = "same-origin"
             headers["cross-origin-resource-policy"] = "same-origin"
+            headers["permissions-policy"] = _DEVICE_POLICY
             headers.setdefault("cache-control", "no-store")
         await send(message)
 

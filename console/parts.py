@@ -6,6 +6,7 @@ from typing import Annotated
 from fastapi import Depends, Request
 from fastapi.requests import HTTPConnection
 
+from console.calibration import CellCalibration
 from console.campaigns.campaigns import Campaigns
 from console.heartbeats import OperatorHeartbeats
 from console.preview import Preview
@@ -49,6 +50,7 @@ class Parts:
     trainer: Trainer
     questions: Questions
     layouts: Layouts
+    calibration: CellCalibration
     profile: str = ""
     impacts: Impacts = field(default_factory=Impacts)
 

@@ -94,18 +94,23 @@ class ArmFigure:
             path = f"{path}/{link}"
             self._frames.append(scene.add_frame(path, show_axes=False, position=joint.position, wxyz=joint.wxyz))
             _add_parts(scene, path, parts(mounting.robot, link), full, ghost)
-        pad = cell.pad
-        centre = (0.0, 0.0, flange.position[2] + pad.flange_to_face - pad.size[2] / 2.0)
+        pad = mounting.pad or cell.pad
+        box = pad.F_T_box
+        centre = box[:3, 3] + (0.0, 0.0, flange.position[2])
+        wxyz = np.array(pad.orientation_wxyz)
         scene.add_box(
             f"{path}/pad",
             color=colour,
             dimensions=pad.size if ghost is None else grown(pad.size),
             position=centre,
+            wxyz=wxyz,
             opacity=None if ghost is None else ghost.opacity,
             cast_shadow=full,
         )
         if ghost is not None:
-            add_edges(scene, f"{path}/pad_edges", box_edges(grown(pad.size), np.array(centre)), colour)
+            add_edges(
+                scene, f"{path}/pad_edges", box_edges(grown(pad.size), np.zeros(3)) @ box[:3, :3].T + centre, colour
+            )
         if ghost is None:
             outwards = 0.24 if side == "left" else -0.24
             scene.add_label(f"{root}/label", side, position=(0.0, outwards, 0.02), anchor="center-center")

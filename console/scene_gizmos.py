@@ -32,8 +32,6 @@ class Gizmos:
         self._shown = np.full((2, 7), np.inf)
         self._told = np.full((2, 7), np.inf)
         self._forces = np.full((2, 3), np.inf)
-        size = cell.pad.size
-        behind_face = (0.0, 0.0, -size[2] / 2.0)
         self._grips: list[viser.TransformControlsHandle] = []
         self._wires: list[viser.BoxHandle] = []
         self._requests: list[viser.FrameHandle] = []
@@ -41,6 +39,8 @@ class Gizmos:
         self._arrows: list[viser.ArrowsHandle] = []
         self._newtons: list[viser.LabelHandle] = []
         for side, name in enumerate(_SIDES):
+            size = cell.pads[side].size
+            behind_face = (0.0, 0.0, -size[2] / 2.0)
             # arrows or rings, never both: where they cross, the ring would take the arrow's drag
             grip = scene.add_transform_controls(
                 f"/grip/{name}", scale=0.22, line_width=4.0, depth_test=False, visible=False,

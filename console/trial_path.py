@@ -19,6 +19,7 @@ from rtstack.references.source import load_reference
 from rtstack.references.spreading import ExtendedReference
 from rtstack.trials.assembly import arm_controllers, cell_parameters
 
+REFUSED = 2  # exit status
 EXTENSION_S = 0.15  # how much of an extension is drawn: beyond it the paths leave the table
 _STEP_S = 0.02  # between two points that are drawn
 
@@ -62,7 +63,7 @@ def path_of(reference: ExtendedReference) -> TrialPath:
 
 
 def main() -> int:
-    """Print the path as JSON. Returns 1 where there is none, with one line on stderr."""
+    """Print the path as JSON. Returns REFUSED where there is none, with one line on stderr."""
     stand_back()
     file, cell = Path(sys.argv[1]), load_cell_description(Path(sys.argv[2]))
     parameters = cell_parameters(cell)
@@ -70,7 +71,7 @@ def main() -> int:
         reference = load_reference(file, arm_controllers(cell, parameters), parameters.detector)
     except ReferenceError as error:
         print(error, file=sys.stderr)
-        return 1
+        return REFUSED
     sys.stdout.buffer.write(msgspec.json.encode(path_of(reference)))
     return 0
 

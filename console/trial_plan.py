@@ -10,7 +10,7 @@ from pathlib import Path
 
 import msgspec
 
-from console.trial_path import TrialPath
+from console.trial_path import REFUSED, TrialPath
 from hal.displacement import Displacement
 from rtstack.live.protocol import JobKind, Status
 
@@ -96,6 +96,8 @@ class TrialPlans:
             return
         if process.returncode == 0:
             self._paths[key] = msgspec.json.decode(said, type=TrialPath)
+        elif process.returncode != REFUSED:
+            self._paths.pop(key, None)  # it did not end by itself: read anew when it is asked for again
 
 
 def _key(reference: Path | None) -> tuple[Path, int] | None:

@@ -29,6 +29,7 @@ _LOOP_EVERY = 10  # samples: statistics need no more than 5 Hz
 _STATUS_PERIOD_S = 0.1
 STATUS_TIMEOUT_S = 2.0  # of the client that this module is given
 _EVENTS = 200  # the newest events that a page can open
+_PICTURES = 256  # 5 s of them: an older one is answered by no command that is applied
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +45,19 @@ class EventView:
 
 
 @dataclass(frozen=True, slots=True)
+class Places:
+    """Where things are in the world, (7,) each of position m and quaternion wxyz: both pads, where they are told to be
+    by hand (None while they are not), and the object (None until it was seen).
+    """
+
+    pads: list[list[float]]
+    told: list[list[float]] | None
+    object: list[float] | None
+
+
+@dataclass(frozen=True, slots=True)
 class LiveView:
-    """Everything that the live page shows, 20 times a second."""
+    """Everything that the live page shows, 20 times a second. number: of this picture, as commands answer it."""
 
     left: ArmView
     right: ArmView
@@ -56,6 +68,8 @@ class LiveView:
     unreachable: str | None
     event: EventView | None
     desk: tuple[DeskView, ...] = ()
+    places: Places | None = None
+    number: int = 0
 
 
 class Watch:
@@ -84,6 +98,8 @@ class Watch:
         self._events: deque[EventView] = deque(maxlen=_EVENTS)
         self._event_count = 0
         self._job = 0  # the newest one
+        self._number = 0
+        self._pictures = [(0, 0)] * _PICTURES  # number, and when it was made, monotonic ns
         self._status: tuple[Status | None, float | None, str | None] = (None, None, "not asked yet")
         unknown = ArmView("UNKNOWN", (), "UNKNOWN", NEVER_S, 0.0)
         self.view = LiveView(unknown, unknown, UNKNOWN, LoopView(), None, NEVER_S, None, None)
@@ -128,6 +144,11 @@ class Watch:
         """Return the forces on both pads, (2, 3) N in the world, None until both have spoken."""
         return _both([self._arms[side].force for side in SIDES])
 
+    def picture_ns(self, number: int) -> int | None:
+        """Return when a picture was made, monotonic ns; None where there was none of this number, or long ago."""
+        known, made_ns = self._pictures[number % _PICTURES]
+        return made_ns if known == number > 0 else None
+
     def robot_time_s(self) -> float:
         """Return the robot's time of the left arm's newest state, s; each job may begin at 0 again."""
         return self._arms["left"].t_ns * 1e-9
@@ -154,13 +175,16 @@ class Watch:
             if samples % _LOOP_EVERY == 0:
                 loop = self._loop.view()
             samples += 1
-            now_s = time.monotonic()
+            now_ns = time.monotonic_ns()
+            now_s = now_ns * 1e-9
             for record in self._event_reader.drain():
                 self._event_count += 1
                 self._events.append(_event(self._event_count, record))
             status, asked_s, unreachable = self._status
             self._forget_hits(status)
             left, right = (self._arms[side].view(now_s) for side in SIDES)
+            self._number += 1
+            self._pictures[self._number % _PICTURES] = (self._number, now_ns)
             self.view = LiveView(
                 left=left,
                 right=right,
@@ -171,8 +195,19 @@ class Watch:
                 unreachable=unreachable,
                 event=self._events[-1] if self._events else None,
                 desk=self._desk.views,
+                places=self._places(),
+                number=self._number,
             )
             self.document = msgspec.json.encode(self.view)
+
+    def _places(self) -> Places | None:
+        pads, told, lies = self.measured(), self.command(), self.object_pose()
+        if pads is None:
+            return None
+        return Places(
+            pads.round(4).tolist(), None if told is None else told.round(4).tolist(),
+            None if lies is None else lies.round(4).tolist(),
+        )  # fmt: skip
 
     def _forget_hits(self, status: Status | None) -> None:
         job = None if status is None else status.job

@@ -80,7 +80,7 @@ def disarm(session: NeedsSession, parts: NeedsParts) -> Status:
 async def stop(session: NeedsSession, parts: NeedsParts, afterwards: BackgroundTasks) -> StopRequested:
     """Ask for a controlled stop. One word in shared memory: it does not wait for another process."""
     parts.mailbox.request_stop()
-    afterwards.add_task(_report_stop, parts, session)
+    afterwards.add_task(report_stop, parts, session)
     return StopRequested(True)
 
 
@@ -90,7 +90,7 @@ def recover(session: NeedsSession, parts: NeedsParts) -> Status:
     return _learn(parts, parts.client.recover(session.operator))
 
 
-async def _report_stop(parts: Parts, session: UserSession) -> None:
+async def report_stop(parts: Parts, session: UserSession) -> None:
     """Tell the robot process whose STOP it was, for the record: the arms stop without it."""
     with contextlib.suppress(RobotRefused, RobotUnreachable):
         await asyncio.to_thread(parts.client.stop, session.operator)

@@ -9,6 +9,7 @@ from fastapi.responses import FileResponse, Response, StreamingResponse
 
 from console.log_rows import LogRow, log_path, log_row
 from console.parts import NeedsParts, Parts, written_now
+from console.review.cameras import picture_at, picture_times
 from console.review.columns import Mark
 from console.review.difference import differences
 from console.review.figure import MEDIA_TYPES, drawn_logs, figure_file, overlays_of
@@ -83,9 +84,16 @@ class Difference:
 
 @dataclass(frozen=True, slots=True)
 class LatenessOf:
-    """Who was late: turns, late, stalls, shares, causes, the worst and a line, as `rtstack review --json` has them."""
+    """Who was late: cycles, late, stalls, shares, causes, the worst and a line, as `rtstack review --json` has them."""
 
     lateness: dict[str, Any] | None
+
+
+@dataclass(frozen=True, slots=True)
+class PicturesOf:
+    """When each camera of a log has a picture, s after the log's first sample, by the camera's name."""
+
+    cameras: dict[str, list[float]]
 
 
 @router.get("", responses=problems(422))
@@ -249,10 +257,27 @@ def difference(log_id: str, other: str, parts: NeedsParts) -> list[Difference]:
 
 
 @router.get("/{log_id}/lateness", responses=_OF_A_LOG)
-def late_turns(log_id: str, parts: NeedsParts) -> LatenessOf:
+def late_cycles(log_id: str, parts: NeedsParts) -> LatenessOf:
     """Return who was late in a log, and the longest stalls; null where its arms had no clocks of their own."""
     found = lateness_of(read_log(entry_of(parts.catalogue, log_id).path, truncated=True))
     return LatenessOf(None if found is None else found.as_dict())
+
+
+@router.get("/{log_id}/cameras", responses=_OF_A_LOG)
+def cameras(log_id: str, parts: NeedsParts) -> PicturesOf:
+    """Return when each camera of a log has a picture."""
+    read = _log(parts, log_id)
+    return PicturesOf(picture_times(read.entry, read.index.start_ns))
+
+
+@router.get("/{log_id}/cameras/{camera}", response_class=Response, responses=_OF_A_LOG | file_of("image/jpeg"))
+def picture(log_id: str, camera: str, t: Seconds, parts: NeedsParts) -> Response:
+    """Send the newest picture of a camera at a moment, s after the log's first sample."""
+    read = _log(parts, log_id)
+    data = picture_at(read.entry, camera, read.index.start_ns + round(t * 1e9))
+    if data is None:
+        raise HTTPException(404, "the log has no such camera; /api/logs/ID/cameras names them")
+    return Response(data, media_type="image/jpeg", headers={"cache-control": "private, max-age=3600"})
 
 
 @router.get(

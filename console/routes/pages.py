@@ -64,6 +64,12 @@ def campaigns(request: Request, parts: NeedsParts) -> HTMLResponse:
     return show("campaigns.html", "campaigns", request, parts, default_controller=DEFAULT, **_CHOICES)
 
 
+@router.get("/headset", response_class=HTMLResponse)
+def headset(request: Request, parts: NeedsParts) -> HTMLResponse:
+    """Return the page for a headset's browser."""
+    return show("headset.html", "headset", request, parts, reach=_REACH)
+
+
 @router.get("/access", response_class=HTMLResponse)
 def access(request: Request, parts: NeedsParts) -> HTMLResponse:
     """Return the page of invitations, tokens and the audit trail."""

@@ -5,6 +5,7 @@ HTTP at /viser/DETAIL/, WebSocket at /viser/DETAIL: viser's client finds the one
 
 import asyncio
 import contextlib
+from dataclasses import dataclass
 from typing import Annotated
 from urllib.parse import quote
 
@@ -28,7 +29,6 @@ from console.scenes import Detail
 from console.tokens import Scope
 from console.trial_plan import TrialPlan
 from hal.displacement import Displacement
-from rtstack.live.client import RobotRefused
 from rtstack.live.protocol import DisplacementMm, ObjectName, YawDeg
 from rtstack.log.errors import LogError
 from rtstack.messages import MESSAGE
@@ -52,14 +52,21 @@ class PlanShown:
     yaw_deg: YawDeg = 0.0
 
 
+@dataclass(frozen=True, slots=True)
+class PlanDrawn:
+    """Whether the scene shows it; False where another operator has control."""
+
+    drawn: bool
+
+
 @router.post("/api/scene/plan")
-def show_plan(shown: PlanShown, session: NeedsSession, parts: NeedsParts) -> PlanShown:
+def show_plan(shown: PlanShown, session: NeedsSession, parts: NeedsParts) -> PlanDrawn:
     """Draw what a form says in the live scene, for all who look. Where an operator has control, only theirs."""
     status = parts.watch.view.status
     if status is not None and status.holder not in (None, session.operator):
-        raise RobotRefused(f"{status.holder} has control; the scene shows their trial")
+        return PlanDrawn(False)  # a page that has not heard of it yet: no error of its own
     parts.scenes.plans.set(None if shown.object is None else plan_of(parts, shown, shown.object))
-    return shown
+    return PlanDrawn(True)
 
 
 @router.post("/api/scene/ghost/end")

@@ -3,12 +3,20 @@
 A message may hold any of: clutch (true holds it, and is its sign of life; false lets go; lost: because the operator is
 out of sight), grip (a mouse button is down in the scene: a drag of a gizmo holds the clutch), coupling, handles
 (whether the gizmos move or turn), speed_m_s, stiffness_n_m, lead (the hands back to before the last drag, or upright),
-and for each arm a pose (position m, wxyz) or a deflection (-1..1 along and about the world's axes). A clutch that is
+and for each arm a pose (position m, wxyz), the pose of a hand that leads it (hands: from wherever it was when the
+clutch began to be held; null leads nothing), or a deflection (-1..1 along and about the world's axes). A clutch that is
 held has to be said again, as the page does every 50 ms: the robot process stops the arms when CLUTCH_S
 (rtstack.loop.watchdogs) have passed without.
+
+Whatever holds the clutch or moves a hand carries a stamp: who sent it, its sequence, when it was made, which picture
+(`number` of the live view, `picture` of an answer) it answers and when that was seen. One that is older than 100 ms or
+comes after a later one is not applied, and no sign of life; one made on a picture older than 250 ms moves nothing. To
+let go, and stop (STOP, before all that waits), need no stamp.
 """
 
+import asyncio
 import contextlib
+import time
 from dataclasses import asdict
 from typing import Annotated, Any
 
@@ -18,6 +26,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
 
 from console.parts import NeedsParts, NeedsSession, Parts, parts_of, session_now
+from console.routes.control import report_stop
 from console.routes.problems import problems
 from console.teleoperation.devices import Placed
 from console.teleoperation.pair import Coupling
@@ -26,6 +35,7 @@ from rtstack.live.client import RobotRefused
 from rtstack.loop.target import Release
 from rtstack.messages import MESSAGE, StrictBool, StrictFloat
 from rtstack.teleoperation.reach import FASTEST_M_S, HARDEST_N_M, SLOWEST_M_S, SOFTEST_N_M
+from rtstack.teleoperation.stamp import Stamp
 
 router = APIRouter(prefix="/api/teleoperation", tags=["teleoperation"], responses=problems(409))
 
@@ -59,19 +69,32 @@ class TeleopMessage:
     speed_m_s: Annotated[StrictFloat, Field(ge=SLOWEST_M_S, le=FASTEST_M_S)] | None = None
     stiffness_n_m: Annotated[StrictFloat, Field(ge=SOFTEST_N_M, le=HARDEST_N_M)] | None = None
     pose: PadPoses | None = None
+    hands: PadPoses | None = None
     deflection: Deflections | None = None
     grip: StrictBool = False
     handles: Handles | None = None
     lead: Lead | None = None
     sent: StrictFloat | None = None  # comes back, so that a page can tell how long a beat takes
+    stamp: Stamp | None = None
+    stop: StrictBool = False
 
 
+_LEAST_QUATERNION = 1e-3
 _MESSAGES = TypeAdapter(TeleopMessage)
+_MOST_WAITING = 1000  # a sender that is so much faster than the console has lost the hand
+
+
+@router.get("/hand")
+def look(parts: NeedsParts) -> TeleopView:
+    """Return how the hand is; the next command answers the picture that this brings."""
+    return parts.teleop.view
 
 
 @router.post("/hand")
 def request(message: TeleopMessage, session: NeedsSession, parts: NeedsParts) -> TeleopView:
     """Do what a message says, once. The clutch goes quiet unless it is said again."""
+    if message.stop:
+        parts.mailbox.request_stop()
     _act(parts, session.operator, message)
     return parts.teleop.view
 
@@ -89,9 +112,11 @@ async def stream(websocket: WebSocket) -> None:
     parts = parts_of(websocket)
     await websocket.accept()
     operator = ""
+    waiting: asyncio.Queue[tuple[str, int] | None] = asyncio.Queue()
+    listening = asyncio.create_task(_listen(websocket, parts, waiting))
     try:
-        while True:
-            text = await websocket.receive_text()
+        while (said := await waiting.get()) is not None:
+            text, came_ns = said
             session = session_now(websocket)
             if session is None:
                 break
@@ -100,7 +125,7 @@ async def stream(websocket: WebSocket) -> None:
             try:
                 message = _MESSAGES.validate_json(text)
                 answer["sent"] = message.sent
-                _act(parts, operator, message)
+                _act(parts, operator, message, came_ns)
             except ValidationError as error:
                 first = error.errors(include_url=False, include_input=False)[0]
                 answer["error"] = f"{'.'.join(str(part) for part in first['loc']) or 'message'}: {first['msg']}"
@@ -110,29 +135,73 @@ async def stream(websocket: WebSocket) -> None:
     except (WebSocketDisconnect, RuntimeError):
         pass  # the page has gone
     finally:
+        listening.cancel()
         parts.teleop.release(operator, Release.LOST)
-    with contextlib.suppress(RuntimeError):
+    with contextlib.suppress(WebSocketDisconnect, RuntimeError):
         await websocket.close(1008, "not signed in any more")
 
 
-def _act(parts: Parts, operator: str, message: TeleopMessage) -> None:
-    """Carry a message out. Raises RobotRefused."""
+async def _listen(websocket: WebSocket, parts: Parts, waiting: asyncio.Queue[tuple[str, int] | None]) -> None:
+    """Queue what comes with its time, None at the end. STOP does not queue."""
+    reports = []  # of STOP, to the robot process
+    with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+        async for text in websocket.iter_text():
+            waiting.put_nowait((text, time.monotonic_ns()))
+            if '"stop"' in text and (session := session_now(websocket)) is not None and _stops(text):
+                parts.mailbox.request_stop()
+                reports.append(asyncio.create_task(report_stop(parts, session)))
+            if waiting.qsize() > _MOST_WAITING:
+                break
+    waiting.put_nowait(None)
+
+
+def _stops(text: str) -> bool:
+    with contextlib.suppress(ValidationError):
+        return _MESSAGES.validate_json(text).stop
+    return False
+
+
+def _act(parts: Parts, operator: str, message: TeleopMessage, came_ns: int | None = None) -> None:
+    """Carry a message out, as far as the gate lets it through. Raises RobotRefused."""
     teleop = parts.teleop
     settings = (message.coupling, message.speed_m_s, message.stiffness_n_m, message.handles)
     if any(setting is not None for setting in settings):
         teleop.set(operator, *settings)
     if message.clutch is False:
         teleop.release(operator, Release.LOST if message.lost else Release.RELEASED)
-    elif message.clutch:
+        return
+    motions = (message.pose, message.hands, message.lead, message.deflection)
+    if not (message.clutch or message.grip or any(motion is not None for motion in motions)):
+        return
+    admission = teleop.admit(operator, message.stamp, came_ns)
+    if not admission.alive:
+        return
+    if message.clutch:
         teleop.press(operator)
     elif message.grip:
         teleop.grip(operator)
+    if admission.drop is not None:
+        return
     if message.pose is not None:
         teleop.move(operator, Placed(_array(message.pose.left), _array(message.pose.right)))
+    if message.hands is not None:
+        teleop.track(operator, (_unit(message.hands.left), _unit(message.hands.right)))
     if message.lead is not None:
         teleop.lead(operator, message.lead)
     if message.deflection is not None:
         teleop.jog(operator, _array(message.deflection.left), _array(message.deflection.right))
+
+
+def _unit(values: list[float] | None) -> Any:
+    """Return a pose with a quaternion of length one. Raises RobotRefused where it has none."""
+    if values is None:
+        return None
+    pose = np.array(values)
+    length = float(np.linalg.norm(pose[3:]))
+    if length < _LEAST_QUATERNION:
+        raise RobotRefused("a hand's orientation is no rotation")
+    pose[3:] /= length
+    return pose
 
 
 def _array(values: list[float] | None) -> Any:

@@ -4,6 +4,7 @@ A gizmo and a tracked hand (a VR controller) give poses, a keyboard and a gamepa
 one more class here, or any program that sends poses or deflections over the WebSocket of teleoperation.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -52,6 +53,31 @@ class Placed:
         for side, pose in enumerate((self.left, self.right)):
             if pose is not None:
                 poses[side] = pose
+        return poses
+
+
+@dataclass(frozen=True, slots=True)
+class Tracked:
+    """Controllers in a person's hands, (7,) each, None for one that leads nothing: each pad goes as its hand has gone.
+
+    began: of each side that leads, the hand's pose and the requests (2, 7) when it began to.
+    """
+
+    hands: tuple[Array | None, Array | None]
+    began: Mapping[int, tuple[Array, Array]]
+
+    def requests(self, asked: Array, coupling: Coupling) -> Array:
+        """See Device. Two hands lead a pad each, whatever the coupling; by it one hand leads the other pad too."""
+        poses = asked.copy()
+        alone = sum(hand is not None for hand in self.hands) == 1
+        for side, hand in enumerate(self.hands):
+            if hand is not None:
+                hand_began, pads_began = self.began[side]
+                turn = product(hand[3:], conjugate(hand_began[3:]))
+                way = hand[:3] - hand_began[:3]
+                if alone and coupling is not Coupling.SEPARATE:
+                    return led(pads_began, side, way, turn, coupling)
+                poses[side] = led(pads_began, side, way, turn, Coupling.SEPARATE)[side]
         return poses
 
 

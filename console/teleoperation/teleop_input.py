@@ -15,7 +15,9 @@ from enum import StrEnum
 
 import numpy as np
 
-from console.teleoperation.devices import Deflected, Device, Dragged, Led
+from console.teleoperation.devices import Deflected, Device, Dragged, Led, Tracked
+from console.teleoperation.gate import OLDEST_COMMAND_S, Admission, Drop, Gate
+from console.teleoperation.latency import Latency, LatencyView
 from console.teleoperation.pair import Coupling
 from console.teleoperation.quaternion import angle_between, squared
 from console.watch import Watch
@@ -36,9 +38,11 @@ from rtstack.teleoperation.reach import (
     STIFFNESS_N_M,
     TURN_RAD_M,
 )
+from rtstack.teleoperation.stamp import Stamp
 
 TOO_FAR = "the request is too far ahead of the arm: it is not followed until it comes nearer"
 NO_CLUTCH = "the clutch is not held, so that nothing moves: hold C while you drag, or let the drag hold the clutch"
+BEAT_S = 0.05  # between two signs of life of a page
 _UNDO_DEPTH = 20  # drags
 _UNDONE_M, _UNDONE_RAD = 2e-3, 5e-3  # a drag that asks for less than this is none
 
@@ -60,7 +64,9 @@ class Lead(StrEnum):
 @dataclass(frozen=True, slots=True)
 class TeleopView:
     """What a page shows of the input. refusal: why the last request is not followed, None where it is. drags: how many
-    of them can be undone.
+    of them can be undone. policy: the name of the policy that leads while the clutch is not held, None where none does.
+    dropped: commands that were not applied since the teleoperation began: too old, out of order, made on an old
+    picture, for another reason. picture: what a program that asks nothing else has seen by this answer.
     """
 
     held: bool
@@ -70,6 +76,10 @@ class TeleopView:
     refusal: str | None
     handles: Handles
     drags: int
+    dropped: tuple[int, ...]
+    latency: LatencyView | None
+    picture: int
+    policy: str | None = None
 
 
 class TeleopInput:
@@ -96,6 +106,13 @@ class TeleopInput:
         self._speed = SPEED_M_S
         self._stiffness = STIFFNESS_N_M
         self._refusal: str | None = None
+        self._lent: str | None = None  # the policy that leads
+        self._leases = 0  # given since the console began
+        self._gate = Gate()
+        self._admitted: Admission | None = None  # the last one that was a sign of life
+        self._admitted_ns = 0
+        self._late: str | None = None  # why the last command was not applied
+        self._latency = Latency(watch.rings)
 
     @property
     def view(self) -> TeleopView:
@@ -103,8 +120,10 @@ class TeleopInput:
         with self._lock:
             self._notice()
             return TeleopView(
-                self._by is not None, self._coupling, self._speed, self._stiffness, self._refusal, self._handles,
-                len(self._drags),
+                self._by is not None, self._coupling, self._speed, self._stiffness, self._late or self._refusal,
+                self._handles, len(self._drags), tuple(self._gate.dropped), self._latency.view(),
+                self._watch.view.number,
+                self._lent,
             )  # fmt: skip
 
     @property
@@ -135,9 +154,29 @@ class TeleopInput:
                 self._speed = float(np.clip(speed_m_s, SLOWEST_M_S, FASTEST_M_S))
             if stiffness_n_m is not None:
                 self._stiffness = float(np.clip(stiffness_n_m, SOFTEST_N_M, HARDEST_N_M))
-            if self._by is not None:
+            if self._by is not None or self._lent is not None:
                 self._grips.clear()  # what is dragged goes on from here, in the new way
                 self._write()
+
+    def admit(self, operator: str, stamp: Stamp | None, came_ns: int | None = None) -> Admission:
+        """Judge a command before anything else is done with it: the gate of all devices. came_ns: when it came.
+
+        Raises RobotRefused unless the operator is the holder.
+        """
+        with self._lock:
+            self._check_holder(operator)
+            self._notice()
+            now_ns = time.monotonic_ns()
+            picture_ns = None if stamp is None else self._watch.picture_ns(stamp.picture)
+            admission = self._gate.admit(operator, stamp, picture_ns, now_ns)
+            self._late = f"not applied: {admission.text}" if admission.drop is not None else None
+            self._target["dropped"] = self._gate.dropped
+            if admission.alive:
+                self._admitted, self._admitted_ns = admission, self._clock()
+                self._target["came_ns"] = came_ns or now_ns
+                for name in ("sequence", "made_ns", "picture", "picture_ns", "seen_ns"):
+                    self._target[name] = getattr(admission, name)
+            return admission
 
     def press(self, operator: str) -> None:
         """Hold the clutch, or give a sign of life of one that is held. Raises RobotRefused with the reason."""
@@ -155,6 +194,7 @@ class TeleopInput:
                 self._by_grip, self._goal = False, None
                 self._grips.clear()
                 self._target["release"], self._target["finish"] = Release.NOT_YET, 0
+                self._lent, self._target["policy"] = None, 0
             self._target["job"] = job.number
             self._target["clutch_ns"] = self._clock()
             self._write()
@@ -195,9 +235,42 @@ class TeleopInput:
             job = self._job(JobKind.TELEOPERATION, JobKind.PLAYBACK)
             if job is None:
                 raise RobotRefused("neither a teleoperation nor a playback runs")
-            self._by = None
+            self._by = self._lent = None
             self._target["job"], self._target["clutch_ns"], self._target["finish"] = job.number, 0, 1
             self._write()
+
+    def lend(self, operator: str, policy: str | None) -> None:
+        """Let a policy lead until the clutch is held, or none any more. Raises RobotRefused with the reason."""
+        with self._lock:
+            self._check_holder(operator)
+            job = self._job(JobKind.TELEOPERATION)
+            if job is None:
+                raise RobotRefused("no teleoperation runs: start one")
+            if policy == operator:
+                raise RobotRefused(f"{operator} has control: a policy has a name and a token of its own")
+            self._notice()
+            self._by, self._lent = None, policy
+            self._grips.clear()
+            self._leases += policy is not None
+            target = self._target
+            target["job"], target["clutch_ns"], target["finish"], target["release"] = job.number, 0, 0, Release.NOT_YET
+            target["policy"] = 0 if policy is None else self._leases
+            self._write()
+
+    def end_lease(self, policy: str) -> None:
+        """End the lease of a policy that has gone or is done: the arms hold. Does nothing where it has none."""
+        with self._lock:
+            if self._lent == policy:
+                self._lent, self._target["policy"] = None, 0
+                self._write()
+
+    def lease(self, policy: str) -> tuple[int, int] | None:
+        """Return the job and the number of the lease that this policy has, None where it has none."""
+        with self._lock:
+            self._notice()
+            if self._lent is None or self._lent != policy:
+                return None
+            return int(self._target["job"][0]), int(self._target["policy"][0])
 
     def move(self, operator: str, device: Device) -> None:
         """Ask for what a device says. Raises RobotRefused unless this operator holds the clutch."""
@@ -206,6 +279,20 @@ class TeleopInput:
             if self._by != operator or self._asked is None:
                 raise RobotRefused("hold the clutch: nothing moves without it")
             self._ask(device)
+
+    def track(self, operator: str, hands: tuple[Array | None, Array | None]) -> None:
+        """Let each pad go as the hand that leads it, (7,) in the world's axes; None: it leads nothing.
+
+        Raises RobotRefused as `move` does.
+        """
+        with self._lock:
+            self._notice()
+            for side, hand in enumerate(hands):
+                if hand is None or self._asked is None:
+                    self._grips.pop(side, None)
+                elif side not in self._grips:
+                    self._grips[side] = (hand, self._asked.copy())
+            self.move(operator, Tracked(hands, self._grips))
 
     def jog(self, operator: str, left: Array | None, right: Array | None) -> None:
         """Ask for what keys or sticks say, for the time since they last did. Raises RobotRefused as `move` does."""
@@ -241,6 +328,8 @@ class TeleopInput:
                 self._end_drag(side)
                 return
             self._dragged.add(side)
+            if self._drag_is_late():
+                return
             if self._by is None and self._grip is not None and self._clock() - self._grip[1] < CLUTCH_S * 1e9:
                 with suppress(RobotRefused):  # the page is told by its next sign of life
                     self._press_by_grip(self._grip[0])
@@ -253,6 +342,21 @@ class TeleopInput:
                 self._drags.append(self._asked.copy())
             grip_began, began = self._grips[side]
             self._ask(Dragged(side, grip_began, grip, began))
+
+    def _drag_is_late(self) -> bool:
+        """Whether a drag must not be followed: the scene's client stamps nothing, so that a drag has the stamp of the
+        last sign of life, which comes the same way.
+        """
+        if self._by is None or self._admitted is None:
+            return False
+        late = self._clock() - self._admitted_ns > (OLDEST_COMMAND_S + BEAT_S) * 1e9
+        drop = Drop.OLD if late else self._admitted.drop
+        if drop is None:
+            return False
+        self._gate.dropped[drop] += 1
+        if late:
+            self._late = "not applied: no sign of life has come with the drag"
+        return True
 
     def _end_drag(self, side: int) -> None:
         self._dragged.discard(side)
@@ -296,8 +400,11 @@ class TeleopInput:
         job = self._job()
         number = None if job is None else job.number
         if number != self._of_job:  # what was dragged before is another teleoperation's
-            self._of_job, self._refusal = number, None
+            self._of_job, self._refusal, self._lent = number, None, None
             self._drags.clear()
+            self._late = None
+            self._gate.forget()
+            self._latency.forget()
 
     def _check_holder(self, operator: str) -> None:
         status = self._watch.view.status

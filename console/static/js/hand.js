@@ -1,16 +1,17 @@
 // The operator's hand: a clutch that is held is said again and again, and whatever ends the holding is said at once. A
 // page that is frozen, closed or gone says nothing any more: the robot process notices by itself.
 
+import { Commands } from "./commands.js";
 import { GamepadDevice, KeyboardDevice } from "./devices.js";
 import { isTextField } from "./stop.js";
 
 const BEAT_MS = 50;
 const RETRY_MS = 1000;
-const LATENCIES = 40;
 const LEADS = { undo: "undo", straighten: "straighten" }; // buttons that hold the clutch, and lead the hands meanwhile
 
 export class Hand {
-  constructor() {
+  constructor(live) {
+    this.commands = new Commands(live);
     this.keyboard = new KeyboardDevice();
     this.gamepad = new GamepadDevice();
     this.usable = false; // whether a teleoperation of ours runs
@@ -18,7 +19,6 @@ export class Hand {
     this.by = null; // what holds it: key, button, gamepad, mouse, undo, straighten, guide
     this.dragHolds = false; // whether a mouse button that is down in the scene holds the clutch, once it drags a gizmo
     this.problem = null;
-    this.latencies = [];
     this.listeners = [];
     this.connect();
     this.listen(window);
@@ -115,25 +115,15 @@ export class Hand {
       this.letGo(false);
     }
     if (!this.held) return;
-    const message = { ...(this.by === "mouse" ? { grip: true } : { clutch: true }), sent: performance.now() };
+    const message = this.by === "mouse" ? { grip: true } : { clutch: true };
     if (this.by in LEADS) message.lead = LEADS[this.by];
     const deflection = this.keyboard.read() ?? this.gamepad.read();
     if (deflection) message.deflection = deflection;
-    this.say(message);
+    this.say(this.commands.stamped(message));
   }
 
-  learn(answer) {
-    if (answer.sent) {
-      this.latencies.push(performance.now() - answer.sent);
-      if (this.latencies.length > LATENCIES) this.latencies.shift();
-    }
-    if (answer.error && this.held) this.drop(answer.error);
-  }
-
-  // The middle one of the last beats' ways to the console and back, ms.
-  get latency() {
-    if (this.latencies.length === 0) return null;
-    return [...this.latencies].sort((a, b) => a - b)[Math.floor(this.latencies.length / 2)];
+  learn({ error }) {
+    if (error && this.held) this.drop(error);
   }
 
   tell() {

@@ -13,7 +13,7 @@ const write = (element, text) => {
 };
 
 // What the bar says of a fault is not said again.
-function sentence(job, fault) {
+export function sentence(job, fault) {
   const what = `${WHAT[job.kind]} ${job.number} (${job.title})`;
   const why = fault !== null && (job.reason ?? "").includes(fault) ? "" : `: ${job.reason}`;
   switch (job.state) {

@@ -1,5 +1,6 @@
 // The page Operate: puts its parts together.
 
+import { startCalibration } from "./calibrate.js";
 import { Control } from "./control.js";
 import { startDesk } from "./desk.js";
 import { startFrame } from "./frame.js";
@@ -41,5 +42,6 @@ new Teleoperate(live);
 new Plan(document.getElementById("trial"), live);
 const training = document.getElementById("training");
 if (training) startTraining(training, live);
+startCalibration(document.getElementById("calibration"), live);
 startTabs(document.getElementById("tabs"));
 startScene();

@@ -12,6 +12,7 @@ export class Plan {
     this.said = null;
     this.allowed = false;
     this.timer = null;
+    this.sending = false;
     for (const name of ["input", "change"]) form.addEventListener(name, () => this.tell());
     new MutationObserver(() => this.tell()).observe(form, { attributeFilter: ["hidden"] });
     new MutationObserver(() => this.tell()).observe(form.elements.reference, { childList: true });
@@ -38,12 +39,16 @@ export class Plan {
 
   async send() {
     const words = JSON.stringify(this.words);
-    if (!this.allowed || words === this.said) return;
+    if (this.sending || !this.allowed || words === this.said) return;
     this.said = words;
+    this.sending = true; // one at a time: of two on their way the first might come last, and stay
     try {
-      await post("/api/scene/plan", JSON.parse(words));
+      const { drawn } = await post("/api/scene/plan", JSON.parse(words));
+      if (!drawn) this.said = null;
     } catch {
       this.said = null; // drawn with the next view, or by the operator who has control
     }
+    this.sending = false;
+    if (this.said !== null) this.send(); // what has changed meanwhile
   }
 }

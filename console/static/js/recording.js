@@ -8,6 +8,7 @@ import { showError } from "./errors.js";
 import { startFrame } from "./frame.js";
 import { startPlayback } from "./playback.js";
 import { RecordingPlot } from "./recording_plot.js";
+import { remarkText } from "./worth.js";
 
 const $ = (id) => document.getElementById(id);
 const id = document.querySelector("main").dataset.id;
@@ -18,6 +19,13 @@ const PARTS = [["recorded", "solid", 2], ["ante", "dash", 1.5], ["post", "dot", 
 
 const POLL_MS = 400;
 const FIELDS = { nominal_impact_s: "impact", from_s: "from", to_s: "to" }; // of an acceptance, and where they are typed
+
+function remark(said) {
+  const item = document.createElement("li");
+  item.dataset.tone = said.good ? "good" : "bad";
+  item.textContent = remarkText(said);
+  return item;
+}
 
 class Page {
   constructor(episodes) {
@@ -132,6 +140,7 @@ class Page {
       text.textContent = value;
       return [term, text];
     }));
+    $("remarks").replaceChildren(...extraction.remarks.map(remark));
     this.showVerdict();
     this.draw();
   }

@@ -1,6 +1,7 @@
 // The panel of the hand: start and finish, the clutch, how the arms follow, and what the pads feel.
 
 import { post } from "./api.js";
+import { latencyLine } from "./commands.js";
 import { whyNot } from "./control.js";
 import { showError } from "./errors.js";
 import { showGamepad } from "./gamepad.js";
@@ -30,7 +31,7 @@ function clock(seconds) {
 
 export class Teleoperate {
   constructor(live) {
-    this.hand = new Hand();
+    this.hand = new Hand(live);
     this.view = null;
     $("practise").addEventListener("click", () => this.start(false));
     $("record").addEventListener("click", () => this.start(true));
@@ -198,8 +199,9 @@ export class Teleoperate {
   }
 
   showDevices() {
-    const { latency, gamepad } = this.hand;
-    write($("devices-line"), `Gizmos, keys${gamepad.pad ? `, ${gamepad.pad.id.slice(0, 24)}` : "; no gamepad"}${latency === null ? "" : `. A beat takes ${latency.toFixed(0)} ms`}`);
+    const { gamepad } = this.hand;
+    const line = latencyLine(this.view.hand);
+    write($("devices-line"), `Gizmos, keys${gamepad.pad ? `, ${gamepad.pad.id.slice(0, 24)}` : "; no gamepad"}${line && `. ${line}`}`);
     showGamepad($("gamepad"), gamepad.mapping);
   }
 }

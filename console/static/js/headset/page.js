@@ -1,0 +1,191 @@
+// The page for a headset's browser: what both hands say goes to the console, and what a person has to know comes back.
+
+import { post } from "../api.js";
+import { Commands, latencyLine } from "../commands.js";
+import { Control, whyNot } from "../control.js";
+import { showError } from "../errors.js";
+import { startFrame } from "../frame.js";
+import { sentence } from "../job_line.js";
+import { remember } from "../memory.js";
+import { stop } from "../stop.js";
+import { logOf, tellWorth } from "../worth.js";
+import { Immersion } from "./immersion.js";
+
+const $ = (id) => document.getElementById(id);
+const PERIOD_MS = 8; // between two messages at least: a headset shows 72 to 120 pictures a second
+const RETRY_MS = 1000;
+const PULSE_MS = 60;
+const FULL_N = 60; // a pulse as strong as it can be
+const LEAST_N = 5; // the impact detector's force_high
+const QUARTER = Math.PI / 2;
+
+class Headset {
+  constructor(live) {
+    this.commands = new Commands(live);
+    this.immersion = new Immersion(this);
+    this.held = false;
+    this.running = false;
+    this.saidMs = 0;
+    this.view = null;
+    this.felt = { left: 0, right: 0 };
+    this.said = "-"; // the last line about the job, or about what was pressed
+    for (const [id, recorded] of [["practise", false], ["record", true]]) $(id).addEventListener("click", () => this.start(recorded));
+    $("finish").addEventListener("click", () => this.finish());
+    $("accept").addEventListener("click", () => this.accept());
+    $("mirror").addEventListener("change", () => this.mirror($("mirror").checked));
+    $("enter").addEventListener("click", () => this.immersion.enter());
+    $("facing").addEventListener("change", () => this.face());
+    remember("headset", document.querySelectorAll("#headset select"));
+    this.face();
+    document.addEventListener("visibilitychange", () => document.hidden && this.letGo(true));
+    window.addEventListener("pagehide", () => this.letGo(true));
+    live.onView((view) => this.show(view));
+    tellWorth(live, (text) => {
+      this.said = $("worth").textContent = text;
+    });
+    this.connect();
+    this.immersion.find();
+  }
+
+  connect() {
+    const scheme = location.protocol === "https:" ? "wss" : "ws";
+    this.socket = new WebSocket(`${scheme}://${location.host}/api/teleoperation/hand`);
+    this.socket.addEventListener("message", ({ data }) => {
+      const { error } = JSON.parse(data);
+      if (error && this.held) this.drop(error);
+    });
+    this.socket.addEventListener("close", () => {
+      this.drop("the console does not answer");
+      setTimeout(() => this.connect(), RETRY_MS);
+    });
+  }
+
+  say(message) {
+    if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
+  }
+
+  face() {
+    this.letGo(false);
+    this.immersion.frames.turn = QUARTER * Number($("facing").value);
+    this.immersion.frames.origin = null;
+  }
+
+  async start(recorded) {
+    try {
+      await post("/api/jobs/teleoperation", { object: $("headset-object").value, recorded, stop_on_release: false });
+      // a hand has its own speed
+      this.say({ coupling: $("mirror").checked ? "mirrored" : "separate", speed_m_s: Number($("headset").dataset.fastest) });
+    } catch (error) {
+      this.tell(`Not started: ${error.message}. Both arms stay as they are.`);
+    }
+  }
+
+  async finish() {
+    try {
+      await post("/api/teleoperation/finish");
+    } catch (error) {
+      this.tell(`Not finished: ${error.message}. STOP ends it too.`);
+    }
+  }
+
+  // The newest recording becomes a reference.
+  async accept() {
+    const job = this.view?.status?.job;
+    try {
+      if (!job?.recorded || job.state !== "done") throw new Error("there is no recording that has just been made");
+      await post(`/api/recordings/${await logOf(job)}`, { name: "", note: "", verdict: "accepted" });
+      this.tell(`Accepted: trials may follow ${job.log}.`, false);
+    } catch (error) {
+      this.tell(`Not accepted: ${error.message}.`);
+    }
+  }
+
+  // One hand leads the other pad too, as in a mirror.
+  mirror(yes) {
+    $("mirror").checked = yes;
+    if (this.running) this.say({ coupling: yes ? "mirrored" : "separate" });
+  }
+
+  tell(text, bad = true) {
+    this.said = text;
+    if (bad) showError(text);
+    else $("job-line").textContent = text;
+  }
+
+  // What a picture of the headset shows of both hands; pressed: newly, of each side.
+  hear({ hands, lost, pressed }) {
+    const either = (name) => pressed.left.has(name) || pressed.right.has(name);
+    if (either("stick") || pressed.right.has("upper")) stop();
+    if (pressed.right.has("lower")) this.running ? this.finish() : this.start(true);
+    if (pressed.left.has("upper")) this.accept();
+    if (pressed.left.has("lower")) this.mirror(!$("mirror").checked);
+    if (lost) this.letGo(true);
+    else this.lead(hands);
+  }
+
+  lead(hands) {
+    if ((hands.left === null && hands.right === null) || !this.running) {
+      this.letGo(false, false);
+      return;
+    }
+    const now = performance.now();
+    if (this.held && now - this.saidMs < PERIOD_MS) return;
+    [this.held, this.saidMs] = [true, now];
+    this.say(this.commands.stamped({ clutch: true, hands }));
+  }
+
+  // forget: a grip that is still held leads again only after it was let go.
+  letGo(lost, forget = true) {
+    if (forget) this.immersion.controllers.forgetAll();
+    if (!this.held) return;
+    this.held = false;
+    this.say({ clutch: false, lost });
+  }
+
+  drop(problem) {
+    if (!this.held) return;
+    this.letGo(true);
+    this.tell(`The arms do not follow: ${problem}.`);
+  }
+
+  get state() {
+    if (this.view?.status?.phase === "fault") return "fault";
+    return this.held ? "held" : this.running ? "ready" : "idle";
+  }
+
+  // What the board says.
+  get lines() {
+    const { hand, status } = this.view ?? {};
+    const doing = { fault: `Fault: ${status?.reason}. Recover on the page`, held: "Leading: let go of the grip, and the pads stay", ready: "Hold a grip to lead. A: finish. B: STOP", idle: "A: record. Y: accept the recording. X: mirror" }[this.state];
+    return [doing, this.said, hand?.refusal ?? "", hand ? latencyLine(hand) : ""];
+  }
+
+  show(view) {
+    this.view = view;
+    const job = view.status?.job;
+    const led = view.left.mode === "TELEOPERATION" && view.right.mode === "TELEOPERATION";
+    this.running = led && job?.kind === "teleoperation" && job.state === "running" && view.status.holder === view.you;
+    const why = whyNot(view);
+    for (const id of ["practise", "record"]) {
+      $(id).disabled = why !== null;
+      $(id).title = why ?? "";
+    }
+    const line = job ? sentence(job, view.status.reason)[0] : "-";
+    if (line !== this.line) [this.line, this.said, $("job-line").textContent] = [line, line, line];
+    $("finish").disabled = !this.running;
+    $("accept").disabled = !(job?.recorded && job.state === "done");
+    $("headset-state").textContent = { fault: "fault", held: "leading", ready: "hold a grip to lead", idle: "nothing is led" }[this.state];
+    $("latency").textContent = view.hand.refusal ?? latencyLine(view.hand);
+    for (const side of ["left", "right"]) this.feel(side, view[side].peak_force_n ?? 0);
+  }
+
+  // A pulse when a pad touches, stronger with force.
+  feel(side, newtons) {
+    if (newtons > LEAST_N && newtons > 1.2 * this.felt[side]) this.immersion.pulse(side, Math.min(1, newtons / FULL_N), PULSE_MS);
+    this.felt[side] = newtons;
+  }
+}
+
+const live = startFrame();
+new Control(live);
+new Headset(live);
