@@ -52,6 +52,7 @@ PAGES = {
     "/logs/{trial}": ("log", "#log-events li"),
     "/recordings/{demonstration}": ("recording", "#whole-force[data-points]"),
     "/recovery": ("recovery", "tr#the-operator-has-gone"),
+    "/headset": ("headset", "#headset-state"),
     "/access": ("access", "#audit tbody tr"),
     "/api": ("api", "#operations-access-access_me"),
 }

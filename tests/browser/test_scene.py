@@ -52,6 +52,32 @@ def test_the_form_of_a_trial_is_seen_before_it_runs(console):
     page.click("#tab-trial")
 
 
+SLOW_PLANS = """() => {
+  const real = window.fetch;
+  window.onTheirWay = window.most = 0;
+  window.fetch = async (...request) => {
+    if (!String(request[0]).includes('/api/scene/plan')) return real(...request);
+    window.most = Math.max(window.most, ++window.onTheirWay);
+    await new Promise((wake) => setTimeout(wake, 600));
+    try { return await real(...request); } finally { window.onTheirWay -= 1; }
+  };
+}"""
+
+
+def test_what_a_form_says_arrives_in_its_order(console):
+    """One request at a time: of two, the first might come last, and the scene would keep it."""
+    page = console.page
+    page.click("#tab-trial")
+    page.evaluate(SLOW_PLANS)
+    for shift in ("-10", "-20", "-30"):
+        page.fill("#trial input[name=displacement_mm]", shift)
+        page.wait_for_timeout(250)
+    shown = "window.__viserSceneTree.getState()['/trial/shift']?.message.props.text"
+    in_scene(page, shown, lambda text: text == "y -30 mm")
+    assert page.evaluate("window.most") == 1
+    page.fill("#trial input[name=displacement_mm]", "0")
+
+
 def test_what_was_chosen_stays_chosen(console):
     page = console.page
     page.click("#tab-trial")

@@ -139,7 +139,7 @@ def test_a_wrong_address_is_a_page_and_only_of_the_interface_json(stage):
         assert answer.status == 404
         expect(page.locator("h1")).to_have_text("There is no such page")
         expect(page.locator("main")).to_contain_text(said)
-        expect(page.locator(".rail a")).to_have_count(6)
+        expect(page.locator(".rail a")).to_have_count(7)
         expect(page.locator("#control-light")).to_have_attribute("data-state", "disarmed")
     answer = page.request.get("/api/no-such-thing")
     assert (answer.status, list(answer.json())) == (404, ["error"])

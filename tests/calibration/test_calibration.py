@@ -102,7 +102,7 @@ def test_what_is_written_is_what_was_found():
 
     real, points, _ = a_wrong_cell(5, tracked=True)
     fit = calibrate(points, FILE)
-    values = changes(fit, CELL, datetime.date(2026, 11, 23))
+    values = changes(fit, {}, CELL, datetime.date(2026, 11, 23))
     assert values["left", "base_position"] == pytest.approx(real.bases[0][:3, 3].tolist(), abs=3e-3)
     assert values["tracker", "position"] == pytest.approx(real.tracker[:3, 3].tolist(), abs=5e-3)
     assert values["calibration", "rms_mm"] == pytest.approx(1e3 * fit.rms_m, abs=0.01)

@@ -160,6 +160,6 @@ def test_a_tracker_of_another_package_is_opened_by_the_cells_file(install, tmp_p
 def test_an_unknown_tracker_is_refused_before_a_stack_starts(tmp_path):
     file = edited(tmp_path, "[tracker]\n", '[tracker]\nkind = "camera"\n')
     with pytest.raises(
-        TrialError, match=r"unknown tracker 'camera': choose one of natnet, none, udp; see \[tracker\] kind"
+        TrialError, match=r"unknown tracker 'camera': choose one of apriltag, natnet, none, udp; see \[tracker\] kind"
     ):
         live_source(file, "fci:127.0.0.11,127.0.0.12")

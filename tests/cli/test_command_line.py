@@ -121,6 +121,7 @@ WRONG = {
     "robot": ("--left 127.0.0.11", "give --left and --right"),
     "console": ("--run none", "start `rtstack robot`"),
     "teleoperate": ("moon --token x", "moon"),
+    "policy": ("moon", "unknown policy 'moon'"),
     "sim": ("--cpu 9999", "--cpu 9999: choose one of"),
     "check": ("--left 127.0.0.11", "give --left and --right"),
     "host-setup": ("--kernel odd", "choose rt or generic"),

@@ -6,12 +6,14 @@ import socket
 import ssl
 import subprocess
 import sys
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import httpx
 import pytest
+from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 import console.sign_in
@@ -84,6 +86,15 @@ def test_a_client_that_trusts_the_authority_signs_in_and_is_told_of_it_in_the_te
             additional_headers={"cookie": cookies}, origin=secured.base,  # pyright: ignore[reportArgumentType]
         ) as live:  # fmt: skip
             assert live.recv(timeout=60.0)
+        headset = client.get("/headset")  # no other site frames it, or gets a headset by it
+        assert "frame-ancestors 'none'" in headset.headers["content-security-policy"]
+        assert "xr-spatial-tracking=(self)" in headset.headers["permissions-policy"]
+        for site in ("https://webxr.example", secured.base.replace("https", "http"), "null"):
+            with pytest.raises(InvalidStatus, match="403"):
+                connect(
+                    secured.base.replace("https", "wss") + "/api/teleoperation/hand", ssl=secured.trusting, proxy=None,
+                    additional_headers={"cookie": cookies}, origin=site,  # pyright: ignore[reportArgumentType]
+                )  # fmt: skip
         invited = client.post("/api/invitations", json={"scope": "view"}, headers=headers).json()["address"]
         assert invited.startswith(f"{secured.base}/?token=")
         paired = client.post("/api/pairings", json={"scope": "view"}, headers=headers).json()
@@ -94,6 +105,19 @@ def test_a_client_that_trusts_the_authority_signs_in_and_is_told_of_it_in_the_te
     with secured.client() as late:
         assert late.get("/", params={"code": paired["code"]}).status_code == 403
         assert late.get("/api/me").status_code == 401
+
+
+def test_a_connection_is_not_downgraded(secured: Secured) -> None:
+    """Neither to an older TLS, nor to HTTP by a proxy that strips it."""
+    old = ssl.create_default_context(cafile=str(secured.config / "rtstack" / "https" / "authority.pem"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        old.minimum_version, old.maximum_version = ssl.TLSVersion.TLSv1, ssl.TLSVersion.TLSv1_1
+    with pytest.raises(httpx.ConnectError):
+        httpx.get(secured.base, verify=old, trust_env=False)
+    with secured.client() as client:
+        stripped = {"origin": secured.base.replace("https", "http"), "x-forwarded-proto": "https"}
+        assert client.post("/api/stop", headers=stripped).status_code == 403
 
 
 def test_who_does_not_trust_the_authority_does_not_connect(secured: Secured) -> None:

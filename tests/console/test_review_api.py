@@ -236,7 +236,7 @@ def test_the_scene_of_a_review_is_not_the_live_one(served, logs):
 def test_who_was_late_is_what_the_review_says(asked):
     client, logs = asked
     found = client.get(f"/api/logs/{logs['log0.mcap']}/lateness").raise_for_status().json()["lateness"]
-    assert found["turns"] == 4000  # of both arms
+    assert found["cycles"] == 4000  # of both arms
     assert found["late"] == len(found["worst"]) == 0
-    assert found["line"] == "none of 4000 turns was late"
+    assert found["line"] == "none of 4000 cycles was late"
     assert client.get("/api/logs/none/lateness").status_code == 404

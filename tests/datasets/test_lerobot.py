@@ -14,6 +14,7 @@ from rtstack.log.errors import LogError
 from rtstack.log.reader import read_log
 from rtstack.playback.motion import load_motion
 from tests.support.log.samples import MS, WrittenLog, write_log
+from tests.support.log.seen import write_seen_log
 
 Logs = tuple[WrittenLog, WrittenLog]
 STEP = 20  # ticks of a frame at 50 Hz
@@ -79,6 +80,32 @@ def test_export_import_export_gives_identical_arrays(data: Path, tmp_path: Path)
     assert first.column_names == second.column_names
     for name in first.column_names:
         assert plain(first, name).tobytes() == plain(second, name).tobytes(), name
+
+
+def test_pictures_are_in_the_frames_as_the_camera_gave_them_and_come_back(logs: Logs, tmp_path: Path) -> None:
+    source = tmp_path / "seen.mcap"
+    camera, shown = write_seen_log(logs[0].path, source)
+    begin_ns = read_log(source).start_ns
+    tables = []
+    for k in range(2):
+        export([source], tmp_path / f"set{k}", LeRobot())
+        tables.append(pq.read_table(tmp_path / f"set{k}" / "data"))
+        import_episode(tmp_path / f"set{k}", 0, tmp_path / f"back{k}.mcap")
+        source = tmp_path / f"back{k}.mcap"
+    first, second = tables
+    at_ns = begin_ns + (STEP * np.arange(1, len(first) + 1) - 1) * MS
+    for frame_ns, taken_ns, image in zip(
+        at_ns,
+        first["timing.picture_t_ns.front"].to_pylist(),
+        first["observation.images.front"].to_pylist(),
+        strict=True,
+    ):
+        newest = [each for each in shown if each[0] <= frame_ns][-1:] or shown[:1]
+        assert (taken_ns, image["bytes"]) == newest[0]
+    assert first.equals(second)
+    info = json.loads((tmp_path / "set0" / "meta" / "info.json").read_text())["features"]["observation.images.front"]
+    assert (info["dtype"], info["shape"]) == ("image", [96, 400, 3])
+    assert read_log(source).messages(camera.topics[1]) == list(camera.about(begin_ns)[camera.topics[1]])
 
 
 def test_an_imported_episode_is_a_log_that_can_be_played(demonstration, tmp_path: Path) -> None:

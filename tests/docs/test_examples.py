@@ -102,6 +102,24 @@ def test_nine_and_ten_talk_to_a_console(folder):
         assert read_log(folder / f"queued-{seed}.mcap").metadata["trial"]["seed"] == str(seed)
 
 
+def test_eleven_makes_a_bag_that_a_reader_of_ros_2_reads_bit_for_bit(demonstration, tmp_path):
+    from rosbags.highlevel import AnyReader
+
+    bag = runpy.run_path(str(EXAMPLES / "11_to_a_ros_2_bag.py"))
+    bag["convert"](demonstration.path, tmp_path / "bag", 100)
+    samples = read_log(demonstration.path).topic("/left/arm")[::100]
+    with AnyReader([tmp_path / "bag"]) as reader:
+        read = {}
+        for connection, t_ns, data in reader.messages():
+            read.setdefault(connection.topic, []).append((t_ns, reader.deserialize(data, connection.msgtype)))
+    assert sorted(read) == ["/left/joint_states", "/left/wrench", "/right/joint_states", "/right/wrench", "/tf"]
+    for sample, (t_ns, joints) in zip(samples, read["/left/joint_states"], strict=True):
+        assert t_ns == sample["t_ns"]
+        for name, values in (("q", joints.position), ("dq", joints.velocity), ("tau_J", joints.effort)):
+            assert (sample[name] == values).all()
+    assert len(read["/tf"]) == 2 * len(samples)
+
+
 def test_every_example_is_run_here():
     numbers = sorted(path.name[:2] for path in EXAMPLES.glob("*.py"))
-    assert numbers == [f"{n:02d}" for n in range(1, 11)]
+    assert numbers == [f"{n:02d}" for n in range(1, 12)]

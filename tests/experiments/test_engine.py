@@ -3,6 +3,7 @@
 import json
 import os
 import re
+from dataclasses import replace
 
 import pytest
 
@@ -12,7 +13,7 @@ from rtstack.experiments.plan_file import PlanFile
 from rtstack.experiments.preliminary import Preliminary
 from rtstack.experiments.progress import campaign_progress
 from rtstack.experiments.report import write_report
-from rtstack.experiments.runner import Runner
+from rtstack.experiments.runner import AHEAD, Runner
 from rtstack.experiments.store import Store
 from tests.support.counting import PLAN, CountingExperiment
 from tests.support.dask_worker import dask_worker
@@ -59,6 +60,19 @@ def test_what_fails_is_named_and_run_again_with_the_next_invocation(experiment, 
     said = capsys.readouterr().err.splitlines()
     assert said[0] == "looking for fingers: 0 of 1"
     assert said[-1].startswith("trials: 3 of 3")
+
+
+def test_the_scheduler_knows_of_a_few_tasks_at_a_time(experiment, client):
+    """However many cases a campaign has: a scheduler remembers each task, and its result, as long as somebody does."""
+    many = 5 * AHEAD
+    experiment.specification = replace(experiment.specification, numbers=tuple(range(many)))
+    known = []
+    with Store(experiment.request.out, experiment.columns) as store:
+        store.claim(experiment)
+        with campaign_progress(store.out) as progress:
+            Runner(experiment, store, client, progress, lambda: known.append(len(client.futures))).run()
+        assert len(store.rows()) == len(known) == many
+    assert max(known) <= AHEAD + 2  # one that has ended, and one of the stage before
 
 
 def test_a_page_learns_of_any_stage_from_the_file(tmp_path):

@@ -19,7 +19,6 @@ from sim_robot.fci.protocol import ROBOT_COMMAND, ROBOT_STATE, Command
 from sim_robot.fci.realtime import Realtime, RightClock
 from sim_robot.fci.server import Server
 from sim_robot.plant_parameters import load_plant_parameters
-from sim_robot.scene import load_scene
 from tests.support.fci.server import addresses
 
 US = 1_000
@@ -40,7 +39,7 @@ class Rig:
         for module in (realtime, arm_server):
             monkeypatch.setattr(module, "time", self)
         cell = simulated_cell("rice_box", 0.0, 0, box_kind=DrivenBox, on_the_wire=True)
-        self.server = Server(cell, load_scene(), load_plant_parameters(), addresses())
+        self.server = Server(cell, load_plant_parameters(), addresses())
         self._real_poller, self.server.poller = self.server.poller, self
         self._advance, self.server.advance = self.server.advance, self.advance
         self.wires = [Wire(self, one) for one in self.server.arm_servers]

@@ -14,6 +14,7 @@ from sim_robot.arm_description import arm_description
 from sim_robot.fci.protocol import ROBOT_STATE, Command, MoveStatus
 from sim_robot.fci.robot_state import ACCELEROMETER_BIT, ACCELEROMETER_NOISE
 from sim_robot.kinematics import KINEMATICS_RECORD, forward_kinematics
+from sim_robot.plant import faces
 from sim_robot.scene import load_scene
 from tests.support.fci.raw import RawClient
 from tests.support.fci.server import serve
@@ -96,7 +97,7 @@ def jacobian(q: np.ndarray) -> np.ndarray:
     """Of the end effector as the arm has it, (6, 7), from the nominal kinematics."""
     body = np.zeros(1, KINEMATICS_RECORD)[0]
     body["T_parent_joint"] = arm_description(FR3).T_parent_joint
-    body["face_offset_z"] = arm_description(FR3).flange_offset_z + load_scene().pad.flange_to_face
+    body["joint_T_face"] = faces(load_scene())[0]
     forward_kinematics(body, np.array(q, dtype=float))
     return np.array(body["J"])
 

@@ -131,7 +131,7 @@ def test_check_holds_both_arms(robot, described, record_property) -> None:
         record_property(finding.name, finding.value)
         print(finding)
     warned = {name for name, finding in findings.items() if finding.verdict != "pass"}
-    warned -= {"limits", "late turns"}  # who is late is this machine
+    warned -= {"limits", "late cycles"}  # who is late is this machine
     assert warned == {f"{side} {what}" for side in SIDES for what in DIFFERENT[robot.name]}
 
 

@@ -3,17 +3,21 @@
 The first run installs lerobot with PyTorch, some 6 GB, into `.venv-foreign`.
 """
 
+import io
 import os
 import subprocess
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
+from PIL import Image
 
 from rtstack.datasets.export import export
 from rtstack.datasets.lerobot import LeRobot
 from tests.support.foreign_robot import environment
 from tests.support.log.samples import TRIAL, write_log
+from tests.support.log.seen import write_seen_log
 
 PROGRAM = Path(__file__).parents[1] / "programs" / "lerobot_frames.py"
 STEP = 20  # ticks of a frame at 50 Hz
@@ -21,16 +25,32 @@ STEP = 20  # ticks of a frame at 50 Hz
 pytestmark = [pytest.mark.long, pytest.mark.timeout(3600)]
 
 
+def _loaded(folder: Path, name: str):
+    python = environment("lerobot") / "bin" / "python"
+    offline = {"HF_HUB_OFFLINE": "1", "HF_HOME": str(folder / "cache"), "PATH": os.environ["PATH"]}
+    command = [str(python), str(PROGRAM), str(folder / name), str(folder / "frames.npz")]
+    done = subprocess.run(command, env=offline, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-3000:]
+    return np.load(folder / "frames.npz")
+
+
+def test_the_loader_shows_the_pictures_of_the_frames(tmp_path: Path) -> None:
+    log = write_log(tmp_path / "log.mcap", 430, seed=0, trial={**TRIAL, "object": "rice_box"})
+    _, shown = write_seen_log(log.path, tmp_path / "seen.mcap")
+    export([tmp_path / "seen.mcap"], tmp_path / "grabs", LeRobot())
+    frames = _loaded(tmp_path, "grabs")["observation.images.front"]
+    times = pq.read_table(tmp_path / "grabs" / "data")["timing.picture_t_ns.front"].to_pylist()
+    known = {t_ns: np.asarray(Image.open(io.BytesIO(jpeg))) for t_ns, jpeg in shown}
+    assert len(frames) == len(times) == 430 // STEP
+    for frame, t_ns in zip(frames, times, strict=True):  # (channels, rows, columns), 0 to 1
+        np.testing.assert_array_equal(np.rint(255.0 * frame).astype(np.uint8), known[t_ns].transpose(2, 0, 1))
+
+
 def test_the_loaders_frames_are_the_logs(tmp_path: Path) -> None:
     trial = {**TRIAL, "object": "rice_box"}
     logs = [write_log(tmp_path / f"{k}.mcap", 200 + 30 * k, seed=k, trial=trial) for k in (0, 1)]
     export([log.path for log in logs], tmp_path / "grabs", LeRobot())
-    python = environment("lerobot") / "bin" / "python"
-    offline = {"HF_HUB_OFFLINE": "1", "HF_HOME": str(tmp_path / "cache"), "PATH": os.environ["PATH"]}
-    command = [str(python), str(PROGRAM), str(tmp_path / "grabs"), str(tmp_path / "frames.npz")]
-    done = subprocess.run(command, env=offline, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr[-3000:]
-    frames = np.load(tmp_path / "frames.npz")
+    frames = _loaded(tmp_path, "grabs")
     assert int(frames["fps"]) == 50
     assert set(frames["task"].tolist()) == {"grab the rice box with both arms"}
     assert frames["success"].tolist() == ["true", "true"]

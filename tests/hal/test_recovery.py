@@ -9,13 +9,14 @@ import pytest
 from hal.cell import Cell
 from hal.errors import CommandRejected, ConnectionLost, RecoveryRefused
 from hal.fci import FciPair, Tool, open_pair
+from hal.pad import Pad
 from hal.state import RobotMode
 from hal.tracker_link import NoTracker
 from rtstack.cells.simulator import Simulator
 from rtstack.live.idle import IdleView
 from rtstack.log.ring import Rings
 
-PAD = Tool.pad((0.1, 0.1, 0.03), 0.35, 0.03)
+PAD = Tool.of(Pad((0.1, 0.1, 0.03), 0.35, 0.03))
 
 
 def trip(pair: FciPair) -> None:
@@ -34,10 +35,10 @@ def trip(pair: FciPair) -> None:
 
 
 def test_an_arm_that_is_opened_in_reflex_says_so_and_recovers(simulator: Simulator):
-    first = open_pair(simulator.left, simulator.right, PAD, shared_clock=True)
+    first = open_pair(simulator.left, simulator.right, (PAD, PAD), shared_clock=True)
     trip(first)
     first.close()
-    pair = open_pair(simulator.left, simulator.right, PAD, shared_clock=True)
+    pair = open_pair(simulator.left, simulator.right, (PAD, PAD), shared_clock=True)
     assert pair.left.reflex() == ("controller_torque_discontinuity",)
     assert pair.right.reflex() == ()
     with pytest.raises(CommandRejected, match="controller_torque_discontinuity"):
@@ -65,7 +66,7 @@ def test_a_refusal_names_the_cause_and_comes_after_both_were_asked(tmp_path):
         '[[fault]]\nkind = "reflex"\nerror = "power_limit_violation"\narm = "right"\nat_s = 0.005\n'
     )
     simulator = Simulator("rice_box", 0.0, 3, lockstep=True, faults=script)
-    pair = open_pair(simulator.left, simulator.right, PAD, shared_clock=True)
+    pair = open_pair(simulator.left, simulator.right, (PAD, PAD), shared_clock=True)
     try:
         pair.start()
         with pytest.raises(CommandRejected):
@@ -92,7 +93,7 @@ def test_a_user_stop_is_named_where_a_recovery_or_a_motion_is_asked_for(tmp_path
     script = tmp_path / "script.toml"
     script.write_text('[[fault]]\nkind = "user_stop"\narm = "right"\nat_s = 0.005\nduration_s = 0.5\n')
     simulator = Simulator("rice_box", 0.0, 3, lockstep=True, faults=script)
-    pair = open_pair(simulator.left, simulator.right, PAD, shared_clock=True)
+    pair = open_pair(simulator.left, simulator.right, (PAD, PAD), shared_clock=True)
     try:
         pair.start()
         with pytest.raises(CommandRejected):

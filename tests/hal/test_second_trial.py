@@ -6,6 +6,7 @@ import numpy as np
 
 from hal.cell import Cell
 from hal.fci import Tool, open_pair
+from hal.pad import Pad
 from rtstack.cells import default_cell_file
 from rtstack.cells.simulator import Simulator
 from rtstack.log.reader import read_log
@@ -15,7 +16,7 @@ from rtstack.trials.specification import TrialSpecification
 from rtstack.trials.start_motion import start_motion
 from rtstack.trials.trial import prepare_trial, run_trial
 
-PAD = Tool.pad((0.1, 0.1, 0.03), 0.35, 0.03)
+PAD = Tool.of(Pad((0.1, 0.1, 0.03), 0.35, 0.03))
 
 
 def test_the_arms_go_back_to_the_start_and_grab_again(simulator: Simulator, cell, demonstration, tmp_path):
@@ -24,7 +25,7 @@ def test_the_arms_go_back_to_the_start_and_grab_again(simulator: Simulator, cell
     start = prepared.reference.ante[:, 0]
     ways = []
     for number in range(2):
-        pair = open_pair(simulator.left, simulator.right, PAD, shared_clock=True)
+        pair = open_pair(simulator.left, simulator.right, (PAD, PAD), shared_clock=True)
         opened = Cell("fci", pair.left, pair.right, simulator.tracker, pair, own_clocks=True)
         way = start_motion(opened, cell, "rice_box", 0.0, start)
         ways.append(way)
@@ -49,7 +50,7 @@ def test_the_arms_go_back_to_the_start_and_grab_again(simulator: Simulator, cell
 
 def test_a_way_that_is_broken_off_ends_the_trial_before_its_first_tick(simulator: Simulator, cell, demonstration):
     prepared = prepare_trial(TrialSpecification(str(demonstration.path)), cell)
-    pair = open_pair(simulator.left, simulator.right, PAD, shared_clock=True)
+    pair = open_pair(simulator.left, simulator.right, (PAD, PAD), shared_clock=True)
     opened = Cell("fci", pair.left, pair.right, simulator.tracker, pair, own_clocks=True)
     elsewhere = np.stack([arm.read().q.copy() for arm in (pair.left, pair.right)])
     elsewhere[0, 0] -= 0.2

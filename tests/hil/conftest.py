@@ -107,7 +107,7 @@ def open_arms(
             host, _, port = robot.tracker.rpartition(":")
             pad, tracker = cell.pad, TrackerLink(host, int(port))
             try:
-                pair = robot.pair(Tool.pad(pad.size, pad.mass, pad.flange_to_face))
+                pair = robot.pair(Tool.of(pad))
             except BaseException:
                 tracker.close()
                 raise

@@ -49,15 +49,14 @@ def excited(twin: Twin, run: int):
 def test_an_arm_and_its_payload_are_found_in_the_motion_of_all_joints(monkeypatch):
     monkeypatch.setattr(sweep, "TONES_S", 8.0)  # 18 s otherwise
     bare, loaded = excited(replace(OWN, payload_kg=0.0), 0), excited(OWN, 1)
-    known = identification.links(bare).inertia
-    load = identification.payload(loaded, known)
+    link = identification.links(loaded, bare)
+    load = link.payload
     assert load.value[0] == pytest.approx(OWN.payload_kg, rel=0.05)
     assert load.value[1:] / load.value[0] == pytest.approx(OWN.payload_centre, abs=0.02)
-    link = identification.links(loaded, known)
     truth = plant_of(OWN).joints[0]
     inside = []
     for j in range(7):
-        found = identification.joint(loaded, link, j, (0.7, 8.0, 0.02), 0.15)
+        found = identification.joint(link, j, (0.7, 8.0, 0.02), 0.15)
         for k, name in enumerate(Joint.MOTOR[:4]):
             inside.append(abs(found.motor.value[k] - truth[name][j]) <= found.motor.half_width[k])
         assert found.motor.value[0] == pytest.approx(truth["friction_p1"][j], rel=0.05)

@@ -1,11 +1,11 @@
-"""Who was late: turns made by a small model of robot, wire and host, each of them held up in its turn."""
+"""Who was late: cycles made by a small model of robot, wire and host, each of them held up in its cycle."""
 
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 
-from hal.turn import TURN, WORK
+from hal.cycle import CYCLE, WORK
 from rtstack.log.lateness import Blame, HostCause, Lateness, lateness
 
 MS = 1000.0  # us
@@ -29,12 +29,12 @@ def run(
     ticks: int = 1200, robot: Held = at_once, wire: Held = at_once, back: Held = at_once, host: Held = at_once,
     lost: frozenset[int] = frozenset(), skipped: frozenset[int] = frozenset(),
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Return turns and states of one arm. lost: numbers of states that the wire loses; skipped: that are not made.
+    """Return cycles and states of one arm. lost: numbers of states that the wire loses; skipped: that are not made.
 
     A robot that was held up goes on when it has its answer, as ours does; its clock then has made up for it.
     """
     sent, rates, missed = {}, {}, []
-    turns, states = [], []
+    cycles, states = [], []
     answered: dict[int, float] = {}  # state: when its answer is at the robot
     waiting: list[tuple[float, int]] = []
     free_us = 0.0
@@ -59,11 +59,11 @@ def run(
             (oldest_us, oldest), (_, newest) = there[0], there[-1]
             done_us = host(looks_us + TICK_US)
             since = [at - oldest_us for at in (free_us, looks_us, looks_us + 10.0, done_us)]
-            turns.append((newest * 1_000_000, HOST_CLOCK_US + oldest_us, newest - oldest + 1, *since))
+            cycles.append((newest * 1_000_000, HOST_CLOCK_US + oldest_us, newest - oldest + 1, *since))
             states.append((newest * 1_000_000, rates[newest]))
             answered[newest] = back(done_us) + WAY_US
             free_us = done_us
-    return np.array(turns, TURN), np.array(states, STATE)
+    return np.array(cycles, CYCLE), np.array(states, STATE)
 
 
 RIGHT = run()
@@ -71,64 +71,64 @@ RIGHT = run()
 
 def judged(*one: np.ndarray, work: np.ndarray | None = None) -> Lateness:
     """Return who was late, with a right arm that never is."""
-    turns, states = one
-    return lateness((turns, RIGHT[0]), (states, RIGHT[1]), np.zeros(0, WORK) if work is None else work)
+    cycles, states = one
+    return lateness((cycles, RIGHT[0]), (states, RIGHT[1]), np.zeros(0, WORK) if work is None else work)
 
 
-def test_a_quiet_run_has_no_late_turn():
+def test_a_quiet_run_has_no_late_cycle():
     found = judged(*run())
     assert found.late == ()
-    assert found.turns == 2400
-    assert found.line == "none of 2400 turns was late"
+    assert found.cycles == 2400
+    assert found.line == "none of 2400 cycles was late"
 
 
 @pytest.mark.parametrize("ms", [1.5, 3.0, 5.2, 12.0])
 @pytest.mark.parametrize("at_us", [700_100.0, 700_020.0, 700_500.0])
 def test_each_side_is_found(ms: float, at_us: float):
     stall = held(at_us, ms * MS)
-    for name, turns, blame in (("wire", run(wire=stall), Blame.WIRE), ("host", run(host=stall), Blame.HOST)):
-        found = judged(*turns)
-        blamed = {turn.blame for turn in found.late}
-        # a stall between two turns that holds up none of them by a whole period may leave no late one
+    for name, cycles, blame in (("wire", run(wire=stall), Blame.WIRE), ("host", run(host=stall), Blame.HOST)):
+        found = judged(*cycles)
+        blamed = {cycle.blame for cycle in found.late}
+        # a stall between two cycles that holds up none of them by a whole period may leave no late one
         assert blamed == {blame} or (not blamed and ms < 2.0), (name, found.late)
 
 
 @pytest.mark.parametrize("ms", [1, 3, 8])
 def test_a_robot_whose_clock_stands_still_is_late_once(ms: int):
     found = judged(*run(robot=lambda t_us: t_us + (ms * MS + 200.0 if t_us >= 700 * MS else 0.0)))
-    assert [turn.blame for turn in found.late] == [Blame.ROBOT]
+    assert [cycle.blame for cycle in found.late] == [Blame.ROBOT]
     assert found.late[0].outside_us == pytest.approx(ms * MS + 200.0, abs=1.0)
     assert found.late[0].unanswered == 0
 
 
 def test_states_that_the_wire_loses_are_the_wires_and_those_never_made_are_the_robots():
     found = judged(*run(lost=frozenset(range(800, 805))))
-    assert [(turn.blame, turn.missing) for turn in found.late] == [(Blame.WIRE, 5)]
+    assert [(cycle.blame, cycle.missing) for cycle in found.late] == [(Blame.WIRE, 5)]
     found = judged(*run(skipped=frozenset(range(800, 805))))
-    assert [(turn.blame, turn.missing) for turn in found.late] == [(Blame.ROBOT, 5)]
+    assert [(cycle.blame, cycle.missing) for cycle in found.late] == [(Blame.ROBOT, 5)]
 
 
 def test_an_answer_that_left_in_time_and_was_not_taken_is_the_wires():
     found = judged(*run(back=held(700_100.0, 4 * MS)))
     assert found.late
-    assert {turn.blame for turn in found.late} == {Blame.WIRE}
+    assert {cycle.blame for cycle in found.late} == {Blame.WIRE}
 
 
 def test_a_robot_that_does_not_count_answers_leaves_robot_or_wire_open():
-    turns, states = run(wire=held(700_000.0, 5 * MS))
+    cycles, states = run(wire=held(700_000.0, 5 * MS))
     states["control_command_success_rate"] = 0.0
-    assert {turn.blame for turn in judged(turns, states).late} == {Blame.ROBOT_OR_WIRE}
+    assert {cycle.blame for cycle in judged(cycles, states).late} == {Blame.ROBOT_OR_WIRE}
 
 
-def counters(turns: np.ndarray, late_at_us: float, **values: float) -> np.ndarray:
-    """Return what was read each 16 turns and after the first turn that was answered after a moment."""
-    answered = turns["arrived_us"] + turns["answered_us"]
+def counters(cycles: np.ndarray, late_at_us: float, **values: float) -> np.ndarray:
+    """Return what was read each 16 cycles and after the first cycle that was answered after a moment."""
+    answered = cycles["arrived_us"] + cycles["answered_us"]
     late = int(np.searchsorted(answered, HOST_CLOCK_US + late_at_us))
-    rows = sorted({*range(15, len(turns), 16), late})
+    rows = sorted({*range(15, len(cycles), 16), late})
     work = np.zeros(len(rows), WORK)
     work["at_us"] = answered[rows] + 2.0
-    work["turns"] = np.diff([-1, *rows])
-    work["cpu_us"] = 200.0 * work["turns"]
+    work["cycles"] = np.diff([-1, *rows])
+    work["cpu_us"] = 200.0 * work["cycles"]
     for name, value in values.items():
         work[name][rows.index(late)] += value
     return work
@@ -146,29 +146,29 @@ def counters(turns: np.ndarray, late_at_us: float, **values: float) -> np.ndarra
     ],
 )
 def test_what_the_host_did_is_read_from_its_counters(values: dict[str, float], at_us: float, cause: HostCause):
-    turns, states = run(host=held(at_us, 4.5 * MS))
-    found = judged(turns, states, work=counters(turns, at_us, **values))
-    assert found.late[0].cause is cause  # the turn after it may be late by it, too
+    cycles, states = run(host=held(at_us, 4.5 * MS))
+    found = judged(cycles, states, work=counters(cycles, at_us, **values))
+    assert found.late[0].cause is cause  # the cycle after it may be late by it, too
     assert cause.value in found.causes
     assert found.late[0].late_us == pytest.approx(4.5 * MS, abs=700.0)
 
 
 def test_two_clocks_that_drift_are_not_late():
-    turns, states = run(ticks=3000)
-    turns["arrived_us"] += 1e-4 * 1e-3 * turns["t_ns"]  # 100 ppm
-    assert judged(turns, states).late == ()
+    cycles, states = run(ticks=3000)
+    cycles["arrived_us"] += 1e-4 * 1e-3 * cycles["t_ns"]  # 100 ppm
+    assert judged(cycles, states).late == ()
 
 
 def test_the_worst_come_first_and_the_parts_add_up():
-    turns, states = run(host=lambda t_us: held(700_100.0, 3 * MS)(held(900_100.0, 6 * MS)(t_us)))
-    found = judged(turns, states)
+    cycles, states = run(host=lambda t_us: held(700_100.0, 3 * MS)(held(900_100.0, 6 * MS)(t_us)))
+    found = judged(cycles, states)
     worst = found.worst
     assert worst[0].late_us > worst[1].late_us
     assert set(found.shares) == {"HOST"}
-    for turn in worst:
-        parts = turn.outside_us + turn.busy_us + turn.wake_us + turn.read_us + turn.tick_us
-        assert parts == pytest.approx(turn.late_us, abs=0.5)
+    for cycle in worst:
+        parts = cycle.outside_us + cycle.busy_us + cycle.wake_us + cycle.read_us + cycle.tick_us
+        assert parts == pytest.approx(cycle.late_us, abs=0.5)
     late = len(found.late)
-    assert found.line.startswith(f"{late} of {found.turns} turns late, in 2 stalls: {late} HOST")
+    assert found.line.startswith(f"{late} of {found.cycles} cycles late, in 2 stalls: {late} HOST")
     assert len(found.table) == 3
     assert found.as_dict()["worst"][0]["blame"] == "HOST"

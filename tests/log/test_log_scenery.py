@@ -78,7 +78,7 @@ def test_the_scene_has_solids_in_every_frame_and_says_them_again_each_second(wri
         assert all(entity.frame_locked and entity.frame_id == name for name, entity in entities.items())
         size = entities["object"].cubes[0].size
         assert (size.x, size.y, size.z) == written.cell.object_size_m
-        assert entities["left_pad"].cubes[0].pose.position.z == -0.5 * written.cell.pad_size_m[2]
+        assert entities["left_pad"].cubes[0].pose.position.z == -0.5 * written.cell.pad_sizes_m[0][2]
         assert len(entities["left_link5"].cylinders) == 2
         assert len(entities["left_link5"].spheres) == 4
 
@@ -149,7 +149,7 @@ def test_a_box_is_one_voxel_and_a_link_is_filled_with_them(written: WrittenLog) 
     np.testing.assert_allclose(centres, np.zeros((1, 3)), atol=1e-12)
     assert volume == pytest.approx(np.prod(written.cell.object_size_m))
     centres, volume = filled("/shapes/right_pad", written.path)
-    np.testing.assert_allclose(centres, [(0.0, 0.0, -0.5 * written.cell.pad_size_m[2])], atol=1e-12)
+    np.testing.assert_allclose(centres, [(0.0, 0.0, -0.5 * written.cell.pad_sizes_m[0][2])], atol=1e-12)
     # link3 is two capsules: every voxel lies in the URDF's solids, and what pinocchio's library finds inside is filled
     shapes = [s for s in shapes_of(cell_urdf(written.cell)) if s.link == "left_link3"]
     solids = []

@@ -4,7 +4,7 @@
 
 Stalls of 3 to 9 ms whose side is known: the loop's process is stopped (HOST), a FIFO process takes its CPU (HOST), its
 tick computes for long (HOST), another thread collects garbage (HOST), the cable holds its packets or loses them (WIRE),
-the robot's server is stopped (ROBOT). Of the late turns in a stall the worst one has to have its label. Exit status 0
+the robot's server is stopped (ROBOT). Of the late cycles in a stall the worst one has to have its label. Exit status 0
 where at least 99 of 100 are right and none is laid to the other side (HOST against the others), 3 without namespaces.
 """
 
@@ -29,11 +29,11 @@ from hal.realtime import beside_realtime
 from hal.tracker_link import NoTracker
 from rtstack.bench.loop import long_grab
 from rtstack.cells import default_cell_file, load_description
-from rtstack.cells.fci import approach_collisions, pad_tool
-from rtstack.log.lateness import Blame, LateTurn, lateness_of
+from rtstack.cells.fci import approach_collisions, pad_tools
+from rtstack.log.lateness import Blame, LateCycle, lateness_of
 from rtstack.log.reader import read_log
 from rtstack.samples import SIDES
-from rtstack.topics import TURN_TOPICS
+from rtstack.topics import CYCLE_TOPICS
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.record import open_log
 from rtstack.trials.run_context import RunContext
@@ -46,6 +46,7 @@ from tests.support.network.relay import Cable
 STALL_MS = (3.0, 9.0)
 A_RUN = 25  # stalls, a quiet time between each two
 QUIET_S = 0.6
+TRIES = 5
 AFTER_US = 2000.0  # what comes so shortly after a stall belongs to it
 BEGINNING_S, END_S = 3.0, 4.0  # of a demonstration, without stalls
 GARBAGE = 150_000  # containers that a collection looks at: it takes some 5 ms
@@ -100,8 +101,8 @@ def control(log: Path, seconds: float) -> None:
     """The control PC: a demonstration with a long carry, whose log goes to a file."""
     description, _ = load_description(None)
     asked = DemonstrationSpecification()
-    pair = open_pair(LEFT, RIGHT, pad_tool(description), approach_collisions(description))
-    cell = Cell("fci", pair.left, pair.right, NoTracker(), pair, own_clocks=True, turns=pair.turns)
+    pair = open_pair(LEFT, RIGHT, pad_tools(description), approach_collisions(description))
+    cell = Cell("fci", pair.left, pair.right, NoTracker(), pair, own_clocks=True, cycles=pair.cycles)
     try:
         way = start_motion(cell, description, asked.object)
         context = RunContext(open_log(log, asked, description, "realtime", default_cell_file()), stop=InTick())
@@ -226,28 +227,28 @@ def _wait_for_motion(log: Path, loop: subprocess.Popen) -> None:
     raise RuntimeError("the arms did not begin to move")
 
 
-def labels(stalls: list[Stall], log: Path) -> tuple[list[tuple[Stall, LateTurn | None]], int, int]:
-    """Return each stall that the log has with its worst late turn, how many turns were late outside of them, and how
+def labels(stalls: list[Stall], log: Path) -> tuple[list[tuple[Stall, LateCycle | None]], int, int]:
+    """Return each stall that the log has with its worst late cycle, how many cycles were late outside of them, and how
     many there were."""
     read = read_log(log)
     found = lateness_of(read)
     if found is None:
         return [], 0, 0
-    turns = {side: read.topic(topic) for side, topic in zip(SIDES, TURN_TOPICS, strict=True)}
-    logged_us = max(own["arrived_us"][-1] for own in turns.values())
-    start_ns = min(int(own["t_ns"][0]) for own in turns.values())
+    cycles = {side: read.topic(topic) for side, topic in zip(SIDES, CYCLE_TOPICS, strict=True)}
+    logged_us = max(own["arrived_us"][-1] for own in cycles.values())
+    start_ns = min(int(own["t_ns"][0]) for own in cycles.values())
     spans = []
     for late in found.late:
-        own = turns[late.side]
-        turn = own[int(abs(own["t_ns"] - start_ns - round(1e9 * late.t_s)).argmin())]
-        spans.append((turn["arrived_us"] - late.outside_us, turn["arrived_us"] + turn["answered_us"]))
-    worst: list[tuple[Stall, LateTurn | None]] = []
+        own = cycles[late.side]
+        cycle = own[int(abs(own["t_ns"] - start_ns - round(1e9 * late.t_s)).argmin())]
+        spans.append((cycle["arrived_us"] - late.outside_us, cycle["arrived_us"] + cycle["answered_us"]))
+    worst: list[tuple[Stall, LateCycle | None]] = []
     inside = set()
     for stall in (one for one in stalls if one.ended_us + AFTER_US < logged_us):
         within = [k for k, (a, b) in enumerate(spans) if a <= stall.ended_us + AFTER_US and b >= stall.begun_us - 500.0]
         inside |= set(within)
         worst.append((stall, max((found.late[k] for k in within), key=lambda one: one.late_us, default=None)))
-    return worst, len(spans) - len(inside), found.turns
+    return worst, len(spans) - len(inside), found.cycles
 
 
 def main() -> int:
@@ -276,16 +277,20 @@ def main() -> int:
     kinds = [list(EXPECTED)[k % len(EXPECTED)] for k in range(options.stalls)]
     chance.shuffle(kinds)
     counts: dict[str, Counter] = {kind: Counter() for kind in EXPECTED}
-    wrong_side = right = done = outside = turns = 0
+    wrong_side = right = done = outside = cycles = 0
     with tempfile.TemporaryDirectory() as scratch:
         out = options.out or Path(scratch)
         out.mkdir(parents=True, exist_ok=True)
         for number in range(0, len(kinds), A_RUN):
             log = out / f"{number:03d}.mcap"
             log.unlink(missing_ok=True)
-            made, said = run(kinds[number : number + A_RUN], chance, log)
+            for _ in range(TRIES):  # a cable as slow as this one may lose an arm before there was any stall
+                made, said = run(kinds[number : number + A_RUN], chance, log)
+                if made:
+                    break
+                log.unlink(missing_ok=True)
             worst, elsewhere, of = labels(made, log)
-            outside, turns, done = outside + elsewhere, turns + of, done + len(worst)
+            outside, cycles, done = outside + elsewhere, cycles + of, done + len(worst)
             for stall, late in worst:
                 name = "none late" if late is None else f"{late.blame} {late.cause}".strip()
                 counts[stall.kind][name] += 1
@@ -300,7 +305,7 @@ def main() -> int:
         print(f"{kind:<12} {EXPECTED[kind]:<6} {', '.join(f'{n} x {name}' for name, n in names.most_common())}")
     print(
         f"{right} of {done} right, {wrong_side} on the wrong side; "
-        f"{outside} of {turns} turns late without a stall of ours"
+        f"{outside} of {cycles} cycles late without a stall of ours"
     )
     return int(right < 0.99 * done or wrong_side > 0 or done < options.stalls)
 

@@ -25,7 +25,7 @@ def main(folder: str, out: str) -> None:
         task=[each["task"] for each in frames],
         success=[each["success"] for each in dataset.meta.episodes],
         action_of_two=ahead[0]["action"].numpy(),
-        **{name: np.stack([each[name].numpy() for each in frames]) for name in NAMES},
+        **{name: np.stack([each[name].numpy() for each in frames]) for name in (*NAMES, *dataset.meta.camera_keys)},
     )
 
 

@@ -46,7 +46,9 @@ def main() -> None:
             file = FOLDER / f"{kind.name}.npz"
             if file.exists():
                 print(f"{kind.name}: {replayed(kind, file, reference, description) or 'the same'}")
-            cell = open_cell("direct", "rice_box", -0.03 if kind.ticks > 1000 else 0.0, 4)
+            script = Path(folder) / "faults.toml"
+            script.write_text(kind.faults, encoding="utf-8")
+            cell = open_cell("direct", "rice_box", kind.shift_m, 4, faults=script if kind.faults else None)
             samples = RunSamples(file)
             stop = _StopAt(kind.stop) if kind.stop is not None else None
             context = RunContext(samples, stop=stop, watchdogs=() if stop is None else (stop,))

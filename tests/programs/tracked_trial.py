@@ -1,14 +1,20 @@
-"""A trial on served arms whose object Motive watches, through a bad network: where and when the log has the object.
+"""A trial on served arms whose object a tracker watches, through a bad network: where and when the log has the object.
 
-`python -m tests.programs.tracked_trial [--version 4.1] [--loss 0.05] [--jitter-ms 20] [--ppm 50] [--step-s 3600]`
+`python -m tests.programs.tracked_trial [--tracker natnet|udp|apriltag] [--version 4.1] [--loss 0.05] [--jitter-ms 20]
+[--ppm 50] [--step-s 3600]`
 
-The poses of the simulated tracker are turned into what Motive sends (its y is up, it stands elsewhere, follows a body
-beside the object, and has a clock of its own that steps once), delayed, dropped and overtaken; `rtstack trial` reads
-them by `kind = "natnet"`. Each pose in the log is compared with the simulated tracker's own pose and time. In real
-time. Exit status 1 where the trial fails or the log is off by more than 2 mm or 5 ms (95 of 100 poses).
+udp: the same poses as datagrams of our own, with the same clock. apriltag: of each pose that a camera of 20 Hz takes, a
+picture is drawn and sent, with the host's time, and the tag is found in it; the place is compared with the true one at
+the logged time, and the time by the shift of the whole log that makes the places fit best.
+
+natnet: the poses of the simulated tracker are turned into what Motive sends (its y is up, it stands elsewhere, follows
+a body beside the object, and has a clock of its own that steps once), delayed, dropped and overtaken; `rtstack trial`
+reads them by `kind = "natnet"`. Each pose in the log is compared with the simulated tracker's own pose and time. In
+real time. Exit status 1 where the trial fails or the log is off by more than 2 mm or 5 ms (95 of 100 poses).
 """
 
 import argparse
+import dataclasses
 import heapq
 import json
 import socket
@@ -16,32 +22,165 @@ import subprocess
 import sys
 import threading
 import time
+from collections import deque
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any, Protocol
 
 import numpy as np
 
+from hal.configuration import toml_text
 from hal.tracker_link import DATAGRAM
 from rtstack.cells import default_cell_file
 from rtstack.log.reader import read_log
 from rtstack.model.rotation import quaternion_from_rotation, rotation_from_quaternion
 from tests.support.fci.server import serve
 from tests.support.trackers.motive import Motive
+from tests.support.trackers.tags import CAMERA, Sender, looking_at, picture
 
 COMMAND = Path(sys.executable).with_name("rtstack")
-BODY = 42
+BODY, TOP_M = 42, 0.1  # its number, and half of the rice box's height
 MOTIVE_P, MOTIVE_Q = np.array([0.6, -0.2, 0.1]), np.array([np.cos(0.3), 0.0, 0.0, np.sin(0.3)])  # in the world
 PIVOT = np.array([0.02, -0.03, 0.09])  # of the object in the body
 UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # from Motive's axes to those with z up
 MOST_MM, MOST_MS = 2.0, 5.0
+LATE_NS = 15_000_000
+
+
+class Watcher(Protocol):
+    """What sees the object in the place of the simulated tracker."""
+
+    table: str  # of the cell's file
+
+    @property
+    def watched(self) -> bool:
+        """Whether a client is there."""
+        ...
+
+    def seen(self, record: np.void, stamp_s: float) -> Any:
+        """Return what is to be sent of a pose, by a clock of the tracker's own; None for nothing."""
+        ...
+
+    def send(self, what: Any) -> None:
+        """Send it."""
+        ...
+
+    def close(self) -> None:
+        """End."""
+        ...
+
+
+class MotiveWatcher:
+    """Motive: its y is up, it stands elsewhere and follows a body beside the object."""
+
+    def __init__(self, version: str) -> None:
+        major, minor = map(int, version.split("."))
+        self._motive = Motive((major, minor))
+        self.table = f"""kind = "natnet"
+address = "{{}}:{{}}"
+up = "y"
+position = {MOTIVE_P.tolist()}
+orientation_wxyz = {MOTIVE_Q.tolist()}
+largest_age_ms = 100.0
+[tracker.bodies.rice_box]
+id = {BODY}
+position = {PIVOT.tolist()}
+""".format(*self._motive.address)
+
+    @property
+    def watched(self) -> bool:
+        return self._motive.client is not None
+
+    def seen(self, record: np.void, stamp_s: float) -> Any:
+        return stamp_s, seen_by_motive(record)
+
+    def send(self, what: Any) -> None:
+        stamp_s, (position, xyzw) = what
+        self._motive.send(stamp_s, [(1, (9.0, 9.0, 9.0), (0.0, 0.0, 0.0, 1.0), True), (BODY, position, xyzw, True)])
+
+    def close(self) -> None:
+        self._motive.close()
+
+
+class UdpWatcher:
+    """A tracker that sends our own datagrams, of its own frame and clock."""
+
+    def __init__(self) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+            free.bind(("127.0.0.1", 0))
+            self._client = free.getsockname()
+        self.watched, self._datagram = True, np.zeros(1, DATAGRAM)
+        self.table = f"""kind = "udp"
+address = "{{}}:{{}}"
+clock = "own"
+position = {MOTIVE_P.tolist()}
+orientation_wxyz = {MOTIVE_Q.tolist()}
+""".format(*self._client)
+
+    def seen(self, record: np.void, stamp_s: float) -> Any:
+        world, q = rotation_from_quaternion(MOTIVE_Q), np.zeros(4)
+        R = world.T @ rotation_from_quaternion(record["orientation_wxyz"])
+        quaternion_from_rotation(np.ascontiguousarray(R), q)
+        self._datagram["t_ns"], self._datagram["seen"] = round(1e9 * stamp_s), 1
+        self._datagram["position"], self._datagram["orientation_wxyz"] = world.T @ (record["position"] - MOTIVE_P), q
+        return self._datagram.tobytes()
+
+    def send(self, what: Any) -> None:
+        self._socket.sendto(what, self._client)
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class TagWatcher:
+    """A camera of 20 Hz over the table, and a tag on the object."""
+
+    def __init__(self) -> None:
+        self._sender, self._eye = Sender(), looking_at((-0.35, 0.05, 1.25), (0.0, 0.0, 0.5))
+        self._next_ns, self._behind_ns = 0, deque[int](maxlen=100)
+        R, q, p = self._eye[:3, :3], np.zeros(4), self._eye[:3, 3]
+        quaternion_from_rotation(np.ascontiguousarray(R), q)
+        camera = dataclasses.asdict(dataclasses.replace(CAMERA, source=self._sender.source))
+        self.table = f"""kind = "apriltag"
+position = {p.tolist()}
+orientation_wxyz = {q.tolist()}
+largest_age_ms = 200.0
+[tracker.bodies.rice_box]
+id = {BODY}
+position = [0.0, 0.0, {-TOP_M}]
+""" + toml_text({"tracker": {"camera": camera}}).partition("[tracker]\n")[2]
+
+    @property
+    def watched(self) -> bool:
+        return self._sender.connected
+
+    def seen(self, record: np.void, stamp_s: float) -> Any:
+        t_ns, now_ns = int(record["t_ns"]), time.monotonic_ns()
+        self._behind_ns.append(now_ns - t_ns)
+        since_ns = min(self._behind_ns)  # of the least delayed one: when the robot's time began, which may stand still
+        late = now_ns - t_ns - since_ns > LATE_NS  # a pose that waited for a drawing: no camera films the past
+        if t_ns < self._next_ns or late or not self.watched:
+            return None
+        self._next_ns = t_ns + 50_000_000
+        T = np.eye(4)
+        T[:3, :3] = rotation_from_quaternion(record["orientation_wxyz"])
+        T[:3, 3] = record["position"] + T[:3, 2] * TOP_M
+        return t_ns + since_ns, picture(CAMERA, {BODY: np.linalg.inv(self._eye) @ T})
+
+    def send(self, what: Any) -> None:
+        self._sender.send(*what)
+
+    def close(self) -> None:
+        self._sender.close()
 
 
 class Relay:
-    """What stands between the simulated tracker and the client: Motive, and a bad network."""
+    """What stands between the simulated tracker and the client: another tracker, and a bad network."""
 
-    def __init__(self, motive: Motive, options: argparse.Namespace) -> None:
+    def __init__(self, watcher: Watcher, options: argparse.Namespace) -> None:
         self.truth: list[tuple[int, np.ndarray]] = []
-        self._motive, self._options, self._rng = motive, options, np.random.default_rng(options.seed)
+        self._watcher, self._options, self._rng = watcher, options, np.random.default_rng(options.seed)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(("127.0.0.1", 0))
         self._socket.settimeout(1e-3)
@@ -51,7 +190,7 @@ class Relay:
         self._thread.start()
 
     def _run(self) -> None:
-        waiting: list[tuple[float, int, float, tuple]] = []
+        waiting: list[tuple[float, int, Any]] = []
         steps_at_s = None
         while not self._over.is_set():
             try:
@@ -61,18 +200,16 @@ class Relay:
             now_s = time.monotonic()
             if record is not None:
                 self.truth.append((int(record["t_ns"]), record["position"].copy()))
-                if steps_at_s is None and self._motive.client is not None:
+                if steps_at_s is None and self._watcher.watched:
                     steps_at_s = now_s + self._options.step_after_s
-                if self._rng.random() >= self._options.loss:
-                    stamp_s = 1000.0 + (1.0 + 1e-6 * self._options.ppm) * 1e-9 * int(record["t_ns"])
-                    stamp_s += self._options.step_s * (steps_at_s is not None and now_s > steps_at_s)
+                stamp_s = 1000.0 + (1.0 + 1e-6 * self._options.ppm) * 1e-9 * int(record["t_ns"])
+                stamp_s += self._options.step_s * (steps_at_s is not None and now_s > steps_at_s)
+                what = self._watcher.seen(record, stamp_s)
+                if what is not None and self._rng.random() >= self._options.loss:
                     due_s = now_s + 1e-3 * self._options.jitter_ms * self._rng.random()
-                    heapq.heappush(waiting, (due_s, len(self.truth), stamp_s, seen_by_motive(record)))
+                    heapq.heappush(waiting, (due_s, len(self.truth), what))
             while waiting and waiting[0][0] <= now_s:
-                _, _, stamp_s, (position, xyzw) = heapq.heappop(waiting)
-                self._motive.send(
-                    stamp_s, [(1, (9.0, 9.0, 9.0), (0.0, 0.0, 0.0, 1.0), True), (BODY, position, xyzw, True)]
-                )
+                self._watcher.send(heapq.heappop(waiting)[2])
 
     def close(self) -> None:
         """End."""
@@ -93,7 +230,8 @@ def seen_by_motive(record: np.void) -> tuple:
 
 def main() -> int:
     """Run the trial, and compare."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--tracker", choices=("natnet", "udp", "apriltag"), default="natnet")
     parser.add_argument("--version", default="4.1")
     parser.add_argument("--loss", type=float, default=0.05)
     parser.add_argument("--jitter-ms", type=float, default=20.0)
@@ -105,11 +243,18 @@ def main() -> int:
     with TemporaryDirectory() as name:
         folder = Path(name)
         subprocess.run([COMMAND, "teach", "ref.mcap"], cwd=folder, check=True, stdout=subprocess.DEVNULL)
-        motive = Motive(tuple(map(int, options.version.split("."))))
-        relay = Relay(motive, options)
+        watcher: Watcher
+        match options.tracker:
+            case "natnet":
+                watcher = MotiveWatcher(options.version)
+            case "udp":
+                watcher = UdpWatcher()
+            case _:
+                watcher = TagWatcher()
+        relay = Relay(watcher, options)
         try:
             with serve("--tracker", relay.address) as served:
-                (folder / "cell.toml").write_text(cell_file(motive))
+                (folder / "cell.toml").write_text(cell_file(watcher))
                 cell = ("--cell", f"fci:{served.left},{served.right}", "--cell-file", "cell.toml")
                 done = subprocess.run(
                     [COMMAND, "trial", "--reference", "ref.mcap", *cell, "--log", "t.mcap", "--json"],
@@ -117,26 +262,19 @@ def main() -> int:
                 )  # fmt: skip
         finally:
             relay.close()
-            motive.close()
+            watcher.close()
         if not done.stdout:
             print(done.stderr)
             return 1
         result = json.loads(done.stdout)
-        return compared(result, read_log(folder / "t.mcap").topic("/object/pose"), relay.truth)
+        compare = compared_as_whole if options.tracker == "apriltag" else compared
+        return compare(result, read_log(folder / "t.mcap").topic("/object/pose"), relay.truth)
 
 
-def cell_file(motive: Motive) -> str:
-    """Return the cell's file of who has measured where Motive stands."""
-    where = f"""[tracker]
-kind = "natnet"
-up = "y"
-position = {MOTIVE_P.tolist()}
-orientation_wxyz = {MOTIVE_Q.tolist()}
-largest_age_ms = 100.0
-"""
-    body = f"[tracker.bodies.rice_box]\nid = {BODY}\nposition = {PIVOT.tolist()}\n"
-    text = default_cell_file().read_text().replace("[tracker]\n", where)
-    return text.replace('"127.0.0.1:1341"', '"{}:{}"'.format(*motive.address)) + body
+def cell_file(watcher: Watcher) -> str:
+    """Return the cell's file of who has measured where the tracker stands."""
+    before, _, after = default_cell_file().read_text().partition("[tracker]\n")
+    return before + after[after.index("[start_motion]") :] + f"\n[tracker]\n{watcher.table}"
 
 
 def compared(result: dict, logged: np.ndarray, truth: list) -> int:
@@ -155,6 +293,27 @@ def compared(result: dict, logged: np.ndarray, truth: list) -> int:
     print("time  p50 {:.2f}, p95 {:.2f}, largest {:.2f} ms".format(*ms))
     print("place p50 {:.2f}, p95 {:.2f}, largest {:.2f} mm".format(*mm))
     return int(not result["success"] or ms[1] > MOST_MS or mm[1] > MOST_MM)
+
+
+def compared_as_whole(result: dict, logged: np.ndarray, truth: list) -> int:
+    """Print how far the log's poses are off, where each has noise of its own: in place, and all of them in time."""
+    times, places = np.array([t for t, _ in truth]), np.array([p for _, p in truth])
+    if not len(logged):
+        print(f"{result['failure_reason'] or 'success'}; no pose arrived: is this machine fast enough to draw them?")
+        return 1
+
+    def off_mm(shift_ms: float) -> np.ndarray:
+        at = logged["t_ns"] - 1e6 * shift_ms
+        then = np.column_stack([np.interp(at, times, places[:, axis]) for axis in range(3)])
+        return 1e3 * np.linalg.norm(logged["position"] - then, axis=1)
+
+    shifts = np.arange(-30.0, 30.0, 0.1)
+    ms = float(shifts[int(np.argmin([np.mean(off_mm(shift) ** 2) for shift in shifts]))])
+    mm = np.percentile(off_mm(0.0), [50, 95, 100])
+    print(f"{result['failure_reason'] or 'success'}; lift {result['max_lift_mm']} mm, {len(logged)} poses")
+    print(f"time  off by {ms:.1f} ms")
+    print("place p50 {:.2f}, p95 {:.2f}, largest {:.2f} mm".format(*mm))
+    return int(not result["success"] or abs(ms) > MOST_MS or mm[1] > MOST_MM)
 
 
 if __name__ == "__main__":

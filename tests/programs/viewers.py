@@ -50,6 +50,7 @@ from hal.realtime import scheduling
 from rtstack.log.ring import RingReader, Rings
 from rtstack.safety.arming import Phase
 from rtstack.samples import Mode
+from rtstack.teleoperation.stamp import Sender
 from tests.programs.soak import LATE_US
 from tests.support.console.stack import SoakFailed, Stack, Viewer
 
@@ -121,13 +122,15 @@ class Hands:
         self._thread.start()
 
     def _move(self) -> None:
+        sender = Sender()
         with connect(self._address, origin=self._origin, additional_headers=self._headers, proxy=None) as socket:
             while not self._over.wait(BEAT_S):
                 up = 0.3 * math.sin(2.0 * math.pi * time.monotonic() / SWAY_S)
                 way = [0.0, 0.0, up, 0.0, 0.0, 0.0]
                 try:
-                    socket.send(json.dumps({"clutch": True, "deflection": {"left": way, "right": way}}))
-                    self.error = json.loads(socket.recv(timeout=10.0))["error"]
+                    message = {"clutch": True, "deflection": {"left": way, "right": way}}
+                    socket.send(json.dumps(sender.stamped(message)))
+                    self.error = sender.saw(json.loads(socket.recv(timeout=10.0)))["error"]
                 except (ConnectionClosed, TimeoutError) as error:
                     self.error = str(error)
                     return

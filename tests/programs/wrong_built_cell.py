@@ -124,9 +124,11 @@ def before_and_after(built: dict[str, object], folder: Path) -> tuple[str, str, 
 
 def main() -> None:
     """Print the table."""
-    argparse.ArgumentParser(description=__doc__).parse_args()
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--case", choices=CASES, action="append", help="this one alone; several times: these")
+    asked = parser.parse_args().case or list(CASES)
     print("| built | before | calibration | after |\n|---|---|---|---|")
-    for name, built in CASES.items():
+    for name, built in ((name, CASES[name]) for name in asked):
         with tempfile.TemporaryDirectory() as folder:
             print(f"| {name} | {' | '.join(before_and_after(built, Path(folder)))} |", flush=True)
 

@@ -1,5 +1,7 @@
 """A recording with ticks missed, as real time has them, still gives its reference; one with a hole does not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -50,3 +52,19 @@ def test_a_hole_is_refused(demonstration, cell, tmp_path):
     _without(demonstration.path, tmp_path / "hole.mcap", np.arange(700, 730))
     with pytest.raises(ReferenceError, match="31 ms of the demonstration are missing"):
         _load(tmp_path / "hole.mcap", cell)
+
+
+@pytest.mark.parametrize(
+    ("moved_m", "pad_m", "refused"),
+    [(0.0, 0.0, ""), (0.002, 0.0, ""), (0.01, 0.0, "10 mm off"), (0.0, 0.02, "20 mm off")],
+)
+def test_a_recording_from_before_the_geometry_changed_is_refused(demonstration, cell, moved_m, pad_m, refused):
+    x, y, z = cell.left.base_position
+    left = replace(cell.left, base_position=(x + moved_m, y, z))
+    pad = replace(cell.pad, flange_to_face=cell.pad.flange_to_face + pad_m)
+    now = replace(cell, left=left, right=replace(cell.right, pad=pad))
+    if not refused:
+        assert _load(demonstration.path, now).impact == _load(demonstration.path, cell).impact
+        return
+    with pytest.raises(ReferenceError, match=f"bases and pads elsewhere .* up to {refused}; record it again"):
+        _load(demonstration.path, now)

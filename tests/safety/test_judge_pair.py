@@ -24,7 +24,7 @@ CLOSE = 0.9  # m between two bases: the arms' reach overlaps
 
 
 def _pair(limits=HARDWARE, right: Base = RIGHT) -> tuple[SafetyJudge, SafetyJudge]:
-    return pair_of_judges((limits, limits), LEFT, right, Tool())
+    return pair_of_judges((limits, limits), LEFT, right, (Tool(), Tool()))
 
 
 def _both(judges, t_ms: int, **fields) -> tuple[Judgement, Judgement]:
@@ -329,7 +329,9 @@ def test_a_judge_has_the_base_the_tool_and_the_profile_that_it_was_given():
     assert rule["base_position"].tolist() == [1.0, 2.0, 3.0]
     assert rule["face"].tolist() == pytest.approx([0.0, 0.0, 0.607])
     assert rule["reaction"] == 0.004
-    for judge, x in zip(pair_of_judges((HARDWARE, HARDWARE), base, Base(), tool, profile), (1.0, 0.0), strict=True):
+    for judge, x in zip(
+        pair_of_judges((HARDWARE, HARDWARE), base, Base(), (tool, tool), profile), (1.0, 0.0), strict=True
+    ):
         rule = judge._rules[0]
         assert (rule["base_position"][0], rule["face"][2], rule["reaction"]) == (x, pytest.approx(0.607), 0.004)
     rule = SafetyJudge()._rules[0]

@@ -46,6 +46,30 @@ def test_a_torque_step_accelerates_the_arm_as_the_rigid_model_predicts(joint: in
     assert np.linalg.norm(slope - expected) < 0.01 * np.linalg.norm(expected)
 
 
+def test_geoms_that_are_left_out_change_nothing() -> None:
+    """To the last bit: arms that meet the object, the table and each other, and an object that is put elsewhere."""
+    plants = [Plant(SCENE, PARAMETERS, "rice_box", 0.0, 5) for _ in range(2)]
+    plants[0].near["fixed"] = 1
+    home, met, looked = np.array([SCENE.left.home, SCENE.right.home]), set(), set()
+    for ms in range(2500):
+        # the first joints bring the pads together, then the second ones bring the arms down
+        turned = 0.4 * np.sin(2e-3 * ms)
+        for plant in plants:
+            for side in range(2):
+                goal = home[side] + np.array([turned * (2 * side - 1), 0.3 * (ms > 1200), 0, 0, 0, 0, 0])
+                plant.track(side, goal, NO_TORQUE)
+            if ms == 2000:
+                plant.data.qpos[14:17] += (0.0, 0.0, 0.2)
+            plant.advance()
+        met |= {tuple(pair) for pair in plants[0].data.contact.geom.tolist()}
+        looked.add(int((plants[1].model.geom_contype != 0).sum()))
+        assert np.array_equal(plants[0].data.qpos, plants[1].data.qpos), ms
+        assert np.array_equal(plants[0].data.contact.dist, plants[1].data.contact.dist), ms
+        assert plants[0].motors.tobytes() == plants[1].motors.tobytes(), ms
+    assert len(met) > 3
+    assert len(looked) > 3  # and by then others than before
+
+
 def python_millisecond(plant: Plant) -> None:
     """One millisecond of the plant in plain Python, from the paper's equations."""
     data, joints, motors = plant.data, plant.joints, plant.motors

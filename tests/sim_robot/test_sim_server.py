@@ -36,7 +36,6 @@ from sim_robot.fci.protocol import (
 )
 from sim_robot.fci.server import Server
 from sim_robot.plant_parameters import load_plant_parameters
-from sim_robot.scene import load_scene
 
 _last_octet = itertools.count(1)
 ANYWHERE = (10.0, 3.12, 6.28) * 2
@@ -52,7 +51,7 @@ def addresses() -> tuple[str, str]:
 @pytest.fixture
 def server(addresses: tuple[str, str]) -> Iterator[Server]:
     cell = simulated_cell("rice_box", 0.0, 0, box_kind=DrivenBox)
-    server = Server(cell, load_scene(), load_plant_parameters(), addresses)
+    server = Server(cell, load_plant_parameters(), addresses)
     yield server
     server.close()
 

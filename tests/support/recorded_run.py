@@ -1,9 +1,11 @@
 """Short recorded runs that every change of the law is replayed on: the states as float32, which the wire carries, and
 what controller and judge made of them.
 
-The output is kept as a checksum of each field in blocks of ten ticks, with the field's first value in each block.
+The output is kept as a checksum of each field in each tick, with the field's first values as float32: all of a torque,
+the first one of any other field.
 """
 
+import os
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,32 +17,44 @@ from numpy.typing import NDArray
 from hal.cell import Cell
 from hal.tracker import OBJECT_POSE
 from rtstack.loop.history import Columns
+from rtstack.loop.mailbox import Mailbox
 from rtstack.model.cell_description import CellDescription
 from rtstack.playback.logged_cell import LoggedStop, logged_cell
 from rtstack.playback.replay import OURS
-from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, SIDES, TIMING_SAMPLE
+from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, SIDES, TIMING_SAMPLE, Reaction
 from rtstack.trials.demonstration import run_demonstration
 from rtstack.trials.record import RunSamples
 from rtstack.trials.run_context import RunContext
-from rtstack.trials.specification import DemonstrationSpecification, TrialSpecification
+from rtstack.trials.specification import (
+    DemonstrationSpecification,
+    TeleoperationSpecification,
+    TrialSpecification,
+)
+from rtstack.trials.teleoperation import run_teleoperation
 from rtstack.trials.trial import prepare_trial, run_trial
+from tests.support.hand import JOB, Hand
 
 FOLDER = Path(__file__).resolve().parents[1] / "playback/recorded"
 STATES = ("q", "dq", "tau_J", "tau_J_d", "tau_ext_hat_filtered", "O_F_ext_hat_K")
 RENEW = "python -m tests.programs.record_runs"
-BLOCK = 10
+TORQUES = 7
 
 Start = Callable[[Cell, RunContext], object]
 
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """A run: its name, how many ticks of it are kept, after how many it is stopped, and what starts it."""
+    """A run: its name, how many ticks of it are kept, after how many it is stopped, and what starts it.
+
+    shift_m: of the object along y; faults: a script of the simulated robot, TOML.
+    """
 
     name: str
     ticks: int
     stop: int | None
     start: Callable[[Path, CellDescription], Start]
+    shift_m: float = 0.0
+    faults: str = ""
 
 
 def _trial(controller: str, **options) -> Callable[[Path, CellDescription], Start]:
@@ -56,11 +70,53 @@ def _demonstration(reference: Path, description: CellDescription) -> Start:
     return lambda cell, context: run_demonstration(DemonstrationSpecification(seed=4), description, cell, context)
 
 
+def _by_hand(_reference: Path, description: CellDescription) -> Start:
+    """An operator leads both pads to and fro, lets the clutch go once, and ends it."""
+
+    def script(ms: int, hand: Hand) -> None:
+        if ms < 160 or 220 <= ms < 280:
+            hand.hold(((0.0, -0.02, 0.03), (0.02, 0.02, 0.0)) if ms < 160 else ((0.01, 0.0, 0.0), (0.0, 0.0, 0.02)))
+        elif ms == 160:
+            hand.release()
+        elif ms == 280:
+            hand.finish()
+
+    def start(cell: Cell, context: RunContext) -> object:
+        mailbox = Mailbox.create(f"rtstack-recorded-run-{os.getpid()}")
+        try:
+            hand = Hand(mailbox, script, description)
+            asked = TeleoperationSpecification("anna", seed=4, stop_on_release=False, job=JOB)
+            return run_teleoperation(
+                asked, description, cell, mailbox, context.with_watchdog(hand), clock=hand.clock
+            )  # fmt: skip
+        finally:
+            mailbox.close()
+
+    return start
+
+
+REFLEX = """[[fault]]
+kind = "reflex"
+arm = "left"
+at_s = 0.1
+duration_s = 0.5
+error = "cartesian_reflex"
+"""
+PUSH = """[[fault]]
+kind = "push"
+arm = "left"
+at_s = 0.5
+duration_s = 0.1
+force_N = [0.0, 60.0, 0.0]
+"""
 KINDS = (
     Kind("demonstration", 300, None, _demonstration),
-    Kind("through_the_impact", 1500, None, _trial("proposed", displacement_mm=-30.0)),
+    Kind("through_the_impact", 1500, None, _trial("proposed", displacement_mm=-30.0), -0.03),
     Kind("stopped_by_the_operator", 450, 250, _trial("no_velocity_feedback")),
     Kind("stopped_by_the_judge", 500, None, _trial("contact_completion", safety=(("ee_speed_max", 0.01),))),
+    Kind("led_by_hand", 300, None, _by_hand),
+    Kind("robot_reflex", 150, None, _trial("no_reference_spreading"), faults=REFLEX),
+    Kind("pushed_and_holding", 700, None, _trial("no_interim", reaction=Reaction.HOLD), faults=PUSH),
 )
 
 
@@ -69,27 +125,33 @@ def saved(columns: Columns, ticks: int) -> dict[str, NDArray]:
     arm, control = columns.arm[:, :ticks], columns.control[:, :ticks]
     states = {name: arm[name].astype(np.float32) for name in STATES}
     assert all(np.array_equal(states[name], arm[name]) for name in STATES), "states are float32 on the wire"
-    own = {
-        f"out_{name}_{what}": values for name, both in outputs(arm, control).items() for what, values in both.items()
-    }
+    own: dict[str, NDArray] = {}
+    for name, values in outputs(arm, control).items():
+        own[f"out_{name}_crc"] = checksums(values)
+        own[f"out_{name}_first"] = firsts(name, values).astype(np.float32)
     return {**states, **own, "robot_mode": arm["robot_mode"].astype(np.int8), "mode": control["mode"].astype(np.int8)}
 
 
-def outputs(arm: NDArray, control: NDArray) -> dict[str, dict[str, NDArray]]:
-    """Return checksum and first value of each block (2, blocks) of what the controller and the judge have written."""
-    found = {}
-    fields = [(name, arm[name]) for name in OURS]
-    fields += [(name, control[name]) for name in CONTROL_SAMPLE.names or () if name != "t_ns"]
-    for name, values in fields:
-        blocks = [np.ascontiguousarray(values[:, k : k + BLOCK]) for k in range(0, values.shape[1], BLOCK)]
-        crc = np.array([[zlib.crc32(block[side].tobytes()) for block in blocks] for side in (0, 1)], np.uint32)
-        first = np.array([[float(block[side].reshape(-1)[0]) for block in blocks] for side in (0, 1)])
-        found[name] = {"crc": crc, "first": first}
-    return found
+def outputs(arm: NDArray, control: NDArray) -> dict[str, NDArray]:
+    """Return what the controller and the judge have written, (2, ticks, ...) each."""
+    found = {name: arm[name] for name in OURS}
+    return found | {name: control[name] for name in CONTROL_SAMPLE.names or () if name != "t_ns"}
+
+
+def checksums(values: NDArray) -> NDArray[np.uint16]:
+    """Return a checksum of each tick, (2, ticks)."""
+    return np.array([[zlib.crc32(np.ascontiguousarray(tick).tobytes()) & 0xFFFF for tick in side] for side in values],
+                    np.uint16)  # fmt: skip
+
+
+def firsts(name: str, values: NDArray) -> NDArray:
+    """Return the values that are kept of each tick, (2, ticks, n)."""
+    flat = values.reshape(*values.shape[:2], -1)
+    return flat[:, :, : TORQUES if name in OURS else 1]
 
 
 def replayed(kind: Kind, file: Path, reference: Path, description: CellDescription) -> str | None:
-    """Replay a recorded run; return None for the same bits, or in one line the first that differ."""
+    """Replay a recorded run; return None for the same bits, or in one line the first tick, field and value."""
     with np.load(file) as kept:
         ticks = kept["q"].shape[1]
         arm, control = np.zeros((2, ticks), ARM_SAMPLE), np.zeros((2, ticks), CONTROL_SAMPLE)
@@ -107,15 +169,24 @@ def replayed(kind: Kind, file: Path, reference: Path, description: CellDescripti
         now = outputs(samples.columns.arm[:, :ticks], samples.columns.control[:, :ticks])
         worst: tuple[int, str] | None = None
         for name, values in now.items():
+            made = checksums(values)
             for side, label in enumerate(SIDES):
-                was, its = kept[f"out_{name}_crc"][side], values["crc"][side]
+                was, its = kept[f"out_{name}_crc"][side], made[side]
                 n = min(len(was), len(its))
                 others = np.flatnonzero(was[:n] != its[:n])
                 if len(others) and (worst is None or others[0] < worst[0]):
                     k = int(others[0])
-                    then, today = kept[f"out_{name}_first"][side, k], values["first"][side, k]
-                    where = f"{label} {name} in ticks {BLOCK * k} to {BLOCK * (k + 1) - 1}"
-                    worst = k, f"{where}: {then!r} recorded, {today!r} now"
+                    worst = k, f"{label} {_differing(name, kept[f'out_{name}_first'][side, k], values[side, k])}"
         if worst is None and samples.columns.arm.shape[1] < ticks:
-            worst = 0, f"it ends after {samples.columns.arm.shape[1]} of {ticks} ticks"
-        return None if worst is None else worst[1]
+            return f"it ends after {samples.columns.arm.shape[1]} of {ticks} ticks"
+        return None if worst is None else f"tick {worst[0]}: {worst[1]}"
+
+
+def _differing(name: str, recorded: NDArray, values: NDArray) -> str:
+    """Return the field's first value that differs, as it was recorded, to seven digits, and as it is now."""
+    today = values.reshape(-1)
+    others = np.flatnonzero(today[: len(recorded)].astype(np.float32) != recorded)
+    i = int(others[0]) if len(others) else 0
+    label = f"{name}[{i}]" if len(today) > 1 else name
+    return f"{label}: {float(recorded[i])!r} recorded, {float(today[i])!r} now" + ("" if len(others) else
+           ", the same to seven digits; a later value or digit differs")  # fmt: skip

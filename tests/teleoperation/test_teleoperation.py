@@ -11,63 +11,19 @@ from rtstack.cells import default_cell_file, open_cell
 from rtstack.log.reader import read_log
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox
-from rtstack.loop.target import TARGET, Release
-from rtstack.model.rotation import quaternion_from_rotation
-from rtstack.references.demonstration import end_effector_pose
+from rtstack.loop.target import Release
 from rtstack.safety.limits import control_limits
 from rtstack.samples import Mode, QpStatus
 from rtstack.teleoperation.reach import FASTEST_M_S, HARDEST_N_M
-from rtstack.trials.assembly import arm_controllers, default_parameters
 from rtstack.trials.record import open_log
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.specification import TeleoperationSpecification, TrialSpecification
 from rtstack.trials.teleoperation import run_teleoperation
 from rtstack.trials.tightening import safety_limits
 from rtstack.trials.trial import prepare_trial, run_trial
+from tests.support.hand import BEAT_MS, JOB, START, Hand
 
-JOB = 5
-START = np.array([[0.0, 0.35, 0.26], [0.0, -0.35, 0.26]])
-BEAT_MS = 50
 DEAD_MAN_MS = 350
-
-
-class Hand:
-    """What a console writes, by the tick: a watchdog that never trips. `script(ms, hand)` acts each tick."""
-
-    def __init__(self, mailbox, script):
-        self._mailbox = mailbox
-        self._script = script
-        self._target = np.zeros(1, TARGET)
-        self._target["job"] = JOB
-        self._target["speed"], self._target["stiffness"] = 0.3, 300.0
-        self.orientations = np.zeros((2, 4))
-        self.ms = -1
-
-    def clock(self):
-        return 1_000_000_000 + self.ms * 1_000_000
-
-    def trip(self):
-        self.ms += 1
-        self._script(self.ms, self)
-        return
-
-    def hold(self, offsets=((0, 0, 0), (0, 0, 0)), **fields):
-        """Hold the clutch, with requests this far from the start; a sign of life a beat, as a page gives it."""
-        if self.ms % BEAT_MS == 0:
-            self._target["pose"][0, :, :3] = START + offsets
-            self._target["pose"][0, :, 3:] = self.orientations
-            self._target["clutch_ns"] = self.clock()
-            for name, value in fields.items():
-                self._target[name] = value
-            self._mailbox.write_target(self._target)
-
-    def release(self, why=Release.RELEASED):
-        self._target["clutch_ns"], self._target["release"] = 0, why
-        self._mailbox.write_target(self._target)
-
-    def finish(self):
-        self._target["finish"] = 1
-        self._mailbox.write_target(self._target)
 
 
 @pytest.fixture
@@ -77,11 +33,7 @@ def teleoperate(cell, tmp_path):
 
     def run(script, safety=None, **options):
         described = replace(cell, safety={**cell.safety, **(safety or {})})
-        hand = Hand(mailbox, script)
-        arms = arm_controllers(cell, default_parameters())
-        for k, mounting in enumerate((cell.left, cell.right)):
-            _, rotation = end_effector_pose(arms[k].model, np.array(mounting.home))
-            quaternion_from_rotation(np.ascontiguousarray(rotation), hand.orientations[k])
+        hand = Hand(mailbox, script, cell)
         path = Path(tmp_path) / "teleoperation.mcap"
         specification = TeleoperationSpecification("anna", job=JOB, **options)
         opened = open_cell("direct", "rice_box", 0.0, 0)
@@ -101,6 +53,29 @@ def teleoperate(cell, tmp_path):
 def moved(controls, side):
     """How far the command has gone, m, by tick."""
     return controls[side]["pose_ref"][:, :3] - controls[side]["pose_ref"][0, :3]
+
+
+def test_the_log_has_what_was_asked_on_which_picture_and_when(teleoperate):
+    def script(ms, hand):
+        ago = {"made_ns": 12, "came_ns": 10, "picture_ns": 90, "seen_ns": 60}
+        times = {name: hand.clock() - ms_ago * 1_000_000 for name, ms_ago in ago.items()}
+        sequence = 10 + ms // BEAT_MS
+        hand.hold(((0.0, 0.0, 0.05),) * 2, sequence=sequence, picture=7, dropped=(1, 2, 3, 4), **times)
+        if ms == 500:
+            hand.finish()
+
+    _, _, log = teleoperate(script, recorded=True)
+    hand = log.topic("/hand")
+    np.testing.assert_array_equal(hand["sequence"], 10 + np.arange(len(hand)))
+    assert len(hand) == 500 // BEAT_MS  # the last one came with the end
+    assert (np.diff(hand["t_ns"]) == BEAT_MS * 1_000_000).all()
+    np.testing.assert_allclose(hand["asked_left"][:, :3], np.tile(START[0] + (0.0, 0.0, 0.05), (len(hand), 1)))
+    # the guide's watchdog asks before this one: a command is applied a tick after it was written
+    ages = [hand[name][1:] - hand["came_us"][1:] for name in ("made_us", "picture_us", "seen_us")]
+    np.testing.assert_allclose(ages, np.repeat([[2e3], [80e3], [50e3]], len(hand) - 1, axis=1))
+    assert set(hand["picture"]) == {7}
+    dropped = [hand[f"dropped_{why}"][-1] for why in ("old", "order", "picture", "other")]
+    assert dropped == [1, 2, 3, 4]
 
 
 def first_stop_ms(log):

@@ -9,11 +9,12 @@ import pytest
 from hal.errors import HardwareError
 from hal.fci import ask_for_urdf, limits_in
 from hal.limits import OwnLimits
-from hal.robots import FR3
+from hal.robots import FER, FR3
 from rtstack.cells import open_cell
 from rtstack.cells.simulator import Simulator
 from rtstack.safety.limits import HARDWARE, within_own
-from rtstack.trials.tightening import difference_of_limits, limits_of_arms, limits_of_cell
+from rtstack.trials.errors import TrialError
+from rtstack.trials.tightening import check_models, difference_of_limits, limits_of_arms, limits_of_cell
 from sim_robot.cell import simulated_cell
 from sim_robot.scene import NO_OBJECT
 
@@ -56,6 +57,18 @@ def test_the_limits_of_a_run_are_inside_the_robots(cell):
     left, right = limits_of_cell(limits_of_arms(cell), arms)
     assert left == limits_of_arms(cell)[0]
     assert right.q_upper[3] == pytest.approx(left.q_upper[3] - 0.3)
+
+
+def test_an_arm_of_another_model_is_refused(cell):
+    check_models(cell, (own(), own(q_lower=(3, 0.01))))
+    check_models(cell, (own(), own(q_upper=(4, -0.05))))  # nearer to no other model
+    check_models(cell, None)
+    panda = OwnLimits(*(getattr(FER.limits, name) for name in ("q_lower", "q_upper", "dq_max", "tau_max")))
+    with pytest.raises(TrialError, match=r"the right arm has .* of .*Panda.*model 'fr3'.*\[right\] model"):
+        check_models(cell, (own(), panda))
+    described = replace(cell, left=replace(cell.left, model="fer"))
+    with pytest.raises(TrialError, match=r"the left arm has the joint limits of Franka Research 3.*model 'fer'"):
+        check_models(described, (own(), own()))
 
 
 @pytest.fixture

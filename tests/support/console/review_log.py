@@ -1,20 +1,52 @@
 """A small log as the review shows it, and how a client reads it."""
 
+import io
 import time
 
 import numpy as np
+from PIL import Image
 
+from rtstack.cameras.source import draw_time, read_time
 from rtstack.log.mcap_writer import McapWriter
+from rtstack.log.pictures import LoggedCamera
 from rtstack.topics import TOPICS
 
 MS = 1_000_000
 SPIKE_S = 1.234
 
 
-def write_log(path, trial, result=None, spike=80.0, complete=True):
-    """A log of two seconds with a spike of one sample in a torque and an impact."""
+def stamped_pictures(periods_ms):
+    """Cameras for `write_log`, with a picture every so many ms and its time drawn into it."""
+    return [
+        (
+            LoggedCamera(name, "", 400, 96, (1.0,) * 9, (), (0.0,) * 7),
+            [(t_ms * MS, _stamped(t_ms * MS)) for t_ms in range(0, 2000, period_ms)],
+        )
+        for name, period_ms in periods_ms.items()
+    ]
+
+
+def _stamped(t_ns):
+    picture = np.full((96, 400, 3), 90, np.uint8)
+    draw_time(picture, t_ns)
+    file = io.BytesIO()
+    Image.fromarray(picture).save(file, "JPEG")
+    return file.getvalue()
+
+
+def time_in(jpeg):
+    """The time that is drawn into a picture, ns."""
+    return read_time(np.array(Image.open(io.BytesIO(jpeg))))
+
+
+def write_log(path, trial, result=None, spike=80.0, complete=True, pictures=()):
+    """A log of two seconds with a spike of one sample in a torque and an impact.
+
+    pictures: a LoggedCamera and its (t_ns, JPEG), of each camera.
+    """
     with open(path, "wb") as file:
-        writer = McapWriter(file)
+        schemas = {topic: each for camera, _ in pictures for topic, each in camera.schemas().items()}
+        writer = McapWriter(file, schemas)
         writer.write_metadata("trial", trial)
         writer.attach("cell.toml", "application/toml", f"[pad]\nsize = {trial.get('seed', 0)}\n".encode())
         batches = {}
@@ -24,7 +56,8 @@ def write_log(path, trial, result=None, spike=80.0, complete=True):
         batches["/left/arm"]["tau_J"][round(SPIKE_S * 1e3), 3] = spike
         batches["/events"]["t_ns"], batches["/events"]["name"] = int(SPIKE_S * 1e9), b"impact"
         batches["/events"]["text"], batches["/events"]["level"] = b"detected", 2
-        writer.write(batches, {})
+        made = {camera.topics[0]: [(t, camera.message(t, data)) for t, data in shown] for camera, shown in pictures}
+        writer.write(batches, made)
         if not complete:
             writer.flush()
             return

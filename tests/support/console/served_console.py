@@ -16,6 +16,7 @@ from fastapi import FastAPI
 
 from console.address import Address
 from console.app import create_app
+from console.calibration import CellCalibration
 from console.campaigns.campaigns import Campaigns
 from console.heartbeats import OperatorHeartbeats
 from console.parts import Parts
@@ -162,6 +163,7 @@ def serve_console(logs: Path) -> Iterator[ServedConsole]:
             trainer,
             questions,
             Layouts(logs),
+            CellCalibration(Path(shutil.copy(CELL, folder / "cell.toml")), logs, questions, watch),
         )
         application = create_app(parts, Address(port))
         server = uvicorn.Server(server_settings(application))

@@ -141,7 +141,7 @@ class Case:
                 arm.read()
             for arm in arms:
                 arm.write(nothing)
-        before = np.stack([arm._state.q.copy() for arm in arms])
+        before = np.stack([arm.state.q.copy() for arm in arms])
         for arm in arms:
             arm.stop()
         reads = iter(range(WATCHED_TICKS))
@@ -301,7 +301,7 @@ class Case:
         for side, arm in (("left", cell.left), ("right", cell.right)):
             with contextlib.suppress(CommandRejected):
                 arm.read()
-            state = arm._state
+            state = arm.state
             errors = error_names(state.current_errors)
             words.append(f"{side} {state.robot_mode.name.lower()}" + (f" ({', '.join(errors)})" if errors else ""))
             fastest = max(fastest, float(np.abs(state.record["dq"]).max()))

@@ -95,7 +95,7 @@ class Stage:
         self._stack.callback(self.mailbox.close)
         self.signs = Signs(self.mailbox)
         self._stack.callback(self.signs.close)
-        self._tool = Tool.pad(description.pad.size, description.pad.mass, description.pad.flange_to_face)
+        self._tool = Tool.of(description.pad)
         self._profile = profile
         self.simulator = Simulator("rice_box", 0.0, 1, lockstep=True, faults=script, profile=profile)
         self._stack.callback(self.simulator.close)
@@ -121,7 +121,7 @@ class Stage:
 
     def connect(self) -> FciPair:
         """Open both arms. Raises HardwareError."""
-        return open_pair(self.simulator.left, self.simulator.right, self._tool, shared_clock=True)
+        return open_pair(self.simulator.left, self.simulator.right, (self._tool, self._tool), shared_clock=True)
 
     def _cell(self, pair: FciPair) -> Cell:
         return Cell("lockstep", pair.left, pair.right, self.simulator.tracker, pair)

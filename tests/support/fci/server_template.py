@@ -18,7 +18,6 @@ from sim_robot.fci.__main__ import main as serve
 from sim_robot.fci.drive import DrivenBox
 from sim_robot.fci.server import Server
 from sim_robot.plant_parameters import load_plant_parameters
-from sim_robot.scene import load_scene
 
 PR_SET_PDEATHSIG = 1  # linux/prctl.h
 LARGEST_REQUEST = 1 << 16
@@ -27,7 +26,7 @@ LARGEST_REQUEST = 1 << 16
 def warm_up(left: str, right: str) -> None:
     """Load all compiled code."""
     cell = simulated_cell("rice_box", 0.0, 0, box_kind=DrivenBox)
-    server = Server(cell, load_scene(), load_plant_parameters(), (left, right))
+    server = Server(cell, load_plant_parameters(), (left, right))
     server.advance()
     server.close()
 

@@ -22,4 +22,4 @@ class Robot:
 
     def pair(self, tool: Tool | None = None) -> FciPair:
         """Connect to both arms."""
-        return open_pair(self.left, self.right, tool, shared_clock=self.simulated)
+        return open_pair(self.left, self.right, (tool, tool), shared_clock=self.simulated)

@@ -73,7 +73,9 @@ def write_log(path: Path, ticks: int = TICKS, seed: int = 0, trial: dict[str, st
     columns = {topic: random_records(topic, 5 if topic == "/events" else ticks, seed) for topic in TOPICS}
     left, right = np.eye(4), np.diag([-1.0, -1.0, 1.0, 1.0])
     left[:3, 3], right[:3, 3] = (0.0, 0.4, 0.1), (0.0, -0.4, 0.1)
-    cell = CellFrames(left, right, (0.1, 0.1, 0.03), (0.2, 0.3, 0.2), (0.08, 0.0, 0.1), (0.56, 0.8, 0.2))
+    cell = CellFrames(
+        left, right, ((0.1, 0.1, 0.03), (0.1, 0.1, 0.03)), (0.2, 0.3, 0.2), (0.08, 0.0, 0.1), (0.56, 0.8, 0.2)
+    )
     with Rings.create() as rings:
         log = LogProcess.start(path, rings, {"trial": trial}, [Attachment("cell.toml", "application/toml", CELL)], cell)
         push_all(rings, columns, log)

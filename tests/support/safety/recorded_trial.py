@@ -9,7 +9,7 @@ import numpy as np
 from rtstack.log.reader import read_log
 from rtstack.model.cell_description import CellDescription
 from rtstack.safety.geometry import arm_distance
-from rtstack.safety.judge import Base, Cause, SafetyJudge, SafetyLimits, Tool, judge, pair_of_judges
+from rtstack.safety.judge import Base, Cause, SafetyJudge, SafetyLimits, judge, pair_of_judges
 from rtstack.samples import ARM_SAMPLE, SIDES, Mode
 
 FAR_M = 9.0
@@ -66,8 +66,7 @@ def read_recorded(path: Path) -> Recorded:
 def judges_of(cell: CellDescription) -> Judges:
     """Return what makes the pair of judges of a cell, with any limits."""
     left, right = (Base(m.base_position, m.base_orientation_wxyz) for m in (cell.left, cell.right))
-    tool = Tool(cell.pad.size, cell.pad.flange_to_face)
-    return lambda limits: pair_of_judges((limits, limits), left, right, tool)
+    return lambda limits: pair_of_judges((limits, limits), left, right, cell.tools)
 
 
 def replay(trial: Recorded, pair: tuple[SafetyJudge, SafetyJudge], places: Places | None = None) -> Intervention | None:

@@ -1,0 +1,164 @@
+"""Two simulated cameras beside a real run: their pictures are in its log, in its clock, and never in its way."""
+
+import io
+import os
+import signal
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+from PIL import Image
+
+from rtstack.cameras.source import draw_time, read_time
+from rtstack.cells import default_cell_file, open_cell
+from rtstack.log import pictures
+from rtstack.log.reader import read_log
+from rtstack.model.cell_description import CameraDescription
+from rtstack.trials.record import open_log
+from rtstack.trials.run_context import RunContext
+from rtstack.trials.specification import TrialSpecification
+from rtstack.trials.trial import prepare_trial, run_trial
+
+# above the table, looking down; and from the front
+DOWN = CameraDescription("simulated", (0.1, 0.0, 1.6), (0.0, 0.7071, 0.7071, 0.0), width=384, height=288, stamped=True)
+FRONT = replace(DOWN, position=(1.4, 0.0, 0.5), orientation_wxyz=(0.5, -0.5, -0.5, 0.5))
+
+
+def run(cell, demonstration, path, cameras, disturb=None):
+    """Run a trial of the demonstration; return its result and its log."""
+    described = replace(cell, cameras=cameras)
+    asked = TrialSpecification(str(demonstration.path))
+    opened = open_cell("direct", "rice_box", 0.0, 0)
+    log = open_log(path, asked, described, "direct", default_cell_file(), overwrite=True, cell=opened)
+    progress = None if disturb is None else disturb(log)
+    try:
+        result = run_trial(prepare_trial(asked, described), opened, RunContext(log, progress=progress))
+    finally:
+        opened.close()
+    return result, read_log(path)
+
+
+def shown(path: Path):
+    """Return the pictures of each camera, (t_ns, picture), as a reader of other authors finds them, and K."""
+    found, matrices = {}, {}
+    with open(path, "rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        for _, channel, message, said in reader.iter_decoded_messages():
+            if channel.topic.endswith("/image"):
+                picture = np.array(Image.open(io.BytesIO(said.data)))
+                found.setdefault(channel.topic, []).append((message.log_time, picture))
+            elif channel.topic.endswith("/calibration"):
+                matrices[channel.topic] = list(said.K)
+    return found, matrices
+
+
+@pytest.mark.parametrize("t_ns", [0, 1_300_000, 599_999_900_000, (2**47 - 1) * 100_000])
+def test_a_time_that_is_drawn_is_read_through_jpeg(t_ns):
+    picture = np.random.default_rng(0).integers(0, 255, (64, 400, 3), np.uint8)
+    draw_time(picture, t_ns)
+    file = io.BytesIO()
+    Image.fromarray(picture).save(file, "JPEG", quality=85)
+    assert read_time(np.array(Image.open(file))) == t_ns
+
+
+@pytest.mark.long
+def test_two_cameras_are_in_the_log_in_its_clock_and_the_trial_is_the_same(cell, demonstration, tmp_path):
+    plain, without = run(cell, demonstration, tmp_path / "plain.mcap", {})
+    result, log = run(cell, demonstration, tmp_path / "seen.mcap", {"down": DOWN, "front": FRONT})
+    assert (result.success, result.ticks, result.average_force_norm) == (
+        plain.success, plain.ticks, plain.average_force_norm
+    )  # fmt: skip
+    for topic in ("/left/arm", "/right/control", "/object/pose"):
+        np.testing.assert_array_equal(log.topic(topic), without.topic(topic))
+    found, matrices = shown(tmp_path / "seen.mcap")
+    assert set(found) == {"/camera/down/image", "/camera/front/image"}
+    ticks = log.topic("/left/arm")["t_ns"]
+    for topic, seen in found.items():
+        assert len(seen) >= 0.9 * 30.0 * log.duration_s, topic
+        for t_ns, picture in seen:
+            assert picture.shape == (288, 384, 3)
+            assert abs(read_time(picture) - t_ns) < 1_000_000
+            assert t_ns in ticks
+        assert np.ptp(seen[0][1].astype(float)) > 100.0  # something is to be seen
+        moved = np.abs(seen[0][1][16:].astype(float) - seen[len(seen) // 2][1][16:]).mean()
+        assert moved > 1.0, topic
+    K = matrices["/camera/down/calibration"]
+    assert pytest.approx(list(DOWN.K)) == K
+    place = log.messages("/camera/front/tf")
+    assert len(place) == 1
+
+
+@pytest.mark.long
+def test_a_camera_that_dies_ends_its_pictures_and_not_the_trial_and_is_said(cell, demonstration, tmp_path):
+    def kill(log):
+        def progress(share):
+            if share > 0.4:
+                os.kill(log.cameras.pids[0], signal.SIGKILL)
+
+        return progress
+
+    result, log = run(cell, demonstration, tmp_path / "log.mcap", {"down": DOWN, "front": FRONT}, kill)
+    assert result.success
+    assert len(log.messages("/camera/front/image")) > len(log.messages("/camera/down/image"))
+    said = [event.text for event in log.events if event.name == "camera"]
+    assert len(said) == 1
+    assert said[0].startswith("camera down: no picture: ")
+
+
+@pytest.mark.long
+def test_a_camera_that_cannot_be_opened_is_said_and_the_trial_goes_on(cell, demonstration, tmp_path):
+    missing = replace(DOWN, kind="moon")
+    result, log = run(cell, demonstration, tmp_path / "log.mcap", {"down": missing})
+    assert result.success
+    said = [event.text for event in log.events if event.name == "camera"]
+    assert any("unknown camera 'moon'" in text for text in said), said
+
+
+def test_a_full_disk_ends_the_pictures_and_is_said(tmp_path, monkeypatch):
+    monkeypatch.setattr(pictures, "RESERVE_BYTES", 1 << 60)
+    ring = pictures.PictureRing.create()
+    camera = pictures.LoggedCamera("down", ring.name, 64, 64, DOWN.K, (), DOWN.pose)
+    with open(tmp_path / "log", "wb") as file:
+        drain = pictures.PictureDrain([camera], file)
+        ring.write(5, b"picture")
+        assert drain.step(5) == {}
+        assert [bytes(event["text"]) for event in drain.events(7)] == [
+            b"no more pictures: the disk has less than 1099511627776 MB"
+        ]
+        drain.close()
+    ring.close()
+
+
+def test_a_camera_that_is_quiet_while_samples_go_on_is_said_once_and_so_is_its_return(tmp_path, monkeypatch):
+    monkeypatch.setattr(pictures, "STALL_S", 0.0)
+    ring = pictures.PictureRing.create()
+    camera = pictures.LoggedCamera("down", ring.name, 64, 64, DOWN.K, (), DOWN.pose)
+    said = []
+    with open(tmp_path / "log", "wb") as file:
+        drain = pictures.PictureDrain([camera], file)
+        for t_ms, newest_ms in ((10, 10), (None, 10), (None, 20), (None, 30), (30, 30), (None, 40)):
+            if t_ms is not None:
+                ring.write(t_ms * 1_000_000, b"picture")
+            drain.step(newest_ms * 1_000_000)
+            said.append([event["text"].decode() for event in drain.events(0)])
+        drain.close()
+    ring.close()
+    quiet = ["camera down: no picture: it gives none any more"]
+    assert said == [[], [], quiet, [], ["camera down: pictures again"], quiet]
+
+
+def test_a_ring_keeps_the_newest_pictures_and_counts_those_that_are_lost(monkeypatch):
+    monkeypatch.setattr(pictures, "PATIENCE_S", 0.0)
+    ring = pictures.PictureRing.create()
+    reader = pictures.PictureRing.attach(ring.name)
+    for k in range(pictures.SLOTS + 3):
+        ring.write(k, bytes([k]))
+    assert [t_ns for t_ns, _ in reader.drain()] == list(range(3, pictures.SLOTS + 3))
+    assert (reader.lost, reader.drain()) == (3, [])
+    ring.write(99, b"x" * (pictures.LARGEST_BYTES + 1))
+    assert reader.drain() == []
+    reader.close()
+    ring.close()

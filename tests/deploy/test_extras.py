@@ -1,0 +1,82 @@
+"""Each part of the stack runs without the packages of the others, and says what to install where it cannot."""
+
+import os
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from hal.extras import advice
+
+PROJECT = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
+EXTRAS = {
+    name: [line.split("=")[0].replace("-", "_") for line in PROJECT["optional-dependencies"][name]]
+    for name in ("sim", "console", "campaign", "teleop")
+}
+WITHOUT = """
+import sys
+sys.modules.update(dict.fromkeys({lacking!r}))  # what is None there cannot be imported
+sys.argv = ["rtstack", *{arguments!r}]
+from rtstack.cli import main
+main()
+"""
+
+
+def run_without(lacking: list[str], folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run the command line as if these packages were not installed."""
+    program = WITHOUT.format(lacking=lacking, arguments=list(arguments))
+    return subprocess.run(
+        [sys.executable, "-c", program], cwd=folder, env=os.environ, capture_output=True, text=True, timeout=120.0
+    )
+
+
+@pytest.mark.parametrize(
+    ("extra", "arguments"),
+    [
+        ("sim", ["sim"]),
+        ("sim", ["teach", "ref.mcap"]),
+        ("sim", ["up", "--port", "0"]),
+        ("console", ["up", "--port", "0"]),
+        ("campaign", ["campaign", "aim-aware-planar", "--out", "out"]),
+    ],
+)
+def test_what_is_lacking_is_one_line_and_nothing_is_written(extra: str, arguments: list[str], tmp_path: Path) -> None:
+    ended = run_without(EXTRAS[extra], tmp_path, *arguments)
+    assert ended.returncode == 2, ended.stderr
+    (line,) = ended.stderr.splitlines()
+    assert line.startswith("rtstack: ")
+    assert line.endswith(f" is not installed: pip install 'rtstack[{extra}]'")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_headless_runner_needs_none_of_them(tmp_path: Path) -> None:
+    lacking = [module for modules in EXTRAS.values() for module in modules]
+    ended = run_without(lacking, tmp_path, "bench", "link", "--cell", "fci:127.0.0.1,127.0.0.2")
+    assert ended.returncode == 2
+    assert "127.0.0.1" in ended.stderr
+    assert "installed" not in ended.stderr
+
+
+def test_a_page_needs_no_simulator_and_a_simulator_no_page(tmp_path: Path) -> None:
+    ended = run_without(
+        EXTRAS["sim"],
+        tmp_path,
+        "console",
+        "--run",
+        str(tmp_path / "none"),
+        "--left",
+        "127.0.0.1",
+        "--right",
+        "127.0.0.2",
+    )
+    assert ended.returncode == 2
+    assert "installed" not in ended.stderr
+    ended = run_without([*EXTRAS["console"], *EXTRAS["campaign"]], tmp_path, "demo", "--out", "demo")
+    assert ended.returncode == 0, ended.stderr
+
+
+def test_a_module_of_no_extra_has_no_advice() -> None:
+    assert advice("os") is None
+    assert advice(None) is None
