@@ -7,7 +7,7 @@ STAMP := $(VENV)/.installed
 SAFETY_TESTS := $(filter-out %_plant.py,$(wildcard tests/safety/test_*.py))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test long realtime check bench coverage mutate explore faults screenshots fuzz-api soak dead-man good-trials impact-oracles random-plans unseen-grabs recompute kill-campaign hil link-table cluster docs docs-commands clean
+.PHONY: help setup run test long realtime check bench coverage mutate explore faults screenshots fuzz-api soak dead-man good-trials impact-oracles random-plans unseen-grabs recompute kill-campaign hil link-table cluster reproduce docs docs-commands clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -15,7 +15,7 @@ help:  ## list the targets
 $(STAMP): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or newer is needed: make run PYTHON=/path/to/python3.11" >&2; exit 2; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,docs,meshes]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[all,dev,docs,meshes]'
 	@touch $@
 
 setup: $(STAMP)  ## install everything into .venv
@@ -54,7 +54,7 @@ faults: setup  ## each fault at each moment, kill -9 of each process: what happe
 	@status=0; $(BIN)/python -m tests.programs.fault_matrix || status=$$?; $(BIN)/python -m tests.programs.fault_kills && exit $$status
 
 screenshots: setup  ## look at every page, and take the documentation's pictures anew (docs/screenshots)
-	RTSTACK_SCREENSHOTS=1 $(BIN)/python -m pytest tests/browser/test_look.py
+	RTSTACK_SCREENSHOTS=1 $(BIN)/python -m pytest -m 'long or not long' tests/browser/test_look.py
 
 fuzz-api: setup  ## ten minutes of made-up requests to a console of its own: no 5xx, every answer as described
 	RTSTACK_FUZZ_SECONDS=200 $(BIN)/python -m pytest -s tests/console/test_api_schema.py
@@ -91,6 +91,9 @@ unseen-grabs: setup  ## 20 planned grabs at unseen speeds and heights, as planne
 
 good-trials: setup  ## 140 grabs without an intervention, and one with each limit in reach (resumes, .good-trials/)
 	@$(BIN)/python -m tests.programs.good_trials
+
+reproduce: setup  ## every table and figure again, on one page; hours, resumes (QUICK=1: a sample; DATA=DIR: measurements for reality; out/reproduce)
+	@$(BIN)/python -m tests.programs.reproduce $(if $(QUICK),--quick) $(if $(DATA),--data $(DATA))
 
 docs: setup  ## the documentation's site, warnings as errors, into out/site
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict && echo "look at it: $(BIN)/python -m http.server --bind 127.0.0.1 --directory out/site"

@@ -67,6 +67,8 @@ WATCHDOGS = (
           "judge's stop; where the operator chose so, a clutch that is released makes the arms brake and hold", "loop"),
     Entry("clutch heartbeat", "a word of the mailbox, while the clutch is held", CLUTCH_S, "s", End.CLUTCH_QUIET, _STOP,
           "loop"),
+    Entry("policy", "an answer to an observation that is no older, while the policy leads", CLUTCH_S, "s",
+          End.POLICY_QUIET, _STOP, "loop"),
     Entry("parent gone", "the process that started `rtstack trial` or `teach`", 1, "tick", End.PARENT_GONE, _STOP,
           "loop"),
     Entry("log process gone", "its exit", ROOM_TICKS, "ticks", End.LOG_FAILED, _STOP, "loop"),
