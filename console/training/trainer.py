@@ -82,9 +82,11 @@ class Trainer:
             now = None if status is None else status.job
             if now is None or now.number != job:
                 return self._over(exercise, None, None)  # another job has begun
-            if began_s is None and self._watch.view.left.mode == "TELEOPERATION":
-                began_s = self._watch.robot_time_s()
-            if fault_s is None and began_s is not None and self._watch.robot_time_s() - began_s >= at_s:
+            now_s = self._watch.robot_time_s()
+            # what is seen first may be the last state of the job before, on its clock
+            if (began_s is None and self._watch.view.left.mode == "TELEOPERATION") or (began_s or 0.0) > now_s:
+                began_s = now_s
+            if fault_s is None and began_s is not None and now_s - began_s >= at_s:
                 fault_s = time.time()
                 self.view = replace(self.view or ExerciseView(Stage.HAPPENED, "", job), stage=Stage.HAPPENED)
             did = next((event for event in self._watch.events() if event.number > number and _action(event)), None)
