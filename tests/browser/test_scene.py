@@ -25,9 +25,12 @@ def in_scene(page, script, wanted=lambda value: value):
             if wanted(value):
                 return value
         page.wait_for_timeout(100)
-    raise AssertionError(f"{script}: {str(value)[:400]}")
+    drawn = [name for name in frame.evaluate(NODES) if name.startswith("/trial")]
+    raise AssertionError(f"{script}: {str(value)[:400]}; drawn: {drawn}; plans: {page.evaluate(PLANS)}")
 
 
+PLANS = """performance.getEntriesByType("resource").filter(({ name }) => name.endsWith("/api/scene/plan"))
+  .map(({ startTime, responseEnd, responseStatus }) => [startTime, responseEnd, responseStatus])"""
 NODES = "Object.keys(window.__viserSceneTree?.getState() ?? {})"
 CAMERA = "window.__viserMutable?.camera?.position.toArray()"
 GROUND = "getComputedStyle(document.body).backgroundColor"

@@ -22,6 +22,14 @@ function hidePanels(document) {
   document.head.append(style);
 }
 
+// viser connects again only while its own page has the focus: here, while it is seen.
+function keepConnected(scene) {
+  scene.document.hasFocus = () => scene.document.visibilityState === "visible";
+  const look = () => scene.dispatchEvent(new scene.Event(scene.document.hasFocus() ? "focus" : "blur"));
+  scene.document.addEventListener("visibilitychange", look);
+  look();
+}
+
 function softwareRendering() {
   const gl = document.createElement("canvas").getContext("webgl2");
   if (!gl) return true;
@@ -57,6 +65,7 @@ class Scene {
     this.detail = localStorage.getItem(KEY) ?? (softwareRendering() ? "light" : "full");
     this.listen(window);
     this.frame.addEventListener("load", () => {
+      keepConnected(this.frame.contentWindow);
       listenForSpace(this.frame.contentWindow);
       hidePanels(this.frame.contentDocument);
       this.showGround();

@@ -1,0 +1,51 @@
+"""The scene's page in a real browser, whose connection is broken."""
+
+import asyncio
+import gc
+
+import pytest
+from playwright.sync_api import Error, sync_playwright
+from websockets.asyncio.server import ServerConnection
+
+from console.scenes import Detail
+from tests.support.console.chromium import ARGUMENTS, CHROMIUM
+
+TRIES = 600
+NODES = "Object.keys(window.__viserSceneTree?.getState() ?? {})"
+
+
+def drop_connections(server):
+    """Close what viser's server serves now."""
+    loop = server.viser._websock_server._background_event_loop
+    for connection in [thing for thing in gc.get_objects() if isinstance(thing, ServerConnection)]:
+        if connection.loop is loop:
+            asyncio.run_coroutine_threadsafe(connection.close(), loop).result(timeout=20.0)
+
+
+def wait_for_node(page, name):
+    """Wait until the scene in the page has a node."""
+    for _ in range(TRIES):
+        try:
+            (frame,) = [frame for frame in page.frames if "/viser/" in frame.url]
+            if name in frame.evaluate(NODES):
+                return
+        except (Error, ValueError):
+            pass  # the frame is being loaded
+        page.wait_for_timeout(100)
+    pytest.fail(f"the scene never had {name}")
+
+
+@pytest.mark.browser
+def test_a_scene_that_nobody_has_clicked_in_connects_again(served):
+    """viser's page connects again only while it has the focus, which is the page's around it."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
+        page = browser.new_page()
+        page.goto(f"{served.base}/?token={served.parts.sign_in.token}")
+        server = served.parts.scenes.server(Detail.LIGHT)
+        wait_for_node(page, "/left")
+        page.click("#tab-trial")
+        drop_connections(server)
+        server.viser.scene.add_frame("/later")
+        wait_for_node(page, "/later")
+        browser.close()
