@@ -8,7 +8,7 @@ from rtstack.log.mcap_writer import FLUSH_NS
 from rtstack.log.ring import CAPACITY
 from rtstack.loop.end import End
 from rtstack.loop.standstill import STOP_TICKS
-from rtstack.loop.watchdogs import CLUTCH_S, CONSOLE_S, OPERATOR_S, OVERRUN_TICKS
+from rtstack.loop.watchdogs import CLUTCH_S, CONSOLE_S, FIRST_TORQUE_TICKS, OPERATOR_S, OVERRUN_TICKS
 from rtstack.safety.arming import LEASE_S
 from rtstack.safety.judge import LIMITED_TICKS
 from rtstack.safety.limits import LARGEST_GAP_S
@@ -48,6 +48,8 @@ WATCHDOGS = (
     Entry("not a number", "state, residual and desired torque", 1, "tick", Cause.NOT_FINITE.text, _STOP, "judge"),
     Entry("tick overrun", "both arms' turns together longer than a period, in a row; clocks of their own only",
           OVERRUN_TICKS, "ticks", End.TICK_OVERRUN, _ALONE, "loop"),
+    Entry("first torque", "one arm shows a torque of ours and the other one none; clocks of their own only",
+          FIRST_TORQUE_TICKS, "ticks", End.TORQUE_NOT_TAKEN, _STOP, "loop"),
     Entry("stale state", "a state that does not change", _MS, "ms", Cause.STATE_AGE.text,
           f"{_STOP}; then, since the judge cannot brake by such a state, {_ROBOT}", "judge, loop"),
     Entry("impossible torque", "ticks in a row whose torque the judge had to limit", LIMITED_TICKS, "ticks",

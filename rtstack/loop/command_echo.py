@@ -23,7 +23,7 @@ def largest_difference(tau_J_d, tau_applied):
 
 
 class CommandEcho:
-    """Where an arm's next torque starts from. `lost`: answers that came too late."""
+    """Where an arm's next torque starts from. `lost`: answers that came too late; `seen`: one of ours has come back."""
 
     def __init__(self, judge: SafetyJudge, arm: ObservedArm) -> None:
         sample = arm.sample[0]
@@ -32,7 +32,8 @@ class CommandEcho:
         self._desired = sample["tau_desired"]
         self._previous = arm.workspace["tau_previous"][0]  # what the controller starts from
         self._differ = bound(largest_difference, self._tau_J_d, self._judged)
-        self._seen = False  # the robot has shown a torque of ours
+        self._desires = bound(largest_difference, self._tau_J_d, np.zeros(7))
+        self.seen = False
         self.lost = 0
 
     def agree(self, begun: bool) -> None:
@@ -43,10 +44,10 @@ class CommandEcho:
         """
         difference = self._differ()
         if not SAME_TORQUE_NM < difference < np.inf:  # the same, or no number at all
-            self._seen = self._seen or begun
+            self.seen = self.seen or (begun and self._desires() > SAME_TORQUE_NM)
             return
         self.lost += begun
-        if self._seen:
+        if self.seen:
             self._judged[:] = self._previous[:] = self._tau_J_d
         else:
             self._judged[:] = self._previous[:] = 0.0

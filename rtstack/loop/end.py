@@ -22,6 +22,7 @@ class End(StrEnum):
     PARENT_GONE = "the process that started this one has gone"
     LOG_FAILED = "the log is not being written"
     TICK_OVERRUN = "the tick takes longer than its period"
+    TORQUE_NOT_TAKEN = "one arm does not take its torque"
     CONTROLLER_EXCEPTION = "an exception in the control loop"
     NOT_AT_REST = "the arms did not come to rest"
 

@@ -26,7 +26,7 @@ from rtstack.loop.low_pass import low_pass, low_pass_share
 from rtstack.loop.publisher import Publisher
 from rtstack.loop.standstill import REST_DQ, STOP_TICKS, StandstillDetector
 from rtstack.loop.timeline import TICK_NS, Timeline
-from rtstack.loop.watchdogs import TickOverrun, Watchdog, WatchdogTrip
+from rtstack.loop.watchdogs import FirstTorque, TickOverrun, Watchdog, WatchdogTrip
 from rtstack.safety.judge import Cause, ForcePhase, SafetyJudge
 from rtstack.samples import ARM_SAMPLE, SIDES, Level, Mode, QpStatus
 
@@ -164,7 +164,8 @@ class Session:
         self._compute_us = publisher.timing["compute_us"]
         self._cycles = CycleReporter(cell.cycles if cell.own_clocks else None, self._stamps, publisher)
         self._overrun = TickOverrun()
-        self._watchdogs = (*watchdogs, self._overrun) if cell.own_clocks else tuple(watchdogs)
+        own = (self._overrun, FirstTorque(*self._echoes))
+        self._watchdogs = (*watchdogs, *own) if cell.own_clocks else tuple(watchdogs)
         self._notes = FaultNotes()
         self._reporter = EventReporter(publisher, controller, self._time, self._notes)
         self._alone = False  # the controller is not asked any more

@@ -12,10 +12,11 @@ from math import nan
 from typing import Protocol
 
 from hal.limits import CONTROL_PERIOD_S
+from rtstack.loop.command_echo import CommandEcho
 from rtstack.loop.end import End
 from rtstack.safety.arming import LEASE_S
 from rtstack.safety.limits import LARGEST_GAP_S
-from rtstack.samples import Level
+from rtstack.samples import SIDES, Level
 
 CONSOLE_S = 1.0  # the console beats ten times a second; a page that it renders may keep it busy for some tenths
 OPERATOR_S = LEASE_S
@@ -23,6 +24,8 @@ CLUTCH_S = 0.3  # of a clutch that is held: a page beats every 50 ms, and one th
 # The robot itself gives up after 20 answers in a row that came too late. Half of them leave the other half for the
 # stop. A machine that stalls, for 3 to 20 ms now and then, makes one tick long and not the ten after each other.
 OVERRUN_TICKS = round(LARGEST_GAP_S / CONTROL_PERIOD_S) // 2
+# A robot that counts from the start of its motion gives up after 20 answers, and says so itself.
+FIRST_TORQUE_TICKS = 50
 _PERIOD_NS = round(CONTROL_PERIOD_S * 1e9)
 
 
@@ -116,3 +119,22 @@ class TickOverrun:
         took_s = sum(self._took_ns) * 1e-9
         detail = f"{OVERRUN_TICKS} ticks in a row, the last one {1e3 * took_s:.3g} ms"
         return WatchdogTrip(End.TICK_OVERRUN, detail, value=took_s, bound=CONTROL_PERIOD_S)
+
+
+class FirstTorque:
+    """Trips where one arm has shown a torque of ours, and the other one none in FIRST_TORQUE_TICKS of its states: its
+    robot holds it while the first one moves. Where neither shows one, neither moves.
+    """
+
+    def __init__(self, left: CommandEcho, right: CommandEcho) -> None:
+        self._pairs = ((SIDES[0], left, right), (SIDES[1], right, left))
+
+    def trip(self) -> WatchdogTrip | None:
+        """See Watchdog."""
+        for side, echo, other in self._pairs:
+            if other.seen and not echo.seen and echo.lost >= FIRST_TORQUE_TICKS:
+                return WatchdogTrip(
+                    End.TORQUE_NOT_TAKEN, f"the {side} arm shows none of its first {echo.lost} torques",
+                    value=echo.lost, bound=FIRST_TORQUE_TICKS, side=side,
+                )  # fmt: skip
+        return None

@@ -15,6 +15,7 @@ HELD_AFTER = frozenset(
     (
         End.COMPLETED, End.STOP_REQUESTED, End.RELEASED, End.CLUTCH_QUIET, End.CONSOLE_GONE, End.OPERATOR_GONE,
         End.POLICY_QUIET, End.PARENT_GONE, End.HARDWARE, End.CRASH, End.NOT_AT_REST, End.LOG_FAILED,
+        End.TORQUE_NOT_TAKEN,
     )
 )  # fmt: skip
 _MOTIONS = {LoadPolicy.LOWER: HandMotion.PUT_DOWN, LoadPolicy.RELEASE: HandMotion.OPEN}

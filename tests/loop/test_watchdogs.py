@@ -22,7 +22,16 @@ from rtstack.log.ring import Rings
 from rtstack.log.writer import LogProcess
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox
-from rtstack.loop.watchdogs import CONSOLE_S, OPERATOR_S, OVERRUN_TICKS, Heartbeat, TickOverrun, WatchdogTrip
+from rtstack.loop.watchdogs import (
+    CONSOLE_S,
+    FIRST_TORQUE_TICKS,
+    OPERATOR_S,
+    OVERRUN_TICKS,
+    FirstTorque,
+    Heartbeat,
+    TickOverrun,
+    WatchdogTrip,
+)
 from rtstack.safety.judge import Judgement
 from rtstack.samples import Level, QpStatus
 from rtstack.trials.record import TrialLog
@@ -365,3 +374,21 @@ def test_a_log_that_says_that_it_failed_is_seen_at_once(log):
     assert log[0].trip() is None
     log[0].rings.fail("No space left on device")
     assert log[0].trip() == WatchdogTrip(End.LOG_FAILED, "No space left on device")
+
+
+@dataclass
+class Echo:
+    """What an arm has shown of our torques."""
+
+    seen: bool
+    lost: int
+
+
+def test_an_arm_whose_first_torques_do_not_come_back_ends_the_other_ones_motion():
+    silent = FirstTorque(Echo(seen=False, lost=FIRST_TORQUE_TICKS), Echo(seen=True, lost=0)).trip()
+    assert silent is not None
+    assert (silent.end, silent.side, silent.end.is_fault) == (End.TORQUE_NOT_TAKEN, "left", True)
+    lost = FIRST_TORQUE_TICKS
+    for left, right in ((False, False), (True, True)):  # nothing moves; late answers are the robot's to count
+        assert FirstTorque(Echo(left, lost), Echo(right, lost)).trip() is None
+    assert FirstTorque(Echo(seen=True, lost=0), Echo(seen=False, lost=lost - 1)).trip() is None

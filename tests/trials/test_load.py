@@ -153,6 +153,7 @@ USER_STOP = {"kind": "user_stop", "arm": "left", "at_s": CARRIED_TICKS * 1e-3}
 TRIPS = (
     End.NO_IMPACT, End.UNEXPECTED_IMPACT, End.CRASH, End.CONSOLE_GONE, End.OPERATOR_GONE, End.RELEASED,
     End.CLUTCH_QUIET, End.PARENT_GONE, End.LOG_FAILED, End.TICK_OVERRUN,
+    End.TORQUE_NOT_TAKEN,
 )  # fmt: skip
 # what ends it, whether the cell's file decides then, and the plant's fault
 ENDS = {end.name: (trips(end), end not in HELD_AFTER, ()) for end in TRIPS} | {
