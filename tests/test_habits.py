@@ -13,7 +13,12 @@ BIN = Path(sys.executable).parent
 
 @pytest.mark.parametrize(
     "command",
-    [["ruff", "check", "."], ["ruff", "format", "--check", "."], ["basedpyright"], ["lint-imports"]],
+    [
+        ["ruff", "check", "."],
+        ["ruff", "format", "--check", "."],
+        pytest.param(["basedpyright"], marks=pytest.mark.long),  # a minute of every run; in `make check` too
+        ["lint-imports"],
+    ],
     ids=" ".join,
 )
 def test_tool_is_content(command):

@@ -46,6 +46,7 @@ def excited(twin: Twin, run: int):
     return identification.arm_samples(ArmModel(description.left, description.pad).pin_model, [columns.arm[0]])
 
 
+@pytest.mark.long
 def test_an_arm_and_its_payload_are_found_in_the_motion_of_all_joints(monkeypatch):
     monkeypatch.setattr(sweep, "TONES_S", 8.0)  # 18 s otherwise
     bare, loaded = excited(replace(OWN, payload_kg=0.0), 0), excited(OWN, 1)

@@ -59,7 +59,7 @@ any_enum = st.one_of(st.integers(0, 6), st.sampled_from([127, 128, 300, -1, (1 <
 
 
 @pytest.mark.parametrize("message", list(MESSAGES))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(data=st.data())
 def test_the_protobuf_library_reads_every_field(message: str, data: st.DataObject) -> None:
     records = data.draw(records_of(message, any_enum))
@@ -82,7 +82,7 @@ def test_the_protobuf_library_reads_every_field(message: str, data: st.DataObjec
 
 
 @pytest.mark.parametrize("message", list(MESSAGES))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(data=st.data())
 def test_what_was_encoded_is_decoded(message: str, data: st.DataObject) -> None:
     records = data.draw(records_of(message, any_enum))
@@ -92,7 +92,7 @@ def test_what_was_encoded_is_decoded(message: str, data: st.DataObject) -> None:
 
 
 @pytest.mark.parametrize("message", list(MESSAGES))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(data=st.data())
 def test_any_other_encoding_of_the_same_message_is_decoded(message: str, data: st.DataObject) -> None:
     records = data.draw(records_of(message, any_enum))

@@ -71,7 +71,10 @@ def test_an_impact_is_harder_on_a_harder_object_and_at_a_higher_speed(cell):
     assert residual(0.6, 2e-5) == pytest.approx(2.0 * residual(0.3, 2e-5), rel=0.1)
 
 
-@pytest.mark.parametrize(("name", "speed", "rise"), [("box_130", 0.5, 0.25), ("parcel", 0.4, 0.2)])
+@pytest.mark.parametrize(
+    ("name", "speed", "rise"),
+    [("box_130", 0.5, 0.25), pytest.param("parcel", 0.4, 0.2, marks=pytest.mark.long)],
+)
 def test_what_is_predicted_is_what_a_trial_measures(cell, tmp_path, name, speed, rise):
     planned = plan_grab(cell, name, GrabPlan(speed=speed, rise=rise, height=0.02))
     predicted = impact_loads(planned, cell.objects[name].give, cell.objects[name].mass)

@@ -10,11 +10,12 @@ from rtstack.papers.reference_spreading.controllers import Controller
 from rtstack.papers.reference_spreading.measures import measure
 from rtstack.samples import Mode
 from rtstack.trials.review import log_columns
+from tests.support.sampling import sampled
 
 BOTH = (Controller.PROPOSED, Controller.CONTACT_COMPLETION)
 
 
-@pytest.fixture(scope="module", params=[-30.0, 30.0])
+@pytest.fixture(scope="module", params=sampled((-30.0, 30.0), lambda shift: shift > 0.0))
 def pair(request, runner, cell, tmp_path_factory):
     """The same trial with both controllers: log, columns, result and measures of each."""
     found = {}

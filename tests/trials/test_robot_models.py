@@ -19,9 +19,12 @@ from rtstack.samples import ARM_SAMPLE
 from rtstack.trials.assembly import arm_controllers, cell_parameters, safety_judges
 from rtstack.trials.review import review_log
 from tests.support.robot_files import DQ_MAX, cell_of, write_robot
+from tests.support.sampling import sampled
 
 
-@pytest.mark.parametrize("models", [("fer", "fer"), ("fer", "fr3"), ("shorty.toml", "shorty.toml")])
+@pytest.mark.parametrize(
+    "models", sampled((("fer", "fer"), ("fer", "fr3"), ("shorty.toml", "shorty.toml")), lambda models: "fr3" in models)
+)
 def test_a_demonstration_and_a_trial_succeed(
     models: tuple[str, str], tmp_path: Path, command_line: Callable[..., CompletedProcess[str]]
 ) -> None:

@@ -68,6 +68,7 @@ def test_a_claim_holds_or_differs(study_run, expected, some, differing):
     assert len(claims) == 12
 
 
+@pytest.mark.long
 def test_the_committed_tuning_is_what_the_coarse_grid_gives(study_run):
     tuned = study_run.tuned
     assert find(study_run.study, tuned.residual_rate_nm_s) == tuned.tunings
