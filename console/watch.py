@@ -6,6 +6,7 @@ A page never guesses: every number here comes from a record, and its age is coun
 import threading
 import time
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -163,6 +164,11 @@ class Watch:
         if record is None or not record["seen"][0]:
             return None
         return np.concatenate([record["position"][0], record["orientation_wxyz"][0]])
+
+    def cameras(self) -> Mapping[str, str]:
+        """Return the shared memory of the cameras of the run, by their names."""
+        status = self._status[0]
+        return {} if status is None or status.job is None else status.job.cameras
 
     def learn(self, status: Status) -> None:
         """Take a status that an answer brought along, so that a page sees its own order at once."""

@@ -3,12 +3,14 @@
 The console sends one observation (rtstack.teleoperation.policy.Observation, as JSON), the policy answers it with `to`,
 its number, and a chunk: `step_s` and `poses` or `joints`, or `finished`. The next observation follows a step later,
 with `refused`, why the last answer is not followed, or null. While the policy has no lease, the console says `waiting`.
+Pictures are JPEG in base64.
 An answer that is missing, late or wrong is no sign of life: the robot process stops the arms when CLUTCH_S
 (rtstack.loop.watchdogs) have passed without one. A connection that closes ends the lease, and the arms hold.
 """
 
 import asyncio
 import time
+from base64 import b64encode
 from contextlib import suppress
 from typing import Annotated, Any
 
@@ -77,7 +79,7 @@ async def stream(websocket: WebSocket, rate_hz: float = 20.0) -> None:
         await websocket.close(1008, f"rate_hz is from {SLOWEST_HZ} to {FASTEST_HZ}")
         return
     name = session.operator
-    policy = PolicyInput(name, parts.teleop, parts.mailbox, parts.watch.rings, parts.cell)
+    policy = PolicyInput(name, parts.teleop, parts.mailbox, parts.watch.rings, parts.cell, parts.watch.cameras)
     refused: str | None = None
     try:
         while (session := session_now(websocket)) is not None and session.operator == name:
@@ -115,4 +117,8 @@ def _plain(observation: Observation) -> dict[str, Any]:
     """Return an observation as JSON-ready values."""
     arrays = {key: getattr(observation, key) for key in ("q", "dq", "pose", "pose_ref", "force", "object_pose")}
     numbers = {key: getattr(observation, key) for key in ("number", "t_ns", "t_s")}
-    return numbers | {key: None if value is None else value.tolist() for key, value in arrays.items()}
+    pictures = {
+        name: {"t_ns": each.t_ns, "jpeg": b64encode(each.jpeg).decode()} for name, each in observation.pictures.items()
+    }
+    values = {key: None if value is None else value.tolist() for key, value in arrays.items()}
+    return numbers | values | {"pictures": pictures}

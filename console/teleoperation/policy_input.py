@@ -1,13 +1,14 @@
 """What a policy sees over its socket, and its answers on their way into the mailbox. May be called from any thread."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cached_property
 
 import numpy as np
 
 from console.arm_watch import in_world
 from console.teleoperation.teleop_input import TeleopInput
+from rtstack.cameras.newest import NewestPictures
 from rtstack.log.ring import Rings
 from rtstack.loop.mailbox import Mailbox
 from rtstack.model.arm_model import ArmModel
@@ -18,17 +19,19 @@ from rtstack.trials.assembly import cell_parameters
 
 
 class PolicyInput:
-    """One connection of a policy. clock: the host's monotonic time, ns."""
+    """One connection of a policy. cameras: gives the rings of the run's cameras (rtstack.live.protocol.Job). clock: the
+    host's monotonic time, ns."""
 
     def __init__(
         self, name: str, teleop: TeleopInput, mailbox: Mailbox, rings: Rings, cell: CellDescription,
-        clock: Callable[[], int] = time.monotonic_ns,
+        cameras: Callable[[], Mapping[str, str]] = dict, clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:  # fmt: skip
         self._name, self._teleop, self._mailbox, self._cell, self._clock = name, teleop, mailbox, cell, clock
         self._bases = base_frame(cell.left), base_frame(cell.right)
         self._arms = [rings.reader(f"/{side}/arm") for side in SIDES]
         self._controls = [rings.reader(f"/{side}/control") for side in SIDES]
         self._object = rings.reader("/object/pose")
+        self._cameras, self._pictures = cameras, NewestPictures({})
         self._lease: tuple[int, int] | None = None
         self._number, self._began_ns = 0, 0
         self._shown: Observation | None = None
@@ -50,6 +53,7 @@ class PolicyInput:
         t_ns = int(arms[0]["t_ns"])
         if lease != self._lease:
             self._lease, self._began_ns = lease, t_ns
+            self._look()
         self._number += 1
         pads = [in_world(base, arm) for base, arm in zip(self._bases, arms, strict=True)]
         pose = None
@@ -59,9 +63,16 @@ class PolicyInput:
             self._number, t_ns, (t_ns - self._began_ns) * 1e-9,
             np.stack([arm["q"] for arm in arms]), np.stack([arm["dq"] for arm in arms]),
             np.stack([pad[0] for pad in pads]), np.stack([control["pose_ref"] for control in controls]),
-            np.stack([pad[1] for pad in pads]), pose,
+            np.stack([pad[1] for pad in pads]), pose, self._pictures.at(t_ns),
         )  # fmt: skip
         return self._shown
+
+    def _look(self) -> None:
+        self._pictures.close()
+        try:
+            self._pictures = NewestPictures(self._cameras())
+        except OSError:  # the run has just ended, and its pictures with it
+            self._pictures = NewestPictures({})
 
     def answer(self, number: int, chunk: Chunk) -> str | None:
         """Take the answer to an observation. Returns in one line why it is not followed, None where it is."""

@@ -9,6 +9,7 @@ import time
 from dataclasses import asdict
 from pathlib import Path
 
+from rtstack.cameras.newest import NewestPictures
 from rtstack.log.pictures import LoggedCamera, PictureRing
 from rtstack.log.ring import Rings
 from rtstack.model.cell_description import CellDescription
@@ -24,6 +25,7 @@ class Cameras:
     def __init__(self, description: CellDescription, cell_file: Path, object_name: str, rings: Rings) -> None:
         self._processes: list[subprocess.Popen[bytes]] = []
         self._rings: list[PictureRing] = []
+        self._periods_ns = {name: round(1e9 / each.rate_hz) for name, each in description.cameras.items()}
         logged = []
         for name, camera in description.cameras.items():
             ring = PictureRing.create()
@@ -48,6 +50,15 @@ class Cameras:
     def pids(self) -> tuple[int, ...]:
         """The processes, in the order of the description."""
         return tuple(process.pid for process in self._processes)
+
+    @property
+    def rings(self) -> dict[str, str]:
+        """The name of each camera's ring, by the camera's."""
+        return {camera.name: camera.ring for camera in self.logged}
+
+    def newest(self) -> NewestPictures:
+        """Return what they show, for who looks on in this process."""
+        return NewestPictures(self.rings, self._periods_ns)
 
     def wait_ready(self) -> None:
         """Wait until each camera is open or has failed, before an arm moves; one that takes too long is left behind."""

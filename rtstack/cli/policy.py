@@ -1,6 +1,7 @@
 """`rtstack policy`: a policy by name leads the arms, of a simulated cell in this process or of a stack that runs."""
 
 import json
+from base64 import b64decode
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from websockets.sync.client import connect
 from console.authority import Authority
 from hal.displacement import Displacement
 from hal.extensions import ExtensionError
+from rtstack.cameras.newest import Picture
 from rtstack.cells import load_description, open_cell
 from rtstack.cli.interrupt import interruptible
 from rtstack.log.writer import check_log_path
@@ -50,9 +52,10 @@ def run_in_process(
     seed: int,
     log_path: Path | None,
     json: bool,
+    cell_file: Path | None = None,
 ) -> None:
     """Let a policy lead the arms of the simulated cell in this process. Raises TrialError."""
-    description, source = load_description(None)
+    description, source = load_description(cell_file)
     check_object(object_name, description)
     if log_path is not None:
         check_log_path(log_path)
@@ -100,7 +103,9 @@ def answer(stream: Any, policy: Policy, shown: dict[str, Any]) -> None:
     """Have the policy answer one observation; where it has no answer, the console is sent one that it refuses."""
     arrays = {key: np.array(shown[key]) for key in _ARRAYS}
     pose = None if shown["object_pose"] is None else np.array(shown["object_pose"])
-    chunk = policy.act(Observation(shown["number"], shown["t_ns"], shown["t_s"], **arrays, object_pose=pose))
+    pictures = {name: Picture(each["t_ns"], b64decode(each["jpeg"])) for name, each in shown["pictures"].items()}
+    numbers = shown["number"], shown["t_ns"], shown["t_s"]
+    chunk = policy.act(Observation(*numbers, **arrays, object_pose=pose, pictures=pictures))
     stream.send(json.dumps({"to": shown["number"]} | message_of(chunk or Chunk())))
 
 

@@ -6,6 +6,7 @@ Every method holds the lock for a few assignments only, so that the loop's threa
 import os
 import threading
 import time
+from collections.abc import Mapping
 from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
@@ -158,9 +159,9 @@ class JobManager:
         """Number of the newest job, 0 before the first one."""
         return 0 if self._job is None else self._job.number
 
-    def started(self, log: str | None) -> None:
-        """Note that the job runs and which log it writes, None where it writes none."""
-        self._change(state=JobState.RUNNING, log=log)
+    def started(self, log: str | None, cameras: Mapping[str, str] = {}) -> None:
+        """Note that the job runs and which log it writes, None where it writes none. cameras: see Job."""
+        self._change(state=JobState.RUNNING, log=log, cameras=dict(cameras))
 
     def progress(self, fraction: float) -> None:
         """Note how far the job is, from 0 to 1."""
@@ -170,7 +171,7 @@ class JobManager:
         """Note how the job ended; both arms are at rest."""
         self.authority.end()
         progress = 1.0 if state is JobState.DONE else (self._job.progress if self._job else 0.0)
-        self._change(state=state, reason=reason, success=success, log=log, progress=progress)
+        self._change(state=state, reason=reason, success=success, log=log, progress=progress, cameras={})
 
     def end(self, end: End, detail: str) -> None:
         """Tell the loop's thread to come to its end, and why; a running job is stopped in a controlled way."""

@@ -175,7 +175,7 @@ class Jobs:
             log, specification, self._description, cell.name, self._source.file, reference=reference,
             followed=followed, cell=cell,
         )  # fmt: skip
-        self._job_manager.started(log.name)
+        self._job_manager.started(log.name, {} if opened.cameras is None else opened.cameras.rings)
         self._idle.tell(Level.INFO, f"{order.verb} started: {log.name}")
         progress = self._job_manager.progress
         return RunContext(

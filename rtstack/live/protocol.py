@@ -222,7 +222,7 @@ class Job:
     """One job. `progress` from 0 to 1, `reason` says why it failed or was stopped, `started_s` is Unix time.
 
     `log` is the file's name in the folder of logs; `success` is the trial's verdict, None until there is one;
-    `recorded`: a teleoperation that is a recording.
+    `recorded`: a teleoperation that is a recording. cameras: the shared memory of each camera's pictures, by its name.
     """
 
     number: Annotated[int, NUMBER]
@@ -235,6 +235,7 @@ class Job:
     success: StrictBool | None = None
     log: str | None = None
     recorded: StrictBool = False
+    cameras: dict[str, str] = field(default_factory=dict)
 
     @property
     def active(self) -> bool:

@@ -102,16 +102,22 @@ class PictureRing:
 
     def drain(self) -> list[tuple[int, bytes]]:
         """Return the pictures since the last call, (t_ns, JPEG) each."""
-        written = int(self._head["written"][0])
-        found = []
-        for number in range(max(self._read, written - SLOTS), written):
-            slot = self._slots[number % SLOTS]
-            picture = int(slot["t_ns"]), slot["data"][: int(slot["size"])].tobytes()
-            if int(slot["sequence"]) == number:
-                found.append(picture)
+        found, written = self.since(self._read)
         self.lost += written - self._read - len(found)
         self._read = self._head["read"][0] = written
         return found
+
+    def since(self, number: int) -> tuple[list[tuple[int, bytes]], int]:
+        """Return the pictures from a number on that are still there, and the number of the next one: for who looks on
+        beside the log, whose reading this does not change."""
+        written = int(self._head["written"][0])
+        found = []
+        for each in range(max(number, written - SLOTS), written):
+            slot = self._slots[each % SLOTS]
+            picture = int(slot["t_ns"]), slot["data"][: int(slot["size"])].tobytes()
+            if int(slot["sequence"]) == each:
+                found.append(picture)
+        return found, written
 
     def close(self) -> None:
         """Let go of the memory; the owner also removes it."""

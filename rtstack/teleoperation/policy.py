@@ -3,8 +3,8 @@
 A policy acts under a lease of its own, which the operator who has control gives and whose clutch takes it back.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any, Protocol, cast
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from hal.arrays import Array
 from hal.extensions import ExtensionPoint
+from rtstack.cameras.newest import Picture
 from rtstack.loop.target import CHUNK, CHUNK_POSES
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.rotation import quaternion_from_rotation
@@ -27,7 +28,8 @@ class Observation:
 
     number: counts from 1; t_ns: the robot's time of the left arm's state; t_s: since the policy began to lead. q, dq
     (2, 7): rad, rad/s; pose (2, 7): of the middle of the pad's face, m, wxyz; pose_ref (2, 7): what is asked of it,
-    after the filter; force (2, 3): N, on the pad; object_pose (7,): as the tracker saw it last, None before.
+    after the filter; force (2, 3): N, on the pad; object_pose (7,): as the tracker saw it last, None before. pictures:
+    the newest of each of the cell's cameras that was taken at t_ns or before, by the camera's name.
     """
 
     number: int
@@ -39,6 +41,7 @@ class Observation:
     pose_ref: Array
     force: Array
     object_pose: Array | None
+    pictures: Mapping[str, Picture] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.tracker import ObjectTracker
+from rtstack.cameras.newest import NewestPictures
+from rtstack.cameras.start import Cameras
 from rtstack.loop.mailbox import Mailbox
 from rtstack.loop.target import TARGET
 from rtstack.loop.timeline import TICK_NS
@@ -54,9 +56,11 @@ class PolicyHost:
         return 0 if arm is None else int(arm.sample["t_ns"][0])
 
     def serve(
-        self, guide: TeleoperationGuide, tracker: ObjectTracker, cell: CellDescription, say: Callable[[RunEvent], None]
-    ) -> Callable[[int], None]:
-        """Return what a run calls between two ticks."""
+        self, guide: TeleoperationGuide, tracker: ObjectTracker, cell: CellDescription,
+        say: Callable[[RunEvent], None], cameras: Cameras | None = None,
+    ) -> Callable[[int], None]:  # fmt: skip
+        """Return what a run calls between two ticks. cameras: of the run, whose pictures the policy is shown."""
+        self._pictures = NewestPictures({}) if cameras is None else cameras.newest()
         self._guide, self._tracker, self._say = guide, tracker, say
         self._models = ArmModel(cell.left, cell.pad), ArmModel(cell.right, cell.pad)
         self._mailbox.write_target(self._target)
@@ -120,6 +124,7 @@ class PolicyHost:
             self._number, t_ns, (t_ns - self._began_ns) * 1e-9,
             np.stack([arm.sample["q"][0] for arm in arms]), np.stack([arm.sample["dq"][0] for arm in arms]),
             pose, pose_ref, np.stack([arm.workspace["force_world"][0] for arm in arms]), known,
+            self._pictures.at(t_ns),
         )  # fmt: skip
 
     def _finish(self) -> None:

@@ -35,10 +35,11 @@ _END_OF_HANGING_S = 2.0
 class RunLog(Protocol):
     """What keeps a run's samples and its result. One of the run's watchdogs: `trip` says that the log has failed.
 
-    path: of the file. evidence: of a fault, set before `close`, which writes it.
+    path: of the file. cameras: whose pictures go into it. evidence: of a fault, set before `close`, which writes it.
     """
 
     path: Path
+    cameras: Cameras | None
     evidence: Evidence | None
 
     @property
@@ -76,6 +77,7 @@ class RunSamples:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.cameras: Cameras | None = None
         self.evidence: Evidence | None = None
         self.columns: Columns | None = None
         self.history: History | None = None

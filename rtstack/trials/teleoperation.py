@@ -57,7 +57,8 @@ def run_teleoperation(
     with Run(description, parameters, plan, limits, context.with_watchdog(guide), way, longest, [guide]) as run:
         guide.tell = lambda text: run.run_event(RunEvent(Level.INFO, "operator", text))
         if host is not None:
-            run.between = host.serve(guide, cell.tracker, description, run.run_event)
+            cameras = None if context.log is None else context.log.cameras
+            run.between = host.serve(guide, cell.tracker, description, run.run_event, cameras)
         outcome = run.follow(cell, following(Strategy.PROPOSED), 0.0)
         interventions = outcome.safety_interventions
         end = End.COMPLETED if outcome.end in _AS_WANTED else outcome.end

@@ -12,14 +12,17 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from PIL import Image
 
+from rtstack.cameras.newest import NewestPictures
 from rtstack.cameras.source import draw_time, read_time
 from rtstack.cells import default_cell_file, open_cell
 from rtstack.log import pictures
 from rtstack.log.reader import read_log
 from rtstack.model.cell_description import CameraDescription
+from rtstack.teleoperation.policy import Chunk
+from rtstack.trials.policy import run_policy
 from rtstack.trials.record import open_log
 from rtstack.trials.run_context import RunContext
-from rtstack.trials.specification import TrialSpecification
+from rtstack.trials.specification import TeleoperationSpecification, TrialSpecification
 from rtstack.trials.trial import prepare_trial, run_trial
 
 # above the table, looking down; and from the front
@@ -161,4 +164,45 @@ def test_a_ring_keeps_the_newest_pictures_and_counts_those_that_are_lost(monkeyp
     ring.write(99, b"x" * (pictures.LARGEST_BYTES + 1))
     assert reader.drain() == []
     reader.close()
+    ring.close()
+
+
+def test_a_policy_is_shown_the_newest_picture_at_each_observation(cell, tmp_path):
+    seen = []
+
+    class Looks:
+        def act(self, observation):
+            picture = observation.pictures["down"]
+            assert picture.rgb.shape == (288, 384, 3)
+            seen.append((observation.t_ns // 1_000_000, picture.t_ns // 1_000_000, read_time(picture.rgb) // 1_000_000))
+            return Chunk(0.05, np.repeat(observation.pose_ref[None], 3, axis=0))
+
+        def close(self):
+            pass
+
+    described, asked = replace(cell, cameras={"down": DOWN}), TeleoperationSpecification("looks")
+    opened = open_cell("direct", "rice_box", 0.0, 0)
+    log = open_log(tmp_path / "log.mcap", asked, described, "direct", default_cell_file(), cell=opened)
+    try:
+        result = run_policy(Looks(), asked, described, opened, RunContext(log), longest_s=0.16)
+    finally:
+        opened.close()
+    assert result.success, result.failure_reason
+    assert seen == [(0, 0, 0), (50, 34, 34), (100, 100, 100), (150, 134, 134)]
+
+
+def test_who_looks_on_takes_no_picture_from_the_log_and_waits_for_no_camera_that_is_gone(monkeypatch):
+    ring = pictures.PictureRing.create()
+    with NewestPictures({"down": ring.name}, {"down": 10}) as shown:
+        for t_ns in (100, 110, 120):
+            ring.write(t_ns, b"%d" % t_ns)
+        assert shown.at(119)["down"].jpeg == b"110"
+        assert shown.at(90) == {}
+        monkeypatch.setattr("rtstack.cameras.newest._PATIENCE_S", 0.0)
+        assert shown.at(500)["down"].t_ns == 120
+        monkeypatch.setattr("rtstack.cameras.newest._PATIENCE_S", 1e9)
+        assert shown.at(510)["down"].t_ns == 120
+        ring.write(510, b"510")
+        assert shown.at(515)["down"].t_ns == 510
+    assert [t_ns for t_ns, _ in ring.drain()] == [100, 110, 120, 510]
     ring.close()

@@ -1,6 +1,7 @@
 """A policy through the console: what it is shown, which of its answers reach the mailbox, and who gives the lease."""
 
 import json
+from base64 import b64encode
 from contextlib import contextmanager
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from websockets.sync.client import connect
 
 from console.tokens import Scope
+from rtstack.log.pictures import PictureRing
 from rtstack.loop.target import CHUNK, TARGET
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, SIDES, Mode
 from tests.support.console.client import arm, say, wait_for
@@ -93,6 +95,20 @@ def test_a_policy_with_a_lease_is_shown_the_arms_and_its_answer_reaches_the_loop
         assert lend(client, headers).status_code == 200
         assert target(served)["policy"] > lease
         assert target(served)["clutch_ns"] == 0
+
+
+def test_a_policy_is_shown_the_newest_picture_of_each_camera_of_the_run(running):
+    served, client, headers, token = running
+    ring = PictureRing.create()
+    served.job_manager.started("x.mcap", {"front": ring.name})
+    for t_ns in (900_000, 1_000_000, 1_100_000):
+        ring.write(t_ns, b"%d" % t_ns)
+    wait_for(lambda: "front" in served.parts.watch.cameras())
+    with policy(served, token) as (take, _):
+        assert lend(client, headers).status_code == 200
+        shown = take("observation")["observation"]["pictures"]
+        assert shown == {"front": {"t_ns": 1_000_000, "jpeg": b64encode(b"1000000").decode()}}
+    ring.close()
 
 
 def test_answers_that_are_none_are_refused_with_the_reason_and_do_not_reach_the_loop(running):

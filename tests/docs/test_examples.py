@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from rtstack.log.reader import read_log
@@ -120,6 +121,16 @@ def test_eleven_makes_a_bag_that_a_reader_of_ros_2_reads_bit_for_bit(demonstrati
     assert len(read["/tf"]) == 2 * len(samples)
 
 
+@pytest.mark.long
+def test_twelve_finds_the_box_in_a_picture_and_grabs_it(folder):
+    done = _as_program(folder, "12_policy_that_looks.py")
+    assert done.returncode == 0, done.stdout + done.stderr
+    saw, came = done.stdout.splitlines()
+    x_mm, y_mm = (float(word) for word in saw.split() if word.lstrip("-").isdecimal())
+    assert np.hypot(x_mm + 20.0, y_mm - 40.0) < 10.0, saw
+    assert came.startswith("success: lifted by 2"), came
+
+
 def test_every_example_is_run_here():
     numbers = sorted(path.name[:2] for path in EXAMPLES.glob("*.py"))
-    assert numbers == [f"{n:02d}" for n in range(1, 12)]
+    assert numbers == [f"{n:02d}" for n in range(1, 13)]

@@ -136,6 +136,7 @@ def policy(
     yaw_deg: Yaw = 0.0,
     seed: Seed = 0,
     log: LogOut = None,
+    cell_file: CellFile = None,
     json: Json = False,
 ) -> None:
     """Let a policy lead the arms, as an operator would: at a console once an operator gives it a lease there."""
@@ -146,7 +147,7 @@ def policy(
         run_at_console(name, rate_hz, console, token)
         return
     place = Displacement.given(displacement_mm, displacement_x_mm, yaw_deg)
-    run_in_process(name, rate_hz, object_name, place, seed, log, json)
+    run_in_process(name, rate_hz, object_name, place, seed, log, json, cell_file)
 
 
 @commands.command()
