@@ -1,4 +1,4 @@
-"""What the cameras of a run show while it runs, for who looks on: a policy. The log gets its pictures whoever looks."""
+"""What the cameras of a run show while it runs, for a policy. The log gets its pictures with a policy and without."""
 
 import io
 import time
@@ -31,7 +31,7 @@ class Picture:
 
 
 class _Shown:
-    """The last pictures of one camera. period_ns: between two of them, 0 where nobody waits for them."""
+    """The last pictures of one camera. period_ns: between two of them, 0 for a run that does not wait for them."""
 
     def __init__(self, ring: PictureRing, period_ns: int) -> None:
         self.ring, self._period_ns = ring, period_ns
