@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -31,7 +32,7 @@ def test_one_worker_killed_one_cut_off_and_one_of_another_version(command, finis
         pytest.skip(f"metal: a machine that permits network namespaces; here: {done.stderr.strip()}")
     assert done.returncode == 0, done.stdout + done.stderr
     *_, refusal, same = done.stdout.splitlines()
-    assert refusal.endswith("has rtstack 0.0.9 instead of 0.1.0: it gets no trials")
+    assert refusal.endswith(f"has rtstack 0.0.9 instead of {version('rtstack')}: it gets no trials")
     assert same == "the same 5 rows and report, 5 logs at s3://campaigns"
 
 
