@@ -5,6 +5,7 @@ from pathlib import Path
 
 import typer
 
+from rtstack.cli.animation import animate
 from rtstack.cli.logs import settings
 from rtstack.cli.progress import progress_bar
 from rtstack.figures.log_data import figure_log, with_references
@@ -15,7 +16,7 @@ from rtstack.log.errors import LogError
 from rtstack.log.reader import read_log
 from rtstack.log.signals import DEFAULT, matching, signals
 
-KINDS = (*FORMATS, "html")
+KINDS = (*FORMATS, "html", "webp")
 _AROUND_S = (0.2, 0.3)  # before and after the first impact: the papers' figures
 _FACTS = ("kind", "object", "controller", "displacement_mm", "seed", "success", "failure_reason", "impact_verdict",
           "average_force_norm", "peak_force_norm", "max_lift_mm", "cell", "git_commit")  # fmt: skip
@@ -45,6 +46,10 @@ def plot(
     if together:
         logs = aligned(logs)
     first, last = _window(logs[0], start_s, end_s, impact)
+    if target.suffix == ".webp":
+        animate(paths[0], target, first, last)
+        typer.echo(f"wrote {target}")
+        return
     title = ", ".join(path.name for path in paths)
     figure = draw(logs, first, last, title)
     try:

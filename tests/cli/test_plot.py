@@ -201,3 +201,19 @@ def test_progress_without_a_terminal_is_a_line_now_and_then(capsys):
     said = capsys.readouterr().err.splitlines()
     assert said[0] == f"rtstack: reading: 20 %, {0.8 * 5 * LINE_S:.0f} s left"
     assert len(said) == 5
+
+
+def test_a_log_becomes_a_picture_that_moves(trial, tmp_path):
+    target = tmp_path / "grab.webp"
+    asked = ("plot", trial, "--output", target, "--from", "1.2", "--to", "1.35")
+    # in a process of its own: MuJoCo chooses how it draws when it is imported
+    subprocess.run([COMMAND, *map(str, asked)], check=True, capture_output=True, text=True)
+    with Image.open(target) as picture:
+        assert (picture.n_frames, picture.size) == (19, (480, 360))
+        frames = []
+        for number in (0, picture.n_frames - 1):
+            picture.seek(number)
+            frames.append(np.array(picture.convert("RGB"), dtype=float))
+            assert picture.info["duration"] == 83  # ms: 1/120 s of the log, ten times slower
+    moved = np.abs(frames[1] - frames[0]).max(axis=2) > 60.0
+    assert 100 < moved.sum() < 0.2 * moved.size  # the arms, and not the cell

@@ -74,6 +74,7 @@ def plot(
     pdf: Annotated[bool, typer.Option("--pdf", help="With fonts inside, for a paper.")] = False,
     png: Annotated[bool, typer.Option("--png", help="The default.")] = False,
     svg: Annotated[bool, typer.Option("--svg")] = False,
+    webp: Annotated[bool, typer.Option("--webp", help="The arms as they moved; under 1 s ten times slower.")] = False,
     output: Annotated[Path | None, typer.Option(metavar="FILE", help="By default LOG.png, here.")] = None,
     start: Annotated[float | None, typer.Option("--from", metavar="S", help="After the first sample.")] = None,
     end: Annotated[float | None, typer.Option("--to", metavar="S", help="After the first sample.")] = None,
@@ -84,7 +85,9 @@ def plot(
     """Draw curves of a log, or of up to five above each other; without signals the pads' forces and velocities."""
     from rtstack.cli.plot import plot as run
 
-    kinds = [kind for kind, chosen in (("html", html), ("pdf", pdf), ("png", png), ("svg", svg)) if chosen]
+    kinds = [
+        kind for kind, chosen in (("html", html), ("pdf", pdf), ("png", png), ("svg", svg), ("webp", webp)) if chosen
+    ]
     if len(kinds) > 1:
         raise typer.BadParameter(f"--{kinds[0]} and --{kinds[1]}: give one of them")
     run(words, kinds[0] if kinds else None, output, start, end, impact, reference, align)
