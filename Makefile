@@ -7,7 +7,7 @@ STAMP := $(VENV)/.installed
 SAFETY_TESTS := $(filter-out %_plant.py,$(wildcard tests/safety/test_*.py))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test long realtime check bench coverage mutate explore faults screenshots fuzz-api soak dead-man good-trials impact-oracles random-plans unseen-grabs recompute kill-campaign hil link-table cluster reproduce docs docs-commands clean
+.PHONY: help setup run test long realtime check bench coverage mutate explore faults screenshots fuzz-api soak dead-man good-trials impact-oracles random-plans unseen-grabs recompute kill-campaign hil link-table cluster reproduce compare docs docs-commands clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -94,6 +94,9 @@ good-trials: setup  ## 140 grabs without an intervention, and one with each limi
 
 reproduce: setup  ## every table and figure again, on one page; hours, resumes (QUICK=1: a sample; DATA=DIR: measurements for reality; out/reproduce)
 	@$(BIN)/python -m tests.programs.reproduce $(if $(QUICK),--quick) $(if $(DATA),--data $(DATA))
+
+compare: setup  ## other authors' simulated robots and kinematics beside ours, in one table (some minutes on a quiet machine; out/compare.md)
+	@$(BIN)/python -m tests.programs.compare
 
 docs: setup  ## the documentation's site, warnings as errors, into out/site
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict && echo "look at it: $(BIN)/python -m http.server --bind 127.0.0.1 --directory out/site"

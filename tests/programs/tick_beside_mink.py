@@ -1,6 +1,5 @@
 """The dual-arm tick beside mink's inverse kinematics for the same two arms, turn by turn in one run.
 
-    pip install mink==1.3.0
     python -m tests.programs.tick_beside_mink [--rounds 10]
 
 mink solves kinematics alone: two frame tasks and a posture task, position and velocity limits, by daqp. A round is
@@ -8,6 +7,7 @@ mink solves kinematics alone: two frame tasks and a posture task, position and v
 """
 
 import argparse
+import sys
 import time
 from importlib.metadata import version
 from statistics import median
@@ -64,29 +64,38 @@ class KinematicsOnly:
         return time.perf_counter_ns() - began
 
 
-def main() -> None:
-    """Measure in turns, and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rounds", type=int, default=10)
-    options = parser.parse_args()
+def beside_mink(rounds: int) -> dict[str, float]:
+    """Measure in turns, print each round, and return the medians in us: of mink, and of our tick."""
     kinematics, description, parameters = KinematicsOnly(), load_description(None)[0], default_parameters()
     print(
-        "| round | mink p50 us | tick p50 us | ratio | limits active p50 us | of the tick |\n|---|---|---|---|---|---|"
+        "| round | mink p50 us | tick p50 us | ratio | limits active p50 us | of the tick |\n|---|---|---|---|---|---|",
+        file=sys.stderr,
     )
-    ratios, constrained = [], []
-    for number in range(1, options.rounds + 1):
+    theirs, ours, constrained = [], [], []
+    for number in range(1, rounds + 1):
         ticks = bench_tick(description, parameters, TICKS)
-        times = [kinematics.solve(number * TICKS + k) for k in range(TICKS)]
-        theirs = 1e-3 * median(times)
-        ratios.append(ticks.tick_us_p50 / theirs)
+        theirs.append(1e-3 * median(kinematics.solve(number * TICKS + k) for k in range(TICKS)))
+        ours.append(ticks.tick_us_p50)
         constrained.append(ticks.constrained_tick_us_p50 / ticks.tick_us_p50)
         print(
-            f"| {number} | {theirs:.1f} | {ticks.tick_us_p50:.1f} | {ratios[-1]:.3f} | "
+            f"| {number} | {theirs[-1]:.1f} | {ours[-1]:.1f} | {ours[-1] / theirs[-1]:.3f} | "
             f"{ticks.constrained_tick_us_p50:.1f} | {constrained[-1]:.2f} |",
-            flush=True,
-        )
-    print(f"\nmedian: {median(ratios):.3f} of mink's, limits active {median(constrained):.2f} of the tick without")
-    print(f"mink {version('mink')}, MuJoCo {mujoco.__version__}")
+            file=sys.stderr, flush=True,
+        )  # fmt: skip
+    ratio = median(our / their for our, their in zip(ours, theirs, strict=True))
+    print(
+        f"\nmedian: {ratio:.3f} of mink's, limits active {median(constrained):.2f} of the tick without\n"
+        f"mink {version('mink')}, MuJoCo {mujoco.__version__}",
+        file=sys.stderr,
+    )
+    return {"rtstack": median(ours), "mink": median(theirs)}
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=10)
+    beside_mink(parser.parse_args().rounds)
 
 
 if __name__ == "__main__":

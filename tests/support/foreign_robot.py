@@ -68,19 +68,16 @@ def addresses() -> tuple[str, str]:
 def served(name: str, folder: Path, addresses: tuple[str, str], *more: str) -> Iterator[ForeignRobot]:
     """Serve two arms at these addresses, and end them. folder: for what is written; more: the program's arguments."""
     said = folder / "left.txt", folder / "right.txt"
-    python = environment(name) / "bin" / "python"
-    program = PROGRAMS / f"{name.replace('-', '_')}_program.py"
     processes: list[subprocess.Popen[bytes]] = []
     try:
         for address, path in zip(addresses, said, strict=True):
             own = folder / address
             own.mkdir()
-            options = [str(_assets()), str(own), str(SLOWNESS)] if name == "franka-sim" else [str(SLOWNESS)]
             with open(path, "wb") as output:
-                command = [str(python), str(program), address, *options, *more]
+                command = [*foreign_command(name, address, own, SLOWNESS), *more]
                 processes.append(subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT, cwd=own))
         for address, process, path in zip(addresses, processes, said, strict=True):
-            _wait_for(address, process, path)
+            wait_for(address, process, path)
         yield ForeignRobot(name, *addresses, said)
     finally:
         for process in processes:
@@ -89,7 +86,15 @@ def served(name: str, folder: Path, addresses: tuple[str, str], *more: str) -> I
             process.wait(END_S)
 
 
-def _wait_for(address: str, process: subprocess.Popen[bytes], said: Path) -> None:
+def foreign_command(name: str, address: str, folder: Path, slowness: float) -> list[str]:
+    """Return the command of one arm's server. folder: of its own; slowness: ms for each of its robot's."""
+    program = PROGRAMS / f"{name.replace('-', '_')}_program.py"
+    told = [str(_assets()), str(folder)] if name == "franka-sim" else []
+    return [str(environment(name) / "bin" / "python"), str(program), address, *told, str(slowness)]
+
+
+def wait_for(address: str, process: subprocess.Popen[bytes], said: Path) -> None:
+    """Return once the arm at this address answers. Raises RuntimeError where its server ends, or does not serve."""
     end_s = time.monotonic() + START_S
     while time.monotonic() < end_s:
         if process.poll() is not None:
