@@ -1,6 +1,6 @@
 """Our simulated robot and tick beside other authors', as PyPI has them, in one table.
 
-    python -m tests.programs.compare [--seconds 20] [--rounds 3] [--out FILE]
+    python -m tests.programs.compare [--seconds 10] [--rounds 2] [--out FILE]
 
 franka-sim and franky-sim are installed by name into environments of their own (.venv-foreign); mink is here. One client
 does the same to each robot, one robot at a time, on loopback: it holds an arm, moves it, and provokes it. What another
@@ -205,7 +205,7 @@ def provoked(robot: franka.Robot, provoke: Callable[[franka.Robot], None]) -> st
     try:
         provoke(robot)
     except franka.FrankaException as error:
-        named = re.findall(r"[\w]+", " ".join(re.findall(r"\[(.*?)\]", str(error))))
+        named = re.findall(r"\w+", " ".join(re.findall(r"\[(.*?)\]", str(error), re.DOTALL)))
         return ", ".join(dict.fromkeys(named)) or f"refused: {str(error).splitlines()[0][:60]}"
     except RuntimeError as error:
         return f"refused: {str(error).splitlines()[0][:60]}"
@@ -274,8 +274,8 @@ def table(robots: Mapping[str, Robot], ticks_us: Mapping[str, float]) -> str:
 def main() -> int:
     """Measure, print, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seconds", type=float, default=20.0, help="how long each arm is held, each round")
-    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--seconds", type=float, default=10.0, help="how long each arm is held, each round")
+    parser.add_argument("--rounds", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("out/compare.md"))
     options = parser.parse_args()
     robots = {}
