@@ -92,7 +92,7 @@ unseen-grabs: setup  ## 20 planned grabs at unseen speeds and heights, as planne
 good-trials: setup  ## 140 grabs without an intervention, and one with each limit in reach (resumes, .good-trials/)
 	@$(BIN)/python -m tests.programs.good_trials
 
-reproduce: setup  ## every table and figure again, on one page; hours, resumes (QUICK=1: a sample; DATA=DIR: measurements for reality; out/reproduce)
+reproduce: setup  ## every table and figure again, on one page; hours, resumes (QUICK=1: a sample in five minutes; DATA=DIR: measurements for reality; out/reproduce)
 	@$(BIN)/python -m tests.programs.reproduce $(if $(QUICK),--quick) $(if $(DATA),--data $(DATA))
 
 compare: setup  ## other authors' simulated robots and kinematics beside ours, in one table (some minutes on a quiet machine; out/compare.md)

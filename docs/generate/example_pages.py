@@ -9,7 +9,7 @@ EXAMPLES = sorted((ROOT / "examples").glob("[0-9][0-9]_*.py"))
 _HEAD = """# Examples
 
 Each is a few lines of Python, to be read and to be changed. They run in the order of their numbers, in one folder:
-later ones read what earlier ones have written. All of them run in our tests.
+later ones read what earlier ones have written. All of them run in our tests. `examples/first_grab.ipynb` is a notebook.
 """
 
 

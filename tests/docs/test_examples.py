@@ -1,10 +1,12 @@
 """The examples run, in the order of their numbers, in one folder, with warnings as errors."""
 
+import json
 import runpy
 import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -129,6 +131,22 @@ def test_twelve_finds_the_box_in_a_picture_and_grabs_it(folder):
     x_mm, y_mm = (float(word) for word in saw.split() if word.lstrip("-").isdecimal())
     assert np.hypot(x_mm + 20.0, y_mm - 40.0) < 10.0, saw
     assert came.startswith("success: lifted by 2"), came
+
+
+@pytest.mark.long
+def test_the_notebook_runs_from_top_to_bottom(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    known: dict[str, Any] = {}
+    for cell in json.loads((EXAMPLES / "first_grab.ipynb").read_text())["cells"]:
+        source = "".join(cell["source"])
+        assert not cell.get("outputs")
+        if source.startswith("!"):
+            subprocess.run(source[1:], shell=True, check=True, env=environment(), timeout=PATIENCE_S)
+        elif cell["cell_type"] == "code":
+            exec(source, known)
+    assert known["softer"].success
+    assert known["axes"].lines[0].get_ydata().max() > 20.0
+    assert (tmp_path / "impact.webp").stat().st_size > 10_000
 
 
 def test_every_example_is_run_here():

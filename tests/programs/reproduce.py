@@ -18,6 +18,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
 
 from hal.files import write_whole
@@ -102,7 +103,8 @@ def page(options: argparse.Namespace, ended: Mapping[str, Step]) -> str:
     lines = [
         "# Reproduced",
         "",
-        f"`make reproduce{' QUICK=1' if options.quick else ''}` makes every table and figure again. Commit "
+        f"`make reproduce{' QUICK=1' if options.quick else ''}`: {'a sample of the trials' if options.quick else 'all of it'}"
+        f", by version {version('rtstack')}. Commit "
         f"{commit.stdout.strip() or 'unknown'}, {max((step.ended for step in ended.values()), default='never')}, "
         f"{options.workers} workers on {os.cpu_count()} CPUs: {total_min:.0f} minutes.",
         "",
