@@ -7,7 +7,7 @@ STAMP := $(VENV)/.installed
 SAFETY_TESTS := $(filter-out %_plant.py,$(wildcard tests/safety/test_*.py))
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test long realtime check bench coverage mutate explore faults screenshots fuzz-api soak dead-man good-trials impact-oracles random-plans unseen-grabs recompute kill-campaign hil link-table cluster reproduce compare docs docs-commands clean
+.PHONY: help setup run test long realtime check bench coverage mutate explore faults screenshots fuzz-api soak dead-man good-trials impact-oracles random-plans unseen-grabs recompute kill-campaign hil link-table cluster reproduce compare release docs docs-commands clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
@@ -97,6 +97,9 @@ reproduce: setup  ## every table and figure again, on one page; hours, resumes (
 
 compare: setup  ## other authors' simulated robots and kinematics beside ours, in one table (some minutes on a quiet machine; out/compare.md)
 	@$(BIN)/python -m tests.programs.compare
+
+release: setup  ## wheel, sdist, hashes of all that they need, SBOM (out/release)
+	@$(BIN)/python -m tests.programs.release
 
 docs: setup  ## the documentation's site, warnings as errors, into out/site
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict && echo "look at it: $(BIN)/python -m http.server --bind 127.0.0.1 --directory out/site"

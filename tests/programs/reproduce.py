@@ -103,8 +103,8 @@ def page(options: argparse.Namespace, ended: Mapping[str, Step]) -> str:
     lines = [
         "# Reproduced",
         "",
-        f"`make reproduce{' QUICK=1' if options.quick else ''}`: {'a sample of the trials' if options.quick else 'all of it'}"
-        f", by version {version('rtstack')}. Commit "
+        f"`make reproduce{' QUICK=1`: a sample of the trials' if options.quick else '`: all trials'}, by version "
+        f"{version('rtstack')}. Commit "
         f"{commit.stdout.strip() or 'unknown'}, {max((step.ended for step in ended.values()), default='never')}, "
         f"{options.workers} workers on {os.cpu_count()} CPUs: {total_min:.0f} minutes.",
         "",
