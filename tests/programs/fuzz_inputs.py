@@ -96,9 +96,8 @@ def _mcap() -> Target:
 
 
 def _recover() -> Target:
-    from rtstack.log.recover import recover
-
     from rtstack.log.errors import LogError
+    from rtstack.log.recover import recover
 
     def read(path: Path) -> None:
         with contextlib.suppress(FileNotFoundError):

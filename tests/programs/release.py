@@ -8,14 +8,17 @@ own, by constraints.txt; from there come `requirements.txt`, for `pip install --
 """
 
 import argparse
+import gzip
 import hashlib
 import json
 import os
 import shutil
 import subprocess
 import sys
+import tarfile
 import tempfile
 import venv
+from io import BytesIO
 from pathlib import Path
 
 from hal.files import write_whole
@@ -38,9 +41,27 @@ def environment(folder: Path) -> Path:
 def built(python: Path, folder: Path) -> list[Path]:
     """Build wheel and sdist of the last commit in a new folder, with the commit's time in their archives."""
     run("git", "clone", "--quiet", ROOT, folder / "source")
-    when = subprocess.run(["git", "log", "-1", "--format=%ct"], cwd=ROOT, capture_output=True, text=True, check=True)
-    run(python, "-m", "build", "--outdir", folder / "dist", folder / "source", SOURCE_DATE_EPOCH=when.stdout.strip())
+    said = subprocess.run(["git", "log", "-1", "--format=%ct"], cwd=ROOT, capture_output=True, text=True, check=True)
+    when_s = int(said.stdout)
+    run(python, "-m", "build", "--outdir", folder / "dist", folder / "source", SOURCE_DATE_EPOCH=str(when_s))
+    for path in (folder / "dist").glob("*.tar.gz"):
+        path.write_bytes(timeless(path, when_s))
     return sorted((folder / "dist").iterdir())
+
+
+def timeless(path: Path, when_s: int) -> bytes:
+    """Return an sdist whose files have one time and no owner: setuptools writes the clock and the user into it."""
+    packed = BytesIO()
+    with (
+        tarfile.open(path) as given,
+        gzip.GzipFile("", "wb", mtime=when_s, fileobj=packed) as compressed,
+        tarfile.open(fileobj=compressed, mode="w") as made,
+    ):
+        for member in sorted(given.getmembers(), key=lambda each: each.name):
+            member.mtime, member.uid, member.gid, member.uname, member.gname = when_s, 0, 0, "", ""
+            member.pax_headers = {}
+            made.addfile(member, given.extractfile(member) if member.isfile() else None)
+    return packed.getvalue()
 
 
 def hashed(report: dict) -> str:
