@@ -36,12 +36,12 @@ def test_a_good_demonstration_is_good_in_everything():
     }
 
 
-@pytest.mark.parametrize("speed, good", [((0.3, 0.3), True), ((0.05, 0.3), False), ((0.3, 0.45), False)])
+@pytest.mark.parametrize(("speed", "good"), [((0.3, 0.3), True), ((0.05, 0.3), False), ((0.3, 0.45), False)])
 def test_the_pads_are_fast_enough_and_equally_fast(speed, good):
-    assert list(said(demonstration(speed)).values())[0] is good
+    assert next(iter(said(demonstration(speed)).values())) is good
 
 
-@pytest.mark.parametrize("degrees, good", [(0, True), (20, True), (50, False), (180, False)])
+@pytest.mark.parametrize(("degrees", "good"), [(0, True), (20, True), (50, False), (180, False)])
 def test_the_angle_is_between_velocity_and_the_other_pad(degrees, good):
     turn = np.radians(degrees)
     left = (0.0, -np.cos(turn), np.sin(turn))
@@ -57,7 +57,7 @@ def test_the_jerk_is_that_of_a_shaking_hand():
 
 
 @pytest.mark.parametrize(
-    "hits, text, good",
+    ("hits", "text", "good"),
     [
         ((IMPACT, IMPACT + 20), "the left pad hit 20 ms before the other one", True),
         ((IMPACT + 90, IMPACT), "the right pad hit 90 ms before the other one", False),
