@@ -28,6 +28,7 @@ from console.review.search import FilterRefused
 from console.routes import (
     access,
     calibration,
+    cameras,
     campaigns,
     control,
     description,
@@ -60,7 +61,7 @@ from rtstack.references.acceptance import AcceptanceError
 
 _ROUTES = (
     pages, description, access, robot, control, jobs, queue, trials, campaigns, playback, logs, layouts, retention,
-    live, review, scene, teleoperation, policy, training, recordings, calibration, foxglove,
+    live, cameras, review, scene, teleoperation, policy, training, recordings, calibration, foxglove,
 )  # fmt: skip
 
 

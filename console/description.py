@@ -11,6 +11,7 @@ from fastapi.openapi.utils import get_openapi
 from fastapi.routing import APIRoute
 
 from console.guard import CSRF_HEADER, MAX_BODY_BYTES
+from console.routes.cameras import WINDOW
 from console.routes.problems import problems
 
 _TEXT = f"""\
@@ -26,6 +27,9 @@ Streams, which OpenAPI has no words for (WebSockets, with the same token or cook
 
 - `/live`: the state of arms, loop, job and hand, 20 times a second, as JSON.
 - `/api/teleoperation/hand`: the messages of `POST /api/teleoperation/hand`, each answered; closing releases the clutch.
+- `/api/cameras/NAME`: a camera's newest picture while a job runs: when it is of, us of the console's clock (`camera_us`
+  of a stamp), and how old it was when it was sent, ms, both float64 little-endian, then a JPEG. Any word says that it
+  was shown: no more than {WINDOW} are on their way.
 - `/api/logs/ID/scrub?view=NAME`: a cursor `{{"t": s, "signals": "a,b"}}`, answered with the values there.
 - `/foxglove/WORD`: the live topics for Foxglove; `GET /api/foxglove` has the address.
 """

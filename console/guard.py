@@ -24,7 +24,7 @@ MAX_BODY_BYTES = 256 << 10  # orders are a few hundred bytes, and nothing is upl
 _SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 _STOP = "/api/stop"
 _FOR_VIEWERS = (_STOP, "/api/sign-out")  # changes that a viewer may ask for
-_STREAMS_FOR_VIEWERS = ("/live", "/viser/", "/api/logs/")
+_STREAMS_FOR_VIEWERS = ("/live", "/viser/", "/api/logs/", "/api/cameras/")
 _OPEN_PREFIX = "/static/"  # style and script, the same for everybody
 
 # our pages: nothing inline, nothing from elsewhere; the scene's page brings its script inside itself (viser's client

@@ -125,8 +125,9 @@ class Gate:
         if age_ns > OLDEST_COMMAND_S * 1e9:
             return Admission(Drop.OLD, f"it is {age_ns * 1e-6:.0f} ms old, {1e3 * OLDEST_COMMAND_S:.0f} ms are allowed")
         middle = 0.5 * (least + most)
-        said = (stamp.sequence, int(made + middle), stamp.picture, picture_ns, int(seen + middle))
-        old_ns = made + most - picture_ns
+        shown_ns = picture_ns if stamp.camera_us is None else min(picture_ns, 1000 * stamp.camera_us)
+        said = (stamp.sequence, int(made + middle), stamp.picture, shown_ns, int(seen + middle))
+        old_ns = made + most - shown_ns
         if old_ns > OLDEST_PICTURE_S * 1e9:
             text = f"it was made on a picture {old_ns * 1e-6:.0f} ms old, {1e3 * OLDEST_PICTURE_S:.0f} ms are allowed"
             return Admission(Drop.PICTURE, text, *said)

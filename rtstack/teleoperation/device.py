@@ -16,19 +16,23 @@ class HandInput:
 
     left, right: a pose (position m, quaternion wxyz, in the world), or a deflection (-1 to 1 of the chosen speed, along
     the world's axes and about them); None for an arm that stays. finished: the operator has ended the teleoperation.
+    leading: the poses are of a person's hands, or a leader's: each pad goes as its hand goes, from where both were when
+    the clutch began to be held.
     """
 
     held: bool
     left: Pose | Six | None = None
     right: Pose | Six | None = None
     finished: bool = False
+    leading: bool = False
 
     def message(self) -> dict[str, Any]:
         """Return the message to the console (POST /api/teleoperation/hand)."""
         message: dict[str, Any] = {"clutch": self.held}
         for side, values in (("left", self.left), ("right", self.right)):
             if self.held and values is not None:
-                message.setdefault("pose" if len(values) == 7 else "deflection", {})[side] = list(values)
+                kind = "deflection" if len(values) != 7 else "hands" if self.leading else "pose"
+                message.setdefault(kind, {})[side] = list(values)
         return message
 
 

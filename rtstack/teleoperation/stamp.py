@@ -21,6 +21,7 @@ Count = Annotated[int, Field(ge=0, lt=1 << 53, strict=True)]
 class Stamp:
     """sender: a word that it has chosen for itself; sequence: rises with each command; made_ms: when the command was
     made, seen_ms: when the picture with this number was seen, both by the sender's clock, which never goes back.
+    camera_us: the time that came with a camera's picture, where the sender looks at one: the older of both counts.
     """
 
     sender: Annotated[str, Field(pattern=r"^[0-9A-Za-z_-]{1,32}$")]
@@ -28,6 +29,7 @@ class Stamp:
     made_ms: Milliseconds
     picture: Count
     seen_ms: Milliseconds
+    camera_us: Count | None = None
 
 
 class Sender:

@@ -66,7 +66,7 @@ def test_two_controllers_lead_both_pads_and_letting_go_holds_them(person, logs_o
 
 
 @pytest.mark.parametrize("how", ["upper button", "controller off", "controller unseen", "headset off", "page left"])
-def test_whatever_ends_it_stops_the_arms(person, how):
+def test_whatever_ends_it_stops_the_arms(person, how, logs_of_stack):
     page = person.page
     person.press("right", "a-button")
     person.sees("hold a grip to lead")
@@ -83,7 +83,10 @@ def test_whatever_ends_it_stops_the_arms(person, how):
     else:
         page.goto("/logs")
         page.goto("/headset")
-    expect(page.locator("#job-line")).to_contain_text("stopped" if how == "upper button" else "lost", timeout=READY_MS)
+    stopped = how == "upper button"
+    expect(page.locator("#job-line")).to_contain_text("stopped" if stopped else "succeeded", timeout=READY_MS)
+    said = [event.text for event in newest(logs_of_stack).events if event.name == "watchdog"]
+    assert said == ([] if stopped else ["the operator let go: the page lost the operator's hand"])
 
 
 def test_one_hand_leads_both_pads_as_in_a_mirror(person, logs_of_stack):

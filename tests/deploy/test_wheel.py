@@ -5,8 +5,10 @@ import json
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import sys
+import time
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,7 +19,9 @@ import numpy as np
 import pytest
 
 from hal.compilation import cache_folder
+from hal.robots import robot
 from rtstack.log.reader import read_log
+from rtstack.model.arm_model import flange_pose
 from rtstack.trials.review import log_columns
 
 ROOT = Path(__file__).parents[2]
@@ -171,6 +175,35 @@ def test_the_page_offers_it_and_an_input_device_leads_the_arms(extended: dict[st
     (log,) = (tmp_path / "logs").glob("*.mcap")
     position = log_columns(read_log(log)).arm["O_T_EE"][:, :, 1, 3]  # along y, m
     assert (np.ptp(position, axis=1) > 0.01).all()
+
+
+@pytest.mark.long
+def test_a_simulated_leader_leads_both_pads(extended: dict[str, str], tmp_path: Path) -> None:
+    """Its shoulders swing there and back: both pads do as its hands do, and nothing else."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    with stack(extended, tmp_path) as (address, _):
+        made = rtstack(extended, tmp_path, "token", "create", "--name", "leader", "--scope", "operate")
+        told = extended | {"RTSTACK_TOKEN": made.stdout.strip()}
+        words = (f"leader:{port}", "--record", "--console", address)
+        led = subprocess.Popen([sys.executable, "-m", "rtstack", "teleoperate", *words], cwd=tmp_path, env=told)
+        until_s = time.monotonic() + TIMEOUT_S
+        while f":{port:04X} " not in Path("/proc/net/udp").read_text() and led.poll() is None:
+            assert time.monotonic() < until_s, "the device was not opened"
+            time.sleep(0.02)
+        subprocess.run([sys.executable, "-m", "joint_tracking.leader", str(port)], check=True, env=extended, timeout=60)
+        assert led.wait(TIMEOUT_S) == 0
+    (log,) = (tmp_path / "logs").glob("*.mcap")
+    arm = log_columns(read_log(log)).arm
+    home, swung = arm["q"][:, 0], arm["q"][:, 0].copy()
+    swung[:, 1] -= 0.12  # rad, the leader's swing
+    for side in range(2):
+        wanted = flange_pose(robot("fr3"), swung[side])[:3, 3] - flange_pose(robot("fr3"), home[side])[:3, 3]
+        position = arm["O_T_EE"][side, :, :3, 3]
+        moved = np.linalg.norm(position - position[0], axis=1)
+        assert moved.max() == pytest.approx(np.linalg.norm(wanted), rel=0.15)
+        assert moved[-1] < 0.2 * moved.max()
 
 
 @pytest.mark.long

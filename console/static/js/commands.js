@@ -9,6 +9,7 @@ export class Commands {
     this.sequence = 0;
     this.picture = 0;
     this.seenMs = 0;
+    this.camera = null; // whose picture is looked at too
     // a view is seen with the picture after it, which a hidden page does not get
     live.onView(({ number }) => requestAnimationFrame(() => this.saw(number)));
   }
@@ -22,6 +23,7 @@ export class Commands {
   stamped(message) {
     this.sequence += 1;
     const stamp = { sender: this.sender, sequence: this.sequence, made_ms: performance.now(), picture: this.picture, seen_ms: this.seenMs };
+    if (this.camera?.name) stamp.camera_us = this.camera.us;
     return { ...message, stamp };
   }
 }

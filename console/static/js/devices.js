@@ -1,5 +1,6 @@
 // Devices beside the gizmos. Each has a name and `read()`: {left: [6], right: [6]}, from -1 to 1 along the world's axes
-// and about them, or null while it asks for nothing. A VR controller would be one more, with poses instead.
+// and about them, or null while it asks for nothing. One with a clutch of its own says whether it is held, null once the
+// device has gone. `side`: the hand that a device with one cap, one set of keys leads.
 
 const STEPS = {
   KeyW: [0, 1], KeyS: [0, -1], KeyA: [1, 1], KeyD: [1, -1], KeyE: [2, 1], KeyQ: [2, -1], // along x, y, z
@@ -10,6 +11,10 @@ const CLUTCH_BUTTON = 4; // the left shoulder
 const TURN_BUTTON = 5; // the right one
 const DOWN_BUTTON = 6;
 const UP_BUTTON = 7;
+const MULTI_AXIS = { usagePage: 0x01, usage: 0x08 }; // HID usage tables: a multi-axis controller
+const FULL_COUNTS = 350; // of a cap that is pushed as far as it goes, on each axis of 3Dconnexion's devices
+const FULL_DEG = 30; // of a phone that is tilted for the whole speed
+const DEAD_DEG = 3;
 
 export class KeyboardDevice {
   constructor() {
@@ -48,7 +53,7 @@ export class GamepadDevice {
   }
 
   get clutch() {
-    return this.pad?.buttons[CLUTCH_BUTTON].pressed ?? false;
+    return this.pad?.buttons[CLUTCH_BUTTON].pressed ?? null;
   }
 
   // Whether the sticks turn the hands now.
@@ -84,5 +89,89 @@ export class GamepadDevice {
       { name: "LT", does: `both ${way}`, at: button(DOWN_BUTTON) },
       { name: "RT", does: `both ${way}`, at: button(UP_BUTTON) },
     ];
+  }
+}
+
+// A cap with six axes, by WebHID. Report 1 has the translation, and on newer devices the rotation behind it, else report 2
+// has that; report 3 has the buttons. Its axes: x to the right, y to the person, z down.
+export class SpaceMouseDevice {
+  constructor() {
+    this.name = "SpaceMouse";
+    this.side = "left";
+    this.gone();
+    if (!navigator.hid) return;
+    navigator.hid.getDevices().then((known) => this.open(known));
+    navigator.hid.addEventListener("disconnect", ({ device }) => device === this.device && this.gone());
+  }
+
+  gone() {
+    this.device = null;
+    this.axes = [0, 0, 0, 0, 0, 0];
+    this.buttons = 0;
+  }
+
+  async find() {
+    await this.open(await navigator.hid.requestDevice({ filters: [MULTI_AXIS] }));
+  }
+
+  async open(devices) {
+    const is = ({ usagePage, usage }) => usagePage === MULTI_AXIS.usagePage && usage === MULTI_AXIS.usage;
+    const device = devices.find(({ collections }) => collections.some(is));
+    if (!device) return;
+    if (!device.opened) await device.open();
+    device.addEventListener("inputreport", (event) => this.take(event));
+    this.device = device;
+  }
+
+  take({ reportId, data }) {
+    if (reportId === 3) this.buttons = data.getUint8(0);
+    const from = { 1: 0, 2: 3 }[reportId];
+    if (from === undefined) return;
+    const count = Math.min(6 - from, Math.floor(data.byteLength / 2));
+    for (let k = 0; k < count; k += 1) this.axes[from + k] = data.getInt16(2 * k, true) / FULL_COUNTS;
+  }
+
+  get clutch() {
+    return this.device && (this.buttons & 1) === 1;
+  }
+
+  read() {
+    const [x, y, z, ofX, ofY, ofZ] = this.axes.map((value) => Math.max(-1, Math.min(1, Math.abs(value) < DEAD_ZONE ? 0 : value)));
+    const deflection = [-y, -x, -z, -ofY, -ofX, -ofZ].map((value) => value + 0); // no -0
+    return deflection.some((value) => value !== 0) ? { [this.side]: deflection } : null;
+  }
+}
+
+// A phone that is held flat, by its orientation: what counts is how far it is tilted and twisted from where it was when the
+// clutch began to be held. It moves the hand the way that it tips, and up when twisted to the left; or it turns the hand.
+export class PhoneDevice {
+  constructor() {
+    this.name = "phone";
+    this.side = "left";
+    this.turns = false;
+    this.now = this.from = null;
+  }
+
+  async find() {
+    const granted = (await window.DeviceOrientationEvent?.requestPermission?.()) ?? "granted";
+    if (granted !== "granted") throw new Error("the browser does not tell how this device is held");
+    window.addEventListener("deviceorientation", ({ alpha, beta, gamma }) => {
+      this.now = alpha === null ? null : [alpha, beta, gamma];
+    });
+  }
+
+  forget() {
+    this.from = null;
+  }
+
+  read() {
+    if (this.now === null) return null;
+    this.from ??= this.now;
+    const [twist, up, right] = this.now.map((value, k) => {
+      const angle = ((value - this.from[k] + 540) % 360) - 180;
+      return Math.abs(angle) < DEAD_DEG ? 0 : Math.max(-1, Math.min(1, angle / FULL_DEG));
+    });
+    const deflection = (this.turns ? [0, 0, 0, right, -up, twist] : [-up, -right, twist, 0, 0, 0]).map((value) => value + 0);
+    return { [this.side]: deflection };
   }
 }

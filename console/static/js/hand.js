@@ -2,7 +2,7 @@
 // page that is frozen, closed or gone says nothing any more: the robot process notices by itself.
 
 import { Commands } from "./commands.js";
-import { GamepadDevice, KeyboardDevice } from "./devices.js";
+import { GamepadDevice, KeyboardDevice, PhoneDevice, SpaceMouseDevice } from "./devices.js";
 import { isTextField } from "./stop.js";
 
 const BEAT_MS = 50;
@@ -14,9 +14,12 @@ export class Hand {
     this.commands = new Commands(live);
     this.keyboard = new KeyboardDevice();
     this.gamepad = new GamepadDevice();
+    this.spaceMouse = new SpaceMouseDevice();
+    this.phone = new PhoneDevice();
+    this.devices = [this.keyboard, this.gamepad, this.spaceMouse, this.phone]; // the first one that asks for something leads
     this.usable = false; // whether a teleoperation of ours runs
     this.held = false; // as we hold it
-    this.by = null; // what holds it: key, button, gamepad, mouse, undo, straighten, guide
+    this.by = null; // what holds it: key, button, mouse, undo, straighten, guide, or a device's name
     this.dragHolds = false; // whether a mouse button that is down in the scene holds the clutch, once it drags a gizmo
     this.problem = null;
     this.listeners = [];
@@ -89,7 +92,7 @@ export class Hand {
   }
 
   letGo(lost) {
-    this.keyboard.forget();
+    for (const device of this.devices) device.forget?.();
     if (!this.held) return;
     this.held = false;
     this.by = null;
@@ -107,17 +110,18 @@ export class Hand {
   }
 
   beat() {
-    if (this.gamepad.clutch && this.usable && !this.held && this.by === null) {
+    const holds = this.devices.find(({ clutch }) => clutch);
+    const by = this.devices.find(({ name }) => name === this.by);
+    if (by && !by.clutch) this.letGo(by.clutch === null);
+    else if (holds && this.usable && !this.held) {
       this.held = true;
-      this.by = "gamepad";
+      this.by = holds.name;
       this.tell();
-    } else if (this.by === "gamepad" && !this.gamepad.clutch) {
-      this.letGo(false);
     }
     if (!this.held) return;
     const message = this.by === "mouse" ? { grip: true } : { clutch: true };
     if (this.by in LEADS) message.lead = LEADS[this.by];
-    const deflection = this.keyboard.read() ?? this.gamepad.read();
+    const deflection = this.devices.reduce((found, device) => found ?? device.read(), null);
     if (deflection) message.deflection = deflection;
     this.say(this.commands.stamped(message));
   }

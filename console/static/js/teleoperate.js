@@ -1,6 +1,7 @@
 // The panel of the hand: start and finish, the clutch, how the arms follow, and what the pads feel.
 
 import { post } from "./api.js";
+import { showCamera } from "./camera.js";
 import { latencyLine } from "./commands.js";
 import { whyNot } from "./control.js";
 import { showError } from "./errors.js";
@@ -13,7 +14,7 @@ const $ = (id) => document.getElementById(id);
 const COUPLINGS = { Digit1: "separate", Digit2: "mirrored", Digit3: "linked" };
 
 const GUIDE = "Hold: a person may push both arms, back from beyond a limit too; they stop when it is let go";
-const HELD = { key: "C", button: "the button", gamepad: "LB", mouse: "the mouse", undo: "Undo", straighten: "Straighten" };
+const HELD = { key: "C", button: "the button", gamepad: "LB", mouse: "the mouse", undo: "Undo", straighten: "Straighten", SpaceMouse: "its left button" };
 
 const write = (element, text) => {
   if (element.textContent !== text) element.textContent = text;
@@ -45,18 +46,24 @@ export class Teleoperate {
         this.hand.say({ [key]: $(id).valueAsNumber });
       });
     }
-    $("keys-side").addEventListener("change", (event) => {
-      this.hand.keyboard.side = event.target.value;
-    });
+    $("keys-side").addEventListener("change", () => this.choose());
+    for (const device of [this.hand.spaceMouse, this.hand.phone]) {
+      $(device.name.toLowerCase()).addEventListener("click", () => this.find(device));
+    }
+    $("spacemouse").hidden = !navigator.hid;
     $("drag-holds").addEventListener("change", (event) => {
       this.hand.dragHolds = event.target.checked;
     });
     for (const input of document.querySelectorAll("input[name=handles]")) {
-      input.addEventListener("change", () => this.hand.say({ handles: input.value }));
+      input.addEventListener("change", () => {
+        this.choose();
+        this.hand.say({ handles: input.value });
+      });
     }
-    remember("hand", document.querySelectorAll("#hand input, #hand select"));
+    remember("hand", document.querySelectorAll("#hand input, #hand select, #camera-name"));
+    if ($("camera")) this.hand.commands.camera = showCamera($("camera"), $("camera-name"), live);
     this.hand.dragHolds = $("drag-holds").checked;
-    this.hand.keyboard.side = $("keys-side").value;
+    this.choose();
     for (const by of ["button", "undo", "straighten"]) this.holdable($(by === "button" ? "clutch" : by), by);
     this.guiding = false; // whether its button is down
     this.holdable($("guide"), "guide", () => this.guide());
@@ -68,6 +75,21 @@ export class Teleoperate {
     this.hand.onChange(() => this.view && this.show(this.view));
     live.onView((view) => this.show(view));
     this.showSettings();
+  }
+
+  // Which hand a device for one hand leads, and whether a phone turns it.
+  choose() {
+    for (const device of this.hand.devices) device.side = $("keys-side").value;
+    this.hand.phone.turns = document.querySelector("input[name=handles]:checked").value === "turn";
+  }
+
+  // A browser lets a page have a device only after a click.
+  async find(device) {
+    try {
+      await device.find();
+    } catch (error) {
+      showError(`No ${device.name}: ${error.message}.`);
+    }
   }
 
   // A button that holds the clutch while it is pressed, by a pointer or by Enter.
@@ -199,9 +221,10 @@ export class Teleoperate {
   }
 
   showDevices() {
-    const { gamepad } = this.hand;
+    const { gamepad, spaceMouse, phone } = this.hand;
     const line = latencyLine(this.view.hand);
-    write($("devices-line"), `Gizmos, keys${gamepad.pad ? `, ${gamepad.pad.id.slice(0, 24)}` : "; no gamepad"}${line && `. ${line}`}`);
+    const found = [gamepad.pad?.id.slice(0, 24), spaceMouse.device?.productName, phone.now && "phone"].filter(Boolean);
+    write($("devices-line"), `${["Gizmos, keys", ...found].join(", ")}${gamepad.pad ? "" : "; no gamepad"}${line && `. ${line}`}`);
     showGamepad($("gamepad"), gamepad.mapping);
   }
 }

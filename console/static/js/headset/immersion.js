@@ -61,7 +61,7 @@ export class Immersion {
     page.hear({ ...said, pressed: this.newly(said.pressed) });
     const { state, lines, view } = page;
     const clear = this.kind === "immersive-ar" && state !== "fault";
-    this.room.draw(frame, this.space, this.frames, { state, clear, lines, places: view?.places });
+    this.room.draw(frame, this.space, this.frames, { state, clear, lines, places: view?.places, picture: page.camera.stale ? null : page.camera.picture });
     if (view) page.commands.saw(view.number);
   }
 

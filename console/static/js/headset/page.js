@@ -1,6 +1,7 @@
 // The page for a headset's browser: what both hands say goes to the console, and what a person has to know comes back.
 
 import { post } from "../api.js";
+import { Camera } from "../camera.js";
 import { Commands, latencyLine } from "../commands.js";
 import { Control, whyNot } from "../control.js";
 import { showError } from "../errors.js";
@@ -23,6 +24,9 @@ class Headset {
   constructor(live) {
     this.commands = new Commands(live);
     this.immersion = new Immersion(this);
+    this.camera = this.commands.camera = new Camera(() => {});
+    const camera = $("camera-name");
+    camera?.addEventListener("change", () => this.camera.look(camera.value));
     this.held = false;
     this.running = false;
     this.saidMs = 0;
@@ -36,6 +40,7 @@ class Headset {
     $("enter").addEventListener("click", () => this.immersion.enter());
     $("facing").addEventListener("change", () => this.face());
     remember("headset", document.querySelectorAll("#headset select"));
+    if (camera) this.camera.look(camera.value);
     this.face();
     document.addEventListener("visibilitychange", () => document.hidden && this.letGo(true));
     window.addEventListener("pagehide", () => this.letGo(true));
@@ -157,7 +162,7 @@ class Headset {
   get lines() {
     const { hand, status } = this.view ?? {};
     const doing = { fault: `Fault: ${status?.reason}. Recover on the page`, held: "Leading: let go of the grip, and the pads stay", ready: "Hold a grip to lead. A: finish. B: STOP", idle: "A: record. Y: accept the recording. X: mirror" }[this.state];
-    return [doing, this.said, hand?.refusal ?? "", hand ? latencyLine(hand) : ""];
+    return [doing, this.said, hand?.refusal ?? "", hand ? latencyLine(hand) : "", this.camera.line].filter((line, k) => k < 4 || line);
   }
 
   show(view) {

@@ -9,8 +9,9 @@ void main() {
 }`;
 const PAD_M = [0.09, 0.02, 0.09];
 const OBJECT_M = [0.12, 0.12, 0.12];
-const BOARD_M = [0.001, 0.64, 0.16];
-const BOARD_PX = [1024, 256];
+const BOARD_M = [0.001, 0.64, 0.2];
+const BOARD_PX = [1024, 320];
+const PICTURE_M = 0.48; // how wide a camera's picture is
 const ABOVE_M = 0.3;
 const COLOURS = { left: [0.29, 0.56, 0.89, 1], right: [0.93, 0.6, 0.25, 1], object: [0.65, 0.6, 0.5, 1] };
 const GHOST = 0.35;
@@ -56,14 +57,20 @@ export class Room {
     const place = gl.getAttribLocation(program, "place");
     gl.enableVertexAttribArray(place);
     gl.vertexAttribPointer(place, 3, gl.FLOAT, false, 0, 0);
-    gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
-    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR);
+    this.textures = ["board", "camera"].map(() => {
+      const texture = gl.createTexture();
+      gl.bindTexture(gl.TEXTURE_2D, texture);
+      gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR);
+      for (const way of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, way, gl.CLAMP_TO_EDGE); // of any size
+      return texture;
+    });
     this.board = new OffscreenCanvas(...BOARD_PX).getContext("2d");
     this.written = null;
   }
 
-  // state: one of GROUNDS; clear: the real room is seen behind; lines: of the board; places: of the live view.
-  draw(frame, space, frames, { state, clear, lines, places }) {
+  // state: one of GROUNDS; clear: the real room is seen behind; lines: of the board; places: of the live view; picture: a camera's, null for
+  // none.
+  draw(frame, space, frames, { state, clear, lines, places, picture }) {
     const { gl } = this;
     const layer = frame.session.renderState.baseLayer;
     gl.bindFramebuffer(gl.FRAMEBUFFER, layer.framebuffer);
@@ -76,6 +83,7 @@ export class Room {
       frames.put({ x, y: y - 0.4, z: z - 0.7 }, places.pads);
     }
     this.write(lines);
+    this.show(picture);
     gl.enable(gl.DEPTH_TEST);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
@@ -85,6 +93,7 @@ export class Room {
       const see = multiply(view.projectionMatrix, multiply(view.transform.inverse.matrix, frames.matrix));
       gl.uniformMatrix4fv(this.at.see, false, see);
       this.boxes(places);
+      if (picture) this.hang(places, picture);
     }
   }
 
@@ -92,8 +101,25 @@ export class Room {
     if (object) this.box(object, OBJECT_M, COLOURS.object);
     for (const [k, side] of ["left", "right"].entries()) this.box(pads[k], PAD_M, COLOURS[side]);
     const middle = [0, 1, 2].map((k) => (pads[0][k] + pads[1][k]) / 2);
+    this.gl.bindTexture(this.gl.TEXTURE_2D, this.textures[0]);
     this.box([middle[0], middle[1], middle[2] + ABOVE_M, 1, 0, 0, 0], BOARD_M, [0, 0, 0, 1], 1);
     for (const [k, side] of ["left", "right"].entries()) told && this.box(told[k], PAD_M, [...COLOURS[side].slice(0, 3), GHOST]);
+  }
+
+  // The camera's picture stands above the board.
+  hang({ pads }, { width, height }) {
+    const middle = [0, 1, 2].map((k) => (pads[0][k] + pads[1][k]) / 2);
+    const high = (PICTURE_M * height) / width;
+    this.gl.bindTexture(this.gl.TEXTURE_2D, this.textures[1]);
+    this.box([middle[0], middle[1], middle[2] + ABOVE_M + (BOARD_M[2] + high) / 2, 1, 0, 0, 0], [0.001, PICTURE_M, high], [0, 0, 0, 1], 1);
+  }
+
+  show(picture) {
+    if (!picture || picture === this.shown) return;
+    this.shown = picture;
+    const { gl } = this;
+    gl.bindTexture(gl.TEXTURE_2D, this.textures[1]);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, gl.RGBA, gl.UNSIGNED_BYTE, picture);
   }
 
   box(pose, edges, colour, written = 0) {
@@ -109,6 +135,7 @@ export class Room {
     if (text === this.written) return;
     this.written = text;
     const { gl, board } = this;
+    gl.bindTexture(gl.TEXTURE_2D, this.textures[0]);
     const [width, height] = BOARD_PX;
     board.fillStyle = "#10151c";
     board.fillRect(0, 0, width, height);

@@ -1,0 +1,93 @@
+"""The pictures of a running job's cameras, one stream each: what is newest, as the camera's process has made it.
+
+Each message is two numbers, float64 little-endian, and then a JPEG: when the picture is of, us of the console's clock,
+as a stamp's camera_us answers it, and how old it was when it was sent, ms. The page says a word for each picture that
+it has got: no more than WINDOW are on their way, so that a slow network makes fewer pictures, and not older ones.
+"""
+
+import asyncio
+import contextlib
+import struct
+import time
+
+from fastapi import APIRouter, WebSocket, WebSocketDisconnect
+
+from console.parts import parts_of, session_now
+from console.watch import Watch
+from rtstack.log.pictures import PictureRing
+
+router = APIRouter(prefix="/api/cameras", tags=["robot"])
+
+HEAD = struct.Struct("<dd")
+WINDOW = 2
+_LOOK_S = 0.004  # between two looks for a new picture
+_REST_S = 0.1  # while there is none to be expected
+
+
+@router.websocket("/{camera}")
+async def stream(websocket: WebSocket, camera: str) -> None:
+    """Send a camera's pictures while a job runs, and wait for the next job otherwise, until the page closes."""
+    parts = parts_of(websocket)
+    await websocket.accept()
+    if camera not in parts.cell.cameras:
+        await websocket.close(1008, "the cell has no such camera")
+        return
+    window, pictures = asyncio.Semaphore(WINDOW), _Pictures(parts.watch, camera)
+    listening = asyncio.create_task(_listen(websocket, window))
+    try:
+        while True:
+            await window.acquire()
+            while (message := pictures.next()) is None and not listening.done():
+                await asyncio.sleep(_LOOK_S if pictures.shown else _REST_S)
+            if message is None or session_now(websocket) is None:
+                break
+            await websocket.send_bytes(message)
+        await websocket.close(1008, "not signed in any more")
+    except (WebSocketDisconnect, RuntimeError):
+        pass  # the page has gone
+    finally:
+        listening.cancel()
+        pictures.close()
+
+
+async def _listen(websocket: WebSocket, window: asyncio.Semaphore) -> None:
+    with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+        async for _ in websocket.iter_text():
+            window.release()
+    window.release()
+
+
+class _Pictures:
+    """What a camera shows now: its ring is another one in each job."""
+
+    def __init__(self, watch: Watch, camera: str) -> None:
+        self._watch, self._camera = watch, camera
+        self._arm = watch.rings.reader("/left/arm")
+        self._ring: PictureRing | None = None
+        self._next = 0  # the number of the next picture
+
+    @property
+    def shown(self) -> bool:
+        """Whether there may be a picture."""
+        return self._ring is not None
+
+    def next(self) -> bytes | None:
+        """Return the message of the newest picture, None where it was sent already, or there is none."""
+        name = self._watch.cameras().get(self._camera)
+        if name != (None if self._ring is None else self._ring.name):
+            self.close()
+            with contextlib.suppress(OSError):  # the job has just ended
+                self._ring = None if name is None else PictureRing.attach(name)
+        found, self._next = ([], 0) if self._ring is None else self._ring.since(self._next)
+        arm = self._arm.latest()
+        if not found or arm is None:
+            return None
+        t_ns, picture = found[-1]
+        old_ns = max(0, int(arm["t_ns"][0]) - t_ns)  # by the robot's clock, which the pictures have
+        return HEAD.pack((time.monotonic_ns() - old_ns) // 1000, old_ns * 1e-6) + picture
+
+    def close(self) -> None:
+        """Let go of the ring."""
+        if self._ring is not None:
+            self._ring.close()
+        self._ring, self._next = None, 0
