@@ -12,8 +12,7 @@ from hal.extensions import ExtensionPoint
 from rtstack.log.ring import Rings
 from rtstack.model.cell_description import CameraDescription
 
-STAMP_BITS, STAMP_PX = 48, 8
-_STAMP_NS = 100_000
+STAMP_BITS, STAMP_PX, STAMP_NS = 48, 8, 100_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,11 +46,11 @@ def draw_time(picture: NDArray[np.uint8], t_ns: int) -> None:
     """Draw a time into the first STAMP_PX rows of a picture, as a square for each bit, the highest first; a square is
     white for one. Times are in steps of 0.1 ms."""
     for bit in range(STAMP_BITS):
-        one = t_ns // _STAMP_NS >> (STAMP_BITS - 1 - bit) & 1
+        one = t_ns // STAMP_NS >> (STAMP_BITS - 1 - bit) & 1
         picture[:STAMP_PX, STAMP_PX * bit : STAMP_PX * (bit + 1)] = 255 * one
 
 
 def read_time(picture: NDArray[np.uint8]) -> int:
     """Return the time that is drawn into a picture, ns."""
     squares = picture[:STAMP_PX, : STAMP_PX * STAMP_BITS].mean(axis=(0, 2)).reshape(STAMP_BITS, STAMP_PX).mean(axis=1)
-    return int("".join("1" if square > 127.5 else "0" for square in squares), 2) * _STAMP_NS
+    return int("".join("1" if square > 127.5 else "0" for square in squares), 2) * STAMP_NS

@@ -11,6 +11,7 @@ import subprocess
 import tempfile
 import threading
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -143,12 +144,15 @@ class Witness:
 
 
 class OperatorScene:
-    """The stack, and an operator's page in a browser that outlives it. drawn: with the 3D scene in the page."""
+    """The stack, and an operator's page in a browser that outlives it. drawn: with the 3D scene in the page.
 
-    def __init__(self, browser: Chromium, logs: Path, drawn: bool = True) -> None:
+    options: of `rtstack up`.
+    """
+
+    def __init__(self, browser: Chromium, logs: Path, drawn: bool = True, options: Sequence[str] = ()) -> None:
         self.browser = browser
         self._drawn = drawn
-        self.stack = Stack(logs)
+        self.stack = Stack(logs, options)
         self._page: Page | None = None
         try:
             self.console = self.stack.members["console"]
