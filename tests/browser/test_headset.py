@@ -72,6 +72,7 @@ def test_whatever_ends_it_stops_the_arms(person, how, logs_of_stack):
     person.sees("hold a grip to lead")
     person.grip("left", True)
     person.sees("leading")
+    expect(page.locator("#latency")).to_contain_text("Hand to torque")  # the arms have got a command
     if how == "upper button":
         person.press("right", "b-button")
     elif how == "controller off":
