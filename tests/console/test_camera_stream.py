@@ -56,6 +56,7 @@ def test_who_may_look_sees_the_newest_picture_and_how_old_it_is(served, ring):
     with look(served) as stream:
         before_ns = time.monotonic_ns()
         message = stream.recv(timeout=60)
+    assert isinstance(message, bytes)
     us, age_ms = HEAD.unpack_from(message)
     assert message[HEAD.size :] == b"newest"
     assert age_ms == pytest.approx(70.0)

@@ -1,5 +1,7 @@
 """What is said of a demonstration, of motions whose speed, angle, jerk and impacts are known."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -12,7 +14,9 @@ EXCLUSION_S = 0.06
 INWARDS = np.array([[0.0, -1.0, 0.0], [0.0, 1.0, 0.0]])  # of (left, right): towards each other
 
 
-def demonstration(speed=(0.3, 0.3), direction=INWARDS, hits=(IMPACT, IMPACT), impact=IMPACT, shake_m=0.0, shake_hz=4.0):
+def demonstration(
+    speed=(0.3, 0.3), direction: Any = INWARDS, hits=(IMPACT, IMPACT), impact=IMPACT, shake_m=0.0, shake_hz=4.0
+):
     """Both pads get faster evenly up to the impact; one hand shakes by so much, across the way."""
     points = np.zeros((2, TICKS), POINT)
     points["position"][:, :, 1] = [[0.2], [-0.2]]

@@ -20,11 +20,12 @@ import time
 
 import numpy as np
 
+from hal.arrays import Array
 from rtstack.cells import load_description
 from rtstack.model.arm_model import flange_pose
-from rtstack.model.cell_description import base_poses
+from rtstack.model.cell_description import ArmMounting, base_poses
 from rtstack.model.rotation import quaternion_from_rotation
-from rtstack.teleoperation.device import HandInput
+from rtstack.teleoperation.device import HandInput, Pose
 
 PORT, SILENT_S = 7700, 0.1  # a leader says something 50 times a second
 
@@ -61,12 +62,13 @@ class Leader:
         left, right = (self._hand(arm, q) for arm, q in zip(self._arms, joints, strict=True))
         self._newest = HandInput(bool(said["held"]), left, right, bool(said.get("finished")), leading=True)
 
-    def _hand(self, arm, q):
+    def _hand(self, arm: tuple[ArmMounting, Array], q: Array) -> Pose:
         mounting, T_world_base = arm
         T = T_world_base @ flange_pose(mounting.robot, q)
         wxyz = np.zeros(4)
         quaternion_from_rotation(np.ascontiguousarray(T[:3, :3]), wxyz)
-        return (*T[:3, 3].tolist(), *wxyz.tolist())
+        (x, y, z), (w, i, j, k) = T[:3, 3].tolist(), wxyz.tolist()
+        return x, y, z, w, i, j, k
 
     def close(self) -> None:
         """Release the device."""
