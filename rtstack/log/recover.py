@@ -130,13 +130,20 @@ class _Copy:
         file.write(MAGIC)
 
     def add(self, record: RawRecord) -> None:
-        """Copy a record as it is, except for the ones that are written anew."""
-        if record.opcode == Opcode.CHUNK:
-            self._add_chunk(record)
-        elif record.opcode not in _REWRITTEN:
-            offset = self._file.tell()
-            self._write_raw(record.opcode, record.body)
-            self._note(record, offset)
+        """Copy a record as it is, except for the ones that are written anew; leave out one that is none inside."""
+        offset = self._file.tell()
+        try:
+            if record.opcode == Opcode.CHUNK:
+                self._add_chunk(record)
+            elif record.opcode not in _REWRITTEN:
+                self._write_raw(record.opcode, record.body)
+                self._note(record, offset)
+        except OSError:
+            raise
+        except Exception:  # the library raises whatever half a record makes of it
+            self.damaged += 1
+            self._file.seek(offset)
+            self._file.truncate()
 
     def _note(self, record: RawRecord, offset: int) -> None:
         if record.opcode == Opcode.ATTACHMENT:

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.opcode import Opcode
 from mcap.reader import NonSeekingReader, make_reader
 from mcap.writer import CompressionType, Writer
 
-from rtstack.log.container import is_complete
+from rtstack.log.container import RECORD_HEADER, is_complete, scan
 from rtstack.log.errors import LogError
 from rtstack.log.reader import read_log
 from rtstack.log.recover import recover
@@ -163,3 +164,15 @@ def test_any_writers_cut_file_is_recovered(tmp_path: Path, compression: str, chu
     with open(tmp_path / "out.mcap", "rb") as file:
         times = [m.log_time for _, _, m in make_reader(file).iter_messages()]
     assert times == list(range(summary.messages))
+
+
+def test_a_record_that_is_broken_inside_is_left_out_and_counted(tmp_path: Path, written: WrittenLog) -> None:
+    path = cut_of(written, tmp_path, written.path.stat().st_size - 40)
+    with open(path, "r+b") as file:
+        broken = next(record for record in scan(file) if record.opcode == Opcode.METADATA)
+        file.seek(broken.offset + RECORD_HEADER + 4)
+        file.write(b"\xff")  # the first letter of its name: no UTF-8
+    summary = recover(path)
+    assert summary.damaged == 1
+    assert summary.output is not None
+    assert read_log(summary.output).metadata["recovery"]["damaged_chunks"] == "1"
