@@ -34,4 +34,5 @@ def picture_at(entry: LogEntry, camera: str, t_ns: int) -> bytes | None:
     if not times:
         return None
     at_ns = times[max(0, bisect_right(times, t_ns) - 1)]
-    return log.pictures(f"/camera/{camera}/image", (at_ns, at_ns))[0][1]
+    shown = log.pictures(f"/camera/{camera}/image", (at_ns, at_ns))
+    return shown[0][1] if shown else None  # a part of H.264 that cannot be decoded

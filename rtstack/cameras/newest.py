@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from rtstack.log.pictures import SLOTS, PictureRing
+from rtstack.log.video import BEGINS, Decoder
 
 _PATIENCE_S = 5.0  # of a run that waits for a picture: drawing takes 0.03 s, a program that starts some seconds
 _LOOK_S = 0.001
@@ -19,7 +20,7 @@ _LOOK_S = 0.001
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A picture of a camera, as the log has it. t_ns: when it was taken, ns of the robot's time."""
+    """A picture of a camera, as the log has it, or decoded from it. t_ns: when it was taken, ns of the robot's time."""
 
     t_ns: int
     jpeg: bytes
@@ -36,6 +37,7 @@ class _Shown:
     def __init__(self, ring: PictureRing, period_ns: int) -> None:
         self.ring, self._period_ns = ring, period_ns
         self._pictures: deque[Picture] = deque(maxlen=SLOTS)
+        self._decoder: Decoder | None = None
         self._first_ns: int | None = None
         self._next, self._gave_up = 0, -1
 
@@ -43,7 +45,13 @@ class _Shown:
         found, self._next = self.ring.since(self._next)
         if found and self._first_ns is None:
             self._first_ns = found[0][0]
-        self._pictures.extend(Picture(t_ns, data) for t_ns, data in found)
+        self._pictures.extend(Picture(t_ns, jpeg) for t_ns, data in found if (jpeg := self._jpeg(data)))
+
+    def _jpeg(self, data: bytes) -> bytes:
+        if not data.startswith(BEGINS):
+            return data
+        self._decoder = self._decoder or Decoder()
+        return self._decoder.jpeg() if self._decoder.take(data) else b""
 
     def lacks(self, t_ns: int) -> bool:
         """Whether a picture is due by t_ns that is still to come."""

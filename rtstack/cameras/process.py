@@ -1,4 +1,4 @@
-"""The process of one camera: its pictures, as JPEG, into its ring. Started by rtstack.cameras.start, never by hand."""
+"""The process of one camera: its pictures into its ring. Started by rtstack.cameras.start, never by hand."""
 
 import io
 import json
@@ -14,8 +14,10 @@ from pydantic import TypeAdapter
 
 from hal.extensions import ExtensionError
 from rtstack.cameras.source import CAMERAS, CameraRequest, draw_time
+from rtstack.log.errors import LogError
 from rtstack.log.pictures import PictureRing
 from rtstack.log.ring import Rings
+from rtstack.log.video import Encoder
 from rtstack.model.cell_description import CameraDescription
 
 _NICENESS = 10  # a picture may wait for everything else
@@ -38,6 +40,7 @@ def main() -> int:
     pictures, rings = PictureRing.attach(job["pictures"]), Rings.attach(job["rings"])
     described = TypeAdapter(CameraDescription).validate_python(job["camera"])
     try:
+        video = Encoder(described.width, described.height, described.rate_hz) if described.format == "h264" else None
         request = CameraRequest(job["name"], described, rings, Path(job["cell_file"]), job["object"])
         camera = CAMERAS.load(described.kind)(request)
         pictures.opened()
@@ -51,11 +54,14 @@ def main() -> int:
             t_ns, picture = found
             if described.stamped:
                 draw_time(picture, t_ns)
+            if video is not None:
+                pictures.write(t_ns, video.encode(t_ns, picture))
+                continue
             file = io.BytesIO()
             Image.fromarray(picture).save(file, "JPEG", quality=described.quality)
             pictures.write(t_ns, file.getvalue())
         camera.close()
-    except (OSError, ExtensionError, ImportError) as error:
+    except (OSError, LogError, ExtensionError, ImportError) as error:
         pictures.fail(" ".join(str(error).split()))
         return 1
     return 0

@@ -30,7 +30,9 @@ class Cameras:
         for name, camera in description.cameras.items():
             ring = PictureRing.create()
             self._rings.append(ring)
-            logged.append(LoggedCamera(name, ring.name, camera.width, camera.height, camera.K, camera.D, camera.pose))
+            logged.append(LoggedCamera(
+                name, ring.name, camera.width, camera.height, camera.K, camera.D, camera.pose, camera.format == "h264"
+            ))  # fmt: skip
             job = {
                 "name": name, "camera": asdict(camera), "pictures": ring.name, "rings": rings.name,
                 "cell_file": str(cell_file), "object": object_name, "parent": os.getpid(),

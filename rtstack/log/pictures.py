@@ -18,6 +18,7 @@ import numpy as np
 from foxglove.messages import (
     CameraCalibration,
     CompressedImage,
+    CompressedVideo,
     FrameTransform,
     FrameTransforms,
     Quaternion,
@@ -43,7 +44,7 @@ _HEAD = np.dtype([("written", "i8"), ("read", "i8"), ("ready", "i8"), ("error", 
 
 
 class PictureRing:
-    """The newest pictures of a camera, JPEG each. Its creator closes it last."""
+    """The newest pictures of a camera: JPEG, or parts of H.264. Its creator closes it last."""
 
     def __init__(self, name: str, owner: bool) -> None:
         self.name, self._owner = name, owner
@@ -131,21 +132,23 @@ def camera_topics(name: str) -> tuple[str, str, str]:
     return f"/camera/{name}/image", f"/camera/{name}/calibration", f"/camera/{name}/tf"
 
 
-def camera_schemas(name: str) -> dict[str, foxglove.Schema]:
-    """Return the schema of each of a camera's topics."""
-    kinds = (CompressedImage, CameraCalibration, FrameTransforms)
+def camera_schemas(name: str, video: bool = False) -> dict[str, foxglove.Schema]:
+    """Return the schema of each of a camera's topics. video: its pictures are H.264."""
+    kinds = (CompressedVideo if video else CompressedImage, CameraCalibration, FrameTransforms)
     return {topic: kind.get_schema() for topic, kind in zip(camera_topics(name), kinds, strict=True)}
 
 
-def picture_message(name: str, t_ns: int, picture: bytes) -> bytes:
-    """Return the message of a camera's picture, JPEG."""
+def picture_message(name: str, t_ns: int, picture: bytes, video: bool = False) -> bytes:
+    """Return the message of a camera's picture, JPEG, or a part of H.264 where it is video."""
+    if video:
+        return CompressedVideo(timestamp=stamp(t_ns), frame_id=f"camera_{name}", data=picture, format="h264").encode()
     return CompressedImage(timestamp=stamp(t_ns), frame_id=f"camera_{name}", data=picture, format="jpeg").encode()
 
 
 @dataclass(frozen=True, slots=True)
 class LoggedCamera:
     """A camera as the log process needs it. ring: its name; K (9,): row-major, px; pose (7,): T_world_camera, m, wxyz,
-    the camera looking along its z, its x to the picture's right.
+    the camera looking along its z, its x to the picture's right. video: its pictures are H.264.
     """
 
     name: str
@@ -155,6 +158,7 @@ class LoggedCamera:
     K: tuple[float, ...]
     D: tuple[float, ...]
     pose: tuple[float, ...]
+    video: bool = False
 
     @property
     def topics(self) -> tuple[str, str, str]:
@@ -168,7 +172,7 @@ class LoggedCamera:
 
     def schemas(self) -> dict[str, foxglove.Schema]:
         """Return the schema of each of its topics."""
-        return camera_schemas(self.name)
+        return camera_schemas(self.name, self.video)
 
     def about(self, t_ns: int) -> dict[str, list[tuple[int, bytes]]]:
         """Return its calibration and its frame."""
@@ -191,7 +195,7 @@ class LoggedCamera:
 
     def message(self, t_ns: int, picture: bytes) -> bytes:
         """Return a picture's message."""
-        return picture_message(self.name, t_ns, picture)
+        return picture_message(self.name, t_ns, picture, self.video)
 
 
 class PictureDrain:

@@ -32,6 +32,7 @@ from rtstack.log.decoding import TopicDecoder, message_class
 from rtstack.log.errors import LogError
 from rtstack.log.job import Attachment
 from rtstack.log.scenery import scenery_schemas
+from rtstack.log.video import KEY_NS, Decoder
 from rtstack.samples import Level
 from rtstack.topics import ARM, ARM_TOPICS, EVENT_TOPIC, TOPICS
 
@@ -201,11 +202,20 @@ class Log:
         ]
 
     def pictures(self, topic: str, between_ns: tuple[int, int] | None = None) -> list[tuple[int, bytes]]:
-        """Return a camera's pictures as (t_ns, JPEG), like `messages`, in order."""
+        """Return a camera's pictures as (t_ns, JPEG), like `messages`, in order. Raises LogError for H.264 without
+        PyAV."""
         schemas = [self._contents.schemas[self._contents.channels[each].schema_id] for each in self._channels(topic)]
-        found = [(t_ns, message_class(schemas[0]).FromString(data).data) for t_ns, data in
-                 self.messages(topic, between_ns)] if schemas else []  # fmt: skip
-        return sorted(found)
+        if not schemas:
+            return []
+        video = schemas[0].name == "foxglove.CompressedVideo"
+        first_ns, last_ns = between_ns or (0, 1 << 62)
+        kind = message_class(schemas[0])
+        span_ns = (first_ns - KEY_NS, last_ns) if video else (first_ns, last_ns)
+        found = sorted((t_ns, kind.FromString(data).data) for t_ns, data in self.messages(topic, span_ns))
+        if not video:
+            return found
+        decoder = Decoder()
+        return [(t_ns, decoder.jpeg()) for t_ns, data in found if decoder.take(data) and t_ns >= first_ns]
 
     def times(self, topic: str) -> list[int]:
         """Return the log times of a topic's messages, ns, in order; from the index alone where there is one."""

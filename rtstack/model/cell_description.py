@@ -210,7 +210,7 @@ class CameraDescription:
 
     position, m, and orientation_wxyz, in the world: it looks along its z, its x is to the picture's right. fov_y_deg:
     of the picture's height; intrinsics (9,): K, row-major, px, in its place where it was measured, with distortion
-    (k1, k2, p1, p2, k3). stamped: the time is drawn into each picture; quality: of the JPEG.
+    (k1, k2, p1, p2, k3). stamped: the time is drawn into each picture; format: of the log; quality: of the JPEG.
     """
 
     kind: str
@@ -224,6 +224,7 @@ class CameraDescription:
     intrinsics: Annotated[tuple[Finite, ...], Field(min_length=9, max_length=9)] | None = None
     distortion: Annotated[tuple[Finite, ...], Field(max_length=5)] = ()
     stamped: bool = False
+    format: Literal["jpeg", "h264"] = "jpeg"
     quality: Annotated[int, Field(ge=10, le=95)] = 85
 
     @property

@@ -6,18 +6,24 @@ import signal
 from dataclasses import replace
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from PIL import Image
 
+from rtstack.cameras.film import Device, Film
 from rtstack.cameras.newest import NewestPictures
-from rtstack.cameras.source import draw_time, read_time
+from rtstack.cameras.source import CameraRequest, draw_time, read_time
 from rtstack.cells import default_cell_file, open_cell
 from rtstack.log import pictures
+from rtstack.log.mcap_writer import McapWriter
 from rtstack.log.reader import read_log
+from rtstack.log.ring import Rings
+from rtstack.log.video import Encoder
 from rtstack.model.cell_description import CameraDescription
+from rtstack.samples import ARM_SAMPLE
 from rtstack.teleoperation.policy import Chunk
 from rtstack.trials.policy import run_policy
 from rtstack.trials.record import open_log
@@ -28,6 +34,8 @@ from rtstack.trials.trial import prepare_trial, run_trial
 # above the table, looking down; and from the front
 DOWN = CameraDescription("simulated", (0.1, 0.0, 1.6), (0.0, 0.7071, 0.7071, 0.0), width=384, height=288, stamped=True)
 FRONT = replace(DOWN, position=(1.4, 0.0, 0.5), orientation_wxyz=(0.5, -0.5, -0.5, 0.5))
+
+MS = 1_000_000
 
 
 def run(cell, demonstration, path, cameras, disturb=None):
@@ -42,6 +50,21 @@ def run(cell, demonstration, path, cameras, disturb=None):
     finally:
         opened.close()
     return result, read_log(path)
+
+
+@pytest.fixture
+def film(tmp_path):
+    """A film of 1.2 s at 25 pictures a second, MP4, whose times are drawn into its pictures."""
+    path = tmp_path / "film.mp4"
+    with av.open(str(path), "w") as file:
+        stream = file.add_stream("libx264", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 384, 64, "yuv420p"
+        for k in range(30):
+            picture = np.full((64, 384, 3), 90, np.uint8)
+            draw_time(picture, 40_000_000 * k)
+            file.mux(stream.encode(av.VideoFrame.from_ndarray(picture)))
+        file.mux(stream.encode())
+    return path
 
 
 def shown(path: Path):
@@ -167,20 +190,23 @@ def test_a_ring_keeps_the_newest_pictures_and_counts_those_that_are_lost(monkeyp
     ring.close()
 
 
-def test_a_policy_is_shown_the_newest_picture_at_each_observation(cell, tmp_path):
+def test_a_policy_is_shown_the_newest_picture_at_each_observation(cell, film, tmp_path):
+    """Of a camera that is simulated, as JPEG, and of a film, as H.264."""
     seen = []
+    of_film = replace(DOWN, kind="film", address=str(film), height=64, rate_hz=10.0, stamped=False, format="h264")
 
     class Looks:
         def act(self, observation):
             picture = observation.pictures["down"]
             assert picture.rgb.shape == (288, 384, 3)
-            seen.append((observation.t_ns // 1_000_000, picture.t_ns // 1_000_000, read_time(picture.rgb) // 1_000_000))
+            times = [(each.t_ns, read_time(each.rgb)) for each in (picture, observation.pictures["film"])]
+            seen.append((observation.t_ns // MS, *(t_ns // MS for pair in times for t_ns in pair)))
             return Chunk(0.05, np.repeat(observation.pose_ref[None], 3, axis=0))
 
         def close(self):
             pass
 
-    described, asked = replace(cell, cameras={"down": DOWN}), TeleoperationSpecification("looks")
+    described, asked = replace(cell, cameras={"down": DOWN, "film": of_film}), TeleoperationSpecification("looks")
     opened = open_cell("direct", "rice_box", 0.0, 0)
     log = open_log(tmp_path / "log.mcap", asked, described, "direct", default_cell_file(), cell=opened)
     try:
@@ -188,7 +214,11 @@ def test_a_policy_is_shown_the_newest_picture_at_each_observation(cell, tmp_path
     finally:
         opened.close()
     assert result.success, result.failure_reason
-    assert seen == [(0, 0, 0), (50, 34, 34), (100, 100, 100), (150, 134, 134)]
+    assert seen == [(0, 0, 0, 0, 0), (50, 34, 34, 0, 0), (100, 100, 100, 100, 80), (150, 134, 134, 100, 80)]
+    logged = read_log(tmp_path / "log.mcap").pictures("/camera/film/image")
+    assert [(t_ns // MS, read_time(np.array(Image.open(io.BytesIO(jpeg)))) // MS) for t_ns, jpeg in logged[:2]] == [
+        (0, 0), (100, 80)
+    ]  # fmt: skip
 
 
 def test_who_looks_on_takes_no_picture_from_the_log_and_waits_for_no_camera_that_is_gone(monkeypatch):
@@ -205,4 +235,92 @@ def test_who_looks_on_takes_no_picture_from_the_log_and_waits_for_no_camera_that
         ring.write(510, b"510")
         assert shown.at(515)["down"].t_ns == 510
     assert [t_ns for t_ns, _ in ring.drain()] == [100, 110, 120, 510]
+    ring.close()
+
+
+def requested(rings, path, **changes):
+    camera = replace(DOWN, kind="film", address=str(path), height=64, rate_hz=10.0, **changes)
+    return CameraRequest("front", camera, rings, default_cell_file(), "rice_box")
+
+
+@pytest.fixture
+def rings():
+    made = Rings.create()
+    yield made
+    made.close()
+
+
+def test_a_film_is_shown_in_the_time_of_the_run_and_ends(film, rings):
+    camera, sample, pusher = Film(requested(rings, film)), np.zeros(1, ARM_SAMPLE), rings.pusher("/left/arm")
+    seen = []
+    for t_ms in range(7000, 8201, 50):
+        sample["t_ns"] = 1_000_000 * t_ms
+        pusher.push(sample)
+        while (found := camera.read()) is not None:
+            seen.append((found[0] // 1_000_000, read_time(found[1]) // 1_000_000))
+    sample["t_ns"] = 8_300_000_000
+    pusher.push(sample)
+    with pytest.raises(OSError, match=r"film.mp4 is over"):
+        camera.read()
+    camera.close()
+    # ten times a second the newest one of 25 a second
+    assert seen == [(7000 + 100 * k, min(1160, 40 * (100 * k // 40))) for k in range(13)]
+
+
+@pytest.mark.parametrize(
+    ("path", "changes", "said"),
+    [
+        ("", {}, "address is missing"), ("none.mp4", {}, "none.mp4 cannot be opened: "),
+        ("film.mp4", {"width": 640}, r"has pictures of 384 x 64, not of \(640, 64\)"),
+    ],
+)  # fmt: skip
+def test_a_film_that_cannot_be_shown_is_refused_in_one_line(film, rings, path, changes, said):
+    with pytest.raises(OSError, match=said):
+        Film(requested(rings, film.parent / path if path else "", **changes))
+
+
+def test_a_device_that_is_not_there_is_refused_in_one_line(rings):
+    with pytest.raises(OSError, match="/dev/none cannot be opened: "):
+        Device(requested(rings, "/dev/none"))
+
+
+def test_h264_is_a_log_of_one_picture_a_message_and_each_of_them_can_be_looked_at(tmp_path):
+    camera = pictures.LoggedCamera("down", "", 384, 96, DOWN.K, (), DOWN.pose, video=True)
+    ground = np.random.default_rng(0).integers(0, 255, (12, 48, 3), np.uint8).repeat(8, 0).repeat(8, 1)
+    encoder, made = Encoder(384, 96, 30.0), []
+    times = [5_000_000 + 33_000_000 * k for k in range(80)]
+    for k, t_ns in enumerate(times):
+        picture = np.roll(ground, 3 * k, axis=1)
+        draw_time(picture, t_ns)
+        made.append((t_ns, camera.message(t_ns, encoder.encode(t_ns, picture))))
+    path = tmp_path / "log.mcap"
+    with open(path, "wb") as file:
+        writer = McapWriter(file, camera.schemas())
+        writer.begin([("trial", {"kind": "trial"})], ())
+        writer.write({"/left/arm": np.zeros(1, ARM_SAMPLE)}, {camera.topics[0]: made} | camera.about(0))
+        writer.close()
+    with open(path, "rb") as file:  # as a reader of other authors sees it
+        said = [each[3] for each in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages()]
+    parts = [each.data for each in said if hasattr(each, "format")]
+    assert {each.format for each in said if hasattr(each, "format")} == {"h264"}
+    keys = [k for k, part in enumerate(parts) if b"\0\0\1\x67" in part]  # with a sequence's parameter set
+    assert keys == [0, 31, 62]
+    log = read_log(path)
+    whole = log.pictures(camera.topics[0])
+    assert [t_ns for t_ns, _ in whole] == times
+    assert all(read_time(np.array(Image.open(io.BytesIO(jpeg)))) == t_ns for t_ns, jpeg in whole)
+    for k in (0, 30, 31, 61, 79):
+        ((t_ns, jpeg),) = log.pictures(camera.topics[0], (times[k], times[k]))
+        assert t_ns == times[k] == read_time(np.array(Image.open(io.BytesIO(jpeg))))
+
+
+def test_a_camera_in_h264_shows_a_policy_the_same_pictures():
+    encoder, ring = Encoder(384, 96, 30.0), pictures.PictureRing.create()
+    with NewestPictures({"down": ring.name}) as shown:
+        for t_ns in range(0, 2_000_000_000, 33_000_000):
+            picture = np.full((96, 384, 3), 90, np.uint8)
+            draw_time(picture, t_ns)
+            ring.drain()
+            ring.write(t_ns, encoder.encode(t_ns, picture))
+            assert read_time(shown.at(t_ns)["down"].rgb) == t_ns
     ring.close()
