@@ -38,9 +38,13 @@ def import_episode(folder: Path, number: int, out: Path) -> float:
         records = _records(row, table)
         cameras = json.loads(row.get("cameras", "{}"))
         pictures = _pictures(table, cameras)
-    except (OSError, KeyError, ValueError) as error:
-        raise LogError(f"{folder}: it is no data set of rtstack export --to lerobot: {error}") from None
-    metadata = {name: said for name, said in source.items() if isinstance(said, dict) and name not in ("result", "log")}
+        metadata = {
+            name: said for name, said in source.items() if isinstance(said, dict) and name not in ("result", "log")
+        }
+    except LogError:
+        raise
+    except Exception as error:  # pyarrow and numpy raise whatever a damaged table makes of them
+        raise _refusal(folder, error) from None
     try:
         with replacing(out) as partial, open(partial, "wb") as file:
             mcap = McapWriter(file, {topic: each for name in cameras for topic, each in camera_schemas(name).items()})
@@ -52,7 +56,14 @@ def import_episode(folder: Path, number: int, out: Path) -> float:
             writer.finish(source.get("result", {}), "imported", None, {})
     except OSError as error:
         raise LogError(f"cannot write {out}: {error.strerror}") from None
+    except Exception as error:  # what was read is no sample, metadata or result
+        raise _refusal(folder, error) from None
     return 1e-9 * TICK_NS * len(next(iter(records.values())))
+
+
+def _refusal(folder: Path, error: Exception) -> LogError:
+    said = (str(error) or type(error).__name__).splitlines()[0]
+    return LogError(f"{folder}: it is no data set of rtstack export --to lerobot: {said}")
 
 
 def _pictures(table: Any, cameras: dict[str, dict[str, tuple[int, str]]]) -> dict[str, list[tuple[int, bytes]]]:

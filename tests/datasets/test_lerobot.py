@@ -1,6 +1,7 @@
 """The LeRobot export: frames of the log's own bits, and back. tests/foreign asks lerobot's loader."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -154,6 +155,31 @@ def test_what_is_wrong_is_one_line(data: Path, logs: Logs, tmp_path: Path) -> No
     with pytest.raises(LogError, match="shorter than one frame at --fps 1"):
         export([logs[0].path], tmp_path / "short", LeRobot(1))
     assert not (tmp_path / "short").exists()
+
+
+@pytest.mark.parametrize(
+    "said", ["[]", "7", '{"codebase_version": "v3.0"}', '{"codebase_version": "v3.0", "total_episodes": "two"}']
+)
+def test_a_damaged_data_set_is_one_line(data: Path, tmp_path: Path, said: str) -> None:
+    damaged = tmp_path / "damaged"
+    shutil.copytree(data, damaged)
+    (damaged / "meta" / "info.json").write_text(said)
+    with pytest.raises(LogError, match=r"^[^\n]*it is no data set of rtstack export --to lerobot: [^\n]*$"):
+        import_episode(damaged, 0, tmp_path / "out.mcap")
+    assert not (tmp_path / "out.mcap").exists()
+
+
+@pytest.mark.parametrize("row", [{"episode_index": 0}, {"episode_index": 0, "source": "[]", "attachments": "[1]"}])
+def test_a_data_set_whose_episode_says_something_else_is_one_line(data: Path, tmp_path: Path, row: dict) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    damaged = tmp_path / "damaged"
+    shutil.copytree(data, damaged)
+    (file,) = (damaged / "meta" / "episodes").rglob("*.parquet")
+    pq.write_table(pa.Table.from_pylist([{"data/chunk_index": 0, "data/file_index": 0} | row]), file)
+    with pytest.raises(LogError, match="it is no data set of rtstack export --to lerobot"):
+        import_episode(damaged, 0, tmp_path / "out.mcap")
 
 
 def test_the_commands_export_and_import(logs: Logs, tmp_path: Path, command_line) -> None:
