@@ -25,6 +25,8 @@ _OBJECT_COLOUR = (188, 164, 128)
 _FLOOR_COLOUR = (112, 121, 131)  # seen on the dark ground and on the light one
 _FLOOR_M = 4.0
 _EDGES = np.array([[a, a | bit] for a in range(8) for bit in (1, 2, 4) if not a & bit])  # of a box, by its corners
+# m, and of a quaternion: less than a pixel, and more than a tracker's noise, which would draw the scene for ever
+_SMALLEST_OBJECT_MOVE = np.array([1e-3] * 3 + [3e-3] * 4)
 _SMALLEST_MOVE = 3e-4  # rad and m: less is not seen, and a resting arm's sensors would draw the scene for ever
 
 
@@ -224,7 +226,7 @@ class CellFigures:
                 add_edges(self._scene, f"{path}/edges", box_edges(size, np.zeros(3)), self._ghost.colour)
             self._object_name = name
             self._object_pose[:] = np.inf
-        if np.abs(pose - self._object_pose).max() > _SMALLEST_MOVE:
+        if (np.abs(pose - self._object_pose) > _SMALLEST_OBJECT_MOVE).any():
             self._object_pose[:] = pose
             self._object.position = pose[:3]
             self._object.wxyz = pose[3:]

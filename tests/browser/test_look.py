@@ -160,7 +160,7 @@ def misplaced(page: Page) -> list[str]:
 
 # the scene stands still, and was drawn in the screen's resolution: console/static/js/scene_pace.js
 SHARP = """() => {
-  const canvas = document.querySelector('canvas');
+  const canvas = document.querySelector('canvas[data-engine]');  // labels have one of their own
   const sharp = canvas.width >= canvas.clientWidth - 1;
   window.sharpSince = sharp ? window.sharpSince ?? performance.now() : undefined;
   return sharp && performance.now() - window.sharpSince > 1000;

@@ -10,10 +10,11 @@ import zstandard
 from websockets.sync.client import connect
 
 from console.meshes import LINKS, capsule_parts, full_parts, light_parts
-from console.scene import joints_of, turned
+from console.scene import CellFigures, joints_of, turned
 from console.scene_server import SECRET_HEADER
 from console.scenes import Detail
 from hal.robots import FR3
+from sim_robot.plant_parameters import load_plant_parameters
 
 
 def test_the_chain_of_frames_agrees_with_pinocchio():
@@ -101,3 +102,22 @@ def test_what_moves_is_packed_once_for_all_who_look(served):
         with server.viser.atomic():
             server.viser.scene.add_frame("/mark")
         assert until(one, b"/mark") == until(other, b"/mark")
+
+
+def test_an_object_at_rest_is_drawn_once_whatever_its_tracker_s_noise(served, cell):
+    """Else the scene would never rest: it would be drawn for ever, and never sharply."""
+    scene = served.parts.scenes.server(Detail.LIGHT).viser.scene
+    figures = CellFigures(scene, cell, full=False)
+    generator, tracker = np.random.default_rng(4), load_plant_parameters().tracker
+    noise_m, noise_rad = 1e-3 * tracker.position_noise_mm, np.radians(tracker.orientation_noise_deg)
+    shown = []
+    for _ in range(1000):
+        pose = np.array([0.0, 0.1, 0.2, 1.0, 0.0, 0.0, 0.0])
+        pose[:3] += noise_m * generator.standard_normal(3)
+        pose[4:] += noise_rad / 2.0 * generator.standard_normal(3)
+        figures.show_object("rice_box", pose)
+        assert figures._object is not None
+        shown.append(tuple(figures._object.position))
+    assert len(set(shown)) == 1
+    figures.show_object("rice_box", pose + [0.002, 0, 0, 0, 0, 0, 0])
+    assert figures._object.position[0] == pytest.approx(pose[0] + 0.002)
