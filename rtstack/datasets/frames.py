@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hal.record import Field
 from hal.state import ARM_STATE_FIELDS
 from hal.topic import Topic
-from rtstack.datasets.episode import Episode, field_attributes
+from rtstack.datasets.episode import Episode, Pictures, field_attributes
 from rtstack.log.errors import LogError
 from rtstack.topics import ARM_TOPICS, CONTROL_TOPICS, OBJECT_TOPIC, TICK_TOPICS, TOPICS
 
@@ -28,6 +28,18 @@ class Feature:
     values: NDArray
     names: tuple[str, ...]
     attributes: Mapping[str, str]
+
+
+def check_fps(fps: int) -> None:
+    """Raise LogError for frames a second that do not begin at ticks."""
+    if not 1 <= fps <= TICKS or TICKS % fps:
+        raise LogError(f"--fps {fps}: frames begin at ticks of 1 kHz, so that 1000 is a multiple of it, as of 50")
+
+
+def pictures_at(episode: Episode, pictures: Pictures, count: int, fps: int) -> NDArray[np.intp]:
+    """Return which picture was the newest at each of the frames, (count,); before the first one it is that."""
+    frames_ns = span_of(episode)[0] + TICK_NS * (TICKS // fps * np.arange(1, count + 1) - 1)
+    return np.maximum(np.searchsorted(pictures.t_ns, frames_ns, side="right") - 1, 0)
 
 
 def span_of(episode: Episode) -> tuple[int, int]:

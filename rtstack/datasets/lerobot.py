@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rtstack.datasets.episode import Episode, Pictures
-from rtstack.datasets.frames import TICK_NS, TICKS, Feature, frames_of, span_of
+from rtstack.datasets.frames import Feature, check_fps, frames_of, pictures_at, span_of
 from rtstack.log.errors import LogError
 from rtstack.topics import EVENT_TOPIC
 
@@ -29,8 +29,7 @@ class LeRobot:
     needs: tuple[str, ...] = ("pyarrow",)
 
     def __init__(self, fps: int = 50) -> None:
-        if not 1 <= fps <= TICKS or TICKS % fps:
-            raise LogError(f"--fps {fps}: frames begin at ticks of 1 kHz, so that 1000 is a multiple of it, as of 50")
+        check_fps(fps)
         self.fps, self.settings = fps, f"lerobot-{fps}"
 
     def write(self, episode: Episode, path: Path) -> None:
@@ -49,7 +48,7 @@ class LeRobot:
         }
         table = pa.table({name: _column(feature.values) for name, feature in features.items()})
         for camera, pictures in episode.pictures.items():
-            at = _at_frames(episode, pictures, count, TICKS // self.fps)
+            at = pictures_at(episode, pictures, count, self.fps)
             for name, column, described in _image_columns(camera, pictures, at):
                 said["features"][name] = described
                 table = table.append_column(name, column)
@@ -149,12 +148,6 @@ def _kept(episode: Episode) -> dict[str, Any]:
         ),
         "source": episode.source,
     }
-
-
-def _at_frames(episode: Episode, pictures: Pictures, count: int, step: int) -> NDArray[np.intp]:
-    """Return which picture was the newest at each frame; before the first one it is that."""
-    frames_ns = span_of(episode)[0] + TICK_NS * (step * np.arange(1, count + 1) - 1)
-    return np.maximum(np.searchsorted(pictures.t_ns, frames_ns, side="right") - 1, 0)
 
 
 def _image_columns(camera: str, pictures: Pictures, at: NDArray[np.intp]) -> Iterator[tuple[str, Any, dict[str, Any]]]:

@@ -16,6 +16,7 @@ class DatasetKind(StrEnum):
 
     LEROBOT = "lerobot"
     HDF5 = "hdf5"
+    ZARR = "zarr"
 
 
 @commands.command()
@@ -97,10 +98,10 @@ def plot(
 def export(
     logs: Annotated[list[Path], typer.Argument(metavar="LOG.mcap...", help="Each becomes an episode.")],
     out: Annotated[
-        Path, typer.Argument(metavar="OUT", help="A folder for lerobot, a file for hdf5; it must not exist.")
+        Path, typer.Argument(metavar="OUT", help="A folder for lerobot and zarr, a file for hdf5; it must not exist.")
     ],
     to: Annotated[DatasetKind, typer.Option("--to", help="The form of the data set.")],
-    fps: Annotated[int, typer.Option(help="lerobot: frames in a second, a divisor of 1000.")] = 50,
+    fps: Annotated[int, typer.Option(help="lerobot, zarr: frames in a second, a divisor of 1000.")] = 50,
     json: Json = False,
 ) -> None:
     """Make a data set of logs, for learning code. An export that was interrupted goes on where it ended."""
