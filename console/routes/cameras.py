@@ -14,13 +14,14 @@ from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 
 from console.parts import parts_of, session_now
 from console.watch import Watch
-from rtstack.log.pictures import PictureRing
+from rtstack.cameras.newest import NewestPictures, Picture
 
 router = APIRouter(prefix="/api/cameras", tags=["robot"])
 
 HEAD = struct.Struct("<dd")
 WINDOW = 2
 _LOOK_S = 0.004  # between two looks for a new picture
+_EVER_NS = 1 << 62
 _REST_S = 0.1  # while there is none to be expected
 
 
@@ -63,8 +64,9 @@ class _Pictures:
     def __init__(self, watch: Watch, camera: str) -> None:
         self._watch, self._camera = watch, camera
         self._arm = watch.rings.reader("/left/arm")
-        self._ring: PictureRing | None = None
-        self._next = 0  # the number of the next picture
+        self._ring: str | None = None  # its name
+        self._pictures = NewestPictures({})
+        self._sent: Picture | None = None
 
     @property
     def shown(self) -> bool:
@@ -74,20 +76,19 @@ class _Pictures:
     def next(self) -> bytes | None:
         """Return the message of the newest picture, None where it was sent already, or there is none."""
         name = self._watch.cameras().get(self._camera)
-        if name != (None if self._ring is None else self._ring.name):
+        if name != self._ring:
             self.close()
             with contextlib.suppress(OSError):  # the job has just ended
-                self._ring = None if name is None else PictureRing.attach(name)
-        found, self._next = ([], 0) if self._ring is None else self._ring.since(self._next)
-        arm = self._arm.latest()
-        if not found or arm is None:
+                self._pictures = NewestPictures({} if name is None else {self._camera: name})
+                self._ring = name
+        picture, arm = self._pictures.at(_EVER_NS).get(self._camera), self._arm.latest()
+        if picture is None or picture is self._sent or arm is None:
             return None
-        t_ns, picture = found[-1]
-        old_ns = max(0, int(arm["t_ns"][0]) - t_ns)  # by the robot's clock, which the pictures have
-        return HEAD.pack((time.monotonic_ns() - old_ns) // 1000, old_ns * 1e-6) + picture
+        self._sent = picture
+        old_ns = max(0, int(arm["t_ns"][0]) - picture.t_ns)  # by the robot's clock, which the pictures have
+        return HEAD.pack((time.monotonic_ns() - old_ns) // 1000, old_ns * 1e-6) + picture.jpeg
 
     def close(self) -> None:
         """Let go of the ring."""
-        if self._ring is not None:
-            self._ring.close()
-        self._ring, self._next = None, 0
+        self._pictures.close()
+        self._pictures, self._ring = NewestPictures({}), None

@@ -1,11 +1,13 @@
 """The pictures of a running job's cameras: the newest one with its age, no more on their way than a slow page can take,
 and no command that was made on an old one."""
 
+import io
 import time
 from contextlib import closing
 
 import numpy as np
 import pytest
+from PIL import Image
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
@@ -13,6 +15,7 @@ from console.routes.cameras import HEAD, WINDOW
 from console.teleoperation.gate import Drop, Gate
 from console.tokens import Scope
 from rtstack.log.pictures import SLOTS, PictureRing
+from rtstack.log.video import Encoder
 from rtstack.model.cell_description import CameraDescription
 from rtstack.samples import ARM_SAMPLE
 from rtstack.teleoperation.stamp import Stamp
@@ -103,3 +106,13 @@ def test_a_command_made_on_an_old_picture_of_a_camera_moves_nothing():
         assert admission.drop is drop
         assert admission.alive
         assert admission.picture_ns == (now_ms - camera_ms) * MS
+
+
+def test_h264_is_shown_as_jpeg(served, ring):
+    robot_at(served, 5_000 * MS)
+    ring.drain()
+    ring.write(4_930 * MS, Encoder(128, 64, 30.0).encode(4_930 * MS, np.full((64, 128, 3), 90, np.uint8)))
+    with look(served) as stream:
+        message = stream.recv(timeout=60)
+    assert isinstance(message, bytes)
+    assert Image.open(io.BytesIO(message[HEAD.size :])).size == (128, 64)
