@@ -68,6 +68,7 @@ def operate(base: str, cookie: str, authority: str, seed: int) -> None:
     """Be the operator's program, until stdin ends: print each command that was made, and what was answered."""
     draw, trusting = random.Random(seed), ssl.create_default_context(cafile=authority)
     address = base.replace("https", "wss") + "/api/teleoperation/hand"
+    name = f"far-{os.getpid()}"  # another one in each run: the console remembers how far a sender has counted
     lock = threading.Lock()
     newest = {"picture": 0, "seen_ms": 0.0}
     over = threading.Event()
@@ -109,7 +110,7 @@ def operate(base: str, cookie: str, authority: str, seed: int) -> None:
         hand = [0.0, 0.35, 0.26 + up, 1.0, 0.0, 0.0, 0.0]
         with lock:
             saw = dict(newest)
-        stamp = {"sender": "far", "sequence": sequence, "made_ms": now_ms(), **saw}
+        stamp = {"sender": name, "sequence": sequence, "made_ms": now_ms(), **saw}
         message = {"clutch": True, "hands": {"left": hand}, "stamp": stamp}
         texts = [json.dumps(message)] * (2 if draw.random() < TWICE else 1)
         print(json.dumps([sequence, time.monotonic_ns()]), flush=True)
