@@ -27,7 +27,7 @@ from rtstack.model.cell_description import ArmMounting, base_poses
 from rtstack.model.rotation import quaternion_from_rotation
 from rtstack.teleoperation.device import HandInput, Pose
 
-PORT, SILENT_S = 7700, 0.1  # a leader says something 50 times a second
+PORT, PERIOD_S, SILENT_S = 7700, 0.02, 0.1
 
 
 class Leader:
@@ -75,20 +75,21 @@ class Leader:
         self._socket.close()
 
 
-def simulated(port: int, seconds: float = 4.0) -> None:
-    """Be a leader whose shoulders and elbows swing once, from the follower's home, for so long."""
+def simulated(port: int, rest_s: float = 2.0, swing_s: float = 4.0) -> None:
+    """Be a leader that rests at the follower's home, and then swings both shoulders there and back once."""
     description, _ = load_description(None)
     home = np.array([description.left.home, description.right.home])
     to, began_s = ("127.0.0.1", port), time.monotonic()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
-        for sequence in range(1, round(seconds / 0.02) + 1):
+        for sequence in range(1, round((2.0 * rest_s + swing_s) / PERIOD_S) + 1):
+            share = min(1.0, max(0.0, (PERIOD_S * sequence - rest_s) / swing_s))
             q = home.copy()
-            q[:, 1] -= 0.06 * (1.0 - math.cos(2.0 * math.pi * 0.02 * sequence / seconds))  # rad, of the shoulder
-            last = 0.02 * sequence >= seconds
+            q[:, 1] -= 0.06 * (1.0 - math.cos(2.0 * math.pi * share))  # rad, of the shoulder
+            last = PERIOD_S * sequence >= 2.0 * rest_s + swing_s
             left, right = q.tolist()
             word = {"sequence": sequence, "held": not last, "left": left, "right": right, "finished": last}
             out.sendto(json.dumps(word).encode(), to)
-            time.sleep(max(0.0, began_s + 0.02 * sequence - time.monotonic()))
+            time.sleep(max(0.0, began_s + PERIOD_S * sequence - time.monotonic()))
 
 
 if __name__ == "__main__":
