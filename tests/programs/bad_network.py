@@ -54,7 +54,7 @@ CONSOLE, OPERATOR = "10.78.1.1", "10.78.1.2"
 NOT_PERMITTED = 3  # exit status
 GOOD, BAD = Cable(), Cable(jitter_ms=100.0, loss=0.05, duplication=0.02, reordering=1.0)
 CUT = Cable(after=1, cut="all")
-SOCKETS = 8
+SOCKETS, TRIES = 8, 3
 PERIOD_S = 0.005
 TWICE = FORGED = 0.05
 AHEAD_S = 3600.0
@@ -76,11 +76,17 @@ def operate(base: str, cookie: str, authority: str, seed: int) -> None:
     def now_ms() -> float:
         return 1e3 * (time.monotonic() + AHEAD_S)
 
-    def open_socket():
-        return connect(
-            address, ssl=trusting, origin=Origin(base), additional_headers={"cookie": cookie}, proxy=None,
-            compression=None, open_timeout=PATIENCE_S, ping_interval=None,
-        )  # fmt: skip
+    def open_socket(tries: int = TRIES):
+        try:
+            return connect(
+                address, ssl=trusting, origin=Origin(base), additional_headers={"cookie": cookie}, proxy=None,
+                compression=None, open_timeout=PATIENCE_S, ping_interval=None,
+            )  # fmt: skip
+        except (WebSocketException, OSError):
+            if not tries:
+                raise
+            time.sleep(1.0)  # as the page does
+            return open_socket(tries - 1)
 
     def listen(socket) -> None:
         try:
@@ -132,6 +138,7 @@ class Applied:
 
     def __init__(self, mailbox: Mailbox) -> None:
         self._mailbox = mailbox
+        self._began_ns = time.monotonic_ns()  # what was applied before is still in the mailbox
         self.seen: list[tuple[int, int]] = []  # sequence, monotonic ns
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._look, daemon=True)
@@ -143,8 +150,8 @@ class Applied:
             now_ns = time.monotonic_ns()
             if not self._mailbox.read_target(target):
                 continue
-            sequence = int(target["sequence"][0])
-            if target["clutch_ns"][0] and (not self.seen or self.seen[-1][0] != sequence):
+            sequence, clutch_ns = int(target["sequence"][0]), int(target["clutch_ns"][0])
+            if clutch_ns > self._began_ns and (not self.seen or self.seen[-1][0] != sequence):
                 self.seen.append((sequence, now_ns))
 
     def close(self) -> None:
