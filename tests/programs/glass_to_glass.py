@@ -38,6 +38,7 @@ height = 288
 rate_hz = {rate}
 stamped = true
 """
+SHOWN = "document.querySelector('#camera canvas').width"
 READ = """([bits, px, busy]) => {
   window.seen = [];
   const canvas = document.querySelector("#camera canvas");
@@ -86,7 +87,7 @@ def run(scene: OperatorScene, seconds: float, busy: bool, camera: bool) -> tuple
     scene.take_hold(jog=False)
     clock = Clock(scene)
     if camera:
-        page.wait_for_function("document.querySelector('#camera canvas').width > 300")
+        wait(lambda: page.evaluate(f"{SHOWN} > {STAMP_BITS * STAMP_PX - 1}"), "no picture is shown")
         page.evaluate(READ, [STAMP_BITS, STAMP_PX, busy])
     before = _missed(scene)
     page.wait_for_timeout(1e3 * seconds)
