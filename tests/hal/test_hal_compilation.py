@@ -102,6 +102,45 @@ def test_two_processes_that_compile_at_once_keep_what_is_each_ones(outside: Outs
     assert outside.run(look) == ["2", "3.0", "0"]
 
 
+BOUND = """
+import gc
+from typing import NamedTuple
+import numpy as np
+from hal.compilation import bound, compiled
+from outside.below import below
+
+class Pair(NamedTuple):
+    matrix: np.ndarray
+    vector: np.ndarray
+
+@compiled
+def work(counter, pair, k, factor, records, added, more):
+    counter[0] += 1
+    return counter[0] + k * pair.matrix[0, 1] + factor * pair.vector[1] + records[0].q[1] + below(added) + more[0]
+
+records = np.zeros(3, [("q", "f8", 2)])
+records["q"][1, 1] = 0.25
+counter = np.zeros(1, np.int64)
+pair = Pair(np.asfortranarray([[0.0, 3.0], [0.0, 0.0]]), np.array([0.0, 8.0, 16.0])[::2])
+work = bound(work, counter, pair, 2, 0.5, records[1:2], later=(0.0, np.zeros(1)))
+del records, pair
+gc.collect()
+others = [np.ones(2) for _ in range(1000)]  # where forgotten arrays would have been
+print(work(1.0, np.array([100.0])), work(1.0, np.array([100.0])), counter[0])
+"""
+
+
+def test_arrays_that_are_bound_are_found_again_at_each_call(outside: Outside, tmp_path: Path) -> None:
+    """A named tuple, two numbers, another order, a step, a slice of records: 1 + 2 * 3 + 0.5 * 16 + 0.25 + 11 + 100."""
+    outside.write(bound_=BOUND)
+    assert outside.run("import outside.bound_") == ["126.25", "127.25", "2"]
+    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "cache").rglob("*.nbc")}
+    assert outside.run("import outside.bound_") == ["126.25", "127.25", "2"]
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "cache").rglob("*.nbc")} == kept
+    outside.write(below=FILES["below.py"].replace("x +", "x -"))
+    assert outside.run("import outside.bound_") == ["106.25", "107.25", "2"]
+
+
 def test_all_that_is_compiled_is_kept_this_way() -> None:
     """No function of ours goes to numba directly, whose cache misses edits."""
     sources = [
