@@ -24,6 +24,9 @@ TIMESTEP_S = 0.25e-3  # the vendor's torque loop runs at 4 kHz
 GRAVITY = 9.81
 PROXIMITY_M = 5e-3  # links that come this near are seen before they touch
 
+# what the model has none of, and MuJoCo would go through in each step
+_NOT_THERE = ("equality", "frictionloss", "limit", "spring", "damper", "actuation", "sensor")
+
 # collision masks: an arm meets the other arm, the table and the object, never itself
 _LEFT, _RIGHT, _OBJECT, _TABLE = 1, 2, 4, 8
 _MASKS = {
@@ -140,7 +143,8 @@ def cell_xml(scene: Scene, object_name: str, placement: ObjectPlacement, arms: t
     option.set("impratio", repr(scene.contact.friction_ratio))
     option.set("jacobian", "dense")  # MuJoCo 4.0.0's Newton solver has a wrong Hessian for sparse ones (mujoco#3767)
     # a simulation that diverges must stop, not start again in silence; islands cost more than they save here
-    SubElement(option, "flag", autoreset="disable", island="disable")
+    flags = dict.fromkeys(("autoreset", "island", *_NOT_THERE), "disable")
+    SubElement(option, "flag", flags)
     world = SubElement(root, "worldbody")
     for side, arm in zip(SIDES, arms, strict=True):
         _add_arm(world, side, arm, scene, pad_friction)

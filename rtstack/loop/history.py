@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hal.compilation import compiled
+from hal.compilation import bound, compiled
 from rtstack.log.push import copy_bytes
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, TIMING_SAMPLE
 from rtstack.topics import ARM_TOPICS, CONTROL_TOPICS, EVENT_TOPIC, OBJECT_TOPIC, TIMING_TOPIC, TOPICS
@@ -78,7 +78,7 @@ class History:
         self.keep(OBJECT_TOPIC)
         self._sources: tuple[NDArray, ...] = ()
         self._left: tuple[NDArray, NDArray] | None = None
-        self._rows = np.zeros((0, 3), np.int64)
+        self._copy: Callable[[int], None] = lambda _k: None
         self._ticks = 0
 
     def keep(self, topic: str) -> Callable[[NDArray], None]:
@@ -98,7 +98,7 @@ class History:
             # the loop publishes the same arrays every tick: their places are looked up once
             self._left = left
             self._bind((*left, *right, timing))
-        _append(self._rows, k)
+        self._copy(k)
         self._ticks += 1
 
     def _bind(self, sources: tuple[NDArray, ...]) -> None:
@@ -110,7 +110,7 @@ class History:
                 raise TypeError(f"a record of shape (1,) and dtype {target.dtype} is needed, not {source.dtype}")
         self._sources = sources
         rows = [(t.ctypes.data, t.itemsize, s.ctypes.data) for s, t in zip(sources, targets, strict=True)]
-        self._rows = np.array(rows, np.int64)
+        self._copy = bound(_append, np.array(rows, np.int64), later=(0,))
 
     @property
     def ticks(self) -> int:

@@ -112,7 +112,8 @@ class Publisher:
         """Publish the arm and control records (1,) of both arms, the timing, and what was looked at and is new."""
         if left is not self._left or right is not self._right:
             self._bind(left, right)
-        push_all(self._rows)
+        if self._pushers:
+            push_all(self._rows)
         if self._history is not None:
             self._history.append(left, right, self.timing)
         for lead, stream in self._leads:

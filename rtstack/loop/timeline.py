@@ -21,6 +21,7 @@ class Timeline:
         self.start_ns = -1  # robot's time of the first state
         self.t_ns = 0  # robot's time of the newest state
         self.elapsed_ns = [-1, -1]
+        self.now_ns = -1  # time since the start of the reference
         self.skew_ns = 0
         # views of single fields: looking a field up costs more than writing it
         self._stamp, self._period_us, self._lateness_us, self._missed_deadlines, self._pair_skew_us = (
@@ -37,11 +38,6 @@ class Timeline:
     def origin_ns(self) -> int:
         """Robot's time that the stamps count from: 0 where they are the robot's own."""
         return -self._offsets[0] if self._from_zero else 0
-
-    @property
-    def now_ns(self) -> int:
-        """Time since the start of the reference."""
-        return max(self.elapsed_ns)
 
     @property
     def both_begun(self) -> bool:
@@ -69,6 +65,7 @@ class Timeline:
             self._starts[side] = t_ns - TICK_NS
             self._note_start()
         elapsed_ns = self.elapsed_ns[side] = t_ns - self._starts[side]
+        self.now_ns = max(self.elapsed_ns)
         if last_ns >= 0 and elapsed_ns - last_ns > TICK_NS:
             self._missed[side] += max(0, round((elapsed_ns - last_ns) / TICK_NS) - 1)
         if self._own_clocks:
