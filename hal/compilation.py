@@ -52,13 +52,14 @@ def bound(function: Callable[..., Any], *arguments: Any, later: tuple[Any, ...] 
     """Return a compiled function with its first arguments bound, compiled now: a call looks at none of them.
 
     later: what the arguments that are still to come look like; those that are arrays have to be contiguous. Bind
-    arrays, whose contents may change, named tuples of arrays, int and float. numba's own call makes and forgets an
-    object for each array, every time: 40 ns each. Here a call gets the address of what they are made of.
+    arrays, whose contents may change, named tuples of arrays, int, bool (it becomes an int) and float. numba's own call
+    makes and forgets an object for each array, 40 ns and more; here a call gets the address of what they are made of.
     """
     if not hasattr(function, "compile"):  # NUMBA_DISABLE_JIT
         return partial(function, *arguments)
     if not arguments:
         return cast(Any, function).compile(tuple(map(_type_of, later)))
+    arguments = tuple(int(value) if isinstance(value, bool) else value for value in arguments)
     words = np.array(list(_words(arguments)), np.int64)
     made = partial(_entry(function, tuple(map(_type_of, arguments)), tuple(map(_type_of, later))), words.ctypes.data)
     made.__dict__["kept"] = words, arguments  # for as long as somebody may call
@@ -83,7 +84,7 @@ def _words(arguments: tuple[Any, ...]) -> Iterator[int]:
             yield from _words(value)
         elif isinstance(value, float):
             yield int(np.float64(value).view(np.int64))
-        elif isinstance(value, int) and not isinstance(value, bool):
+        elif isinstance(value, int):
             yield value
         else:
             raise TypeError(f"an array, a tuple of arrays, an int or a float can be bound, not {value!r}")

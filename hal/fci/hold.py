@@ -138,7 +138,7 @@ class Hold:
         self._words = np.zeros(3, dtype=np.int64)
         command, state = np.zeros(1, COMMAND), np.zeros(1, STATE)
         q, tau = arm.last_command()
-        from_q_d = int(q is not None and bool(np.isnan(q[0])))
+        from_q_d = q is not None and bool(np.isnan(q[0]))
         if q is not None:
             command["q_c"] = q
         if tau is not None:
