@@ -81,6 +81,7 @@ async def stream(websocket: WebSocket, rate_hz: float = 20.0) -> None:
     name = session.operator
     policy = PolicyInput(name, parts.teleop, parts.mailbox, parts.watch.rings, parts.cell, parts.watch.cameras)
     refused: str | None = None
+    parts.teleop.policy_connected(name)
     try:
         while (session := session_now(websocket)) is not None and session.operator == name:
             observation = policy.observe()
@@ -96,6 +97,7 @@ async def stream(websocket: WebSocket, rate_hz: float = 20.0) -> None:
         pass  # the policy has gone
     finally:
         parts.teleop.end_lease(name)
+        parts.teleop.policy_connected(name, -1)
     with suppress(RuntimeError):
         await websocket.close(1008, "not signed in any more")
 

@@ -7,7 +7,7 @@ again. May be called from any thread.
 
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -66,7 +66,8 @@ class TeleopView:
     """What a page shows of the input. refusal: why the last request is not followed, None where it is. drags: how many
     of them can be undone. policy: the name of the policy that leads while the clutch is not held, None where none does.
     dropped: commands that were not applied since the teleoperation began: too old, out of order, made on an old
-    picture, for another reason. picture: what a program that asks nothing else has seen by this answer.
+    picture, for another reason. picture: what a program that asks nothing else has seen by this answer. policies: the
+    names of those that are connected.
     """
 
     held: bool
@@ -80,6 +81,7 @@ class TeleopView:
     latency: LatencyView | None
     picture: int
     policy: str | None = None
+    policies: tuple[str, ...] = ()
 
 
 class TeleopInput:
@@ -107,6 +109,7 @@ class TeleopInput:
         self._stiffness = STIFFNESS_N_M
         self._refusal: str | None = None
         self._lent: str | None = None  # the policy that leads
+        self._connected = Counter[str]()  # how many connections each policy has
         self._leases = 0  # given since the console began
         self._gate = Gate()
         self._admitted: Admission | None = None  # the last one that was a sign of life
@@ -123,7 +126,7 @@ class TeleopInput:
                 self._by is not None, self._coupling, self._speed, self._stiffness, self._late or self._refusal,
                 self._handles, len(self._drags), tuple(self._gate.dropped), self._latency.view(),
                 self._watch.view.number,
-                self._lent,
+                self._lent, tuple(sorted(+self._connected)),
             )  # fmt: skip
 
     @property
@@ -256,6 +259,11 @@ class TeleopInput:
             target["job"], target["clutch_ns"], target["finish"], target["release"] = job.number, 0, 0, Release.NOT_YET
             target["policy"] = 0 if policy is None else self._leases
             self._write()
+
+    def policy_connected(self, policy: str, by: int = 1) -> None:
+        """Note that a policy has one more connection, or with -1 one less."""
+        with self._lock:
+            self._connected[policy] += by
 
     def end_lease(self, policy: str) -> None:
         """End the lease of a policy that has gone or is done: the arms hold. Does nothing where it has none."""

@@ -75,6 +75,7 @@ def test_a_policy_with_a_lease_is_shown_the_arms_and_its_answer_reaches_the_loop
     served, client, headers, token = running
     with policy(served, token) as (take, send):
         assert "has given no lease to grabber" in take("waiting")["waiting"]
+        assert served.parts.teleop.view.policies == ("grabber",)
         assert lend(client, headers).json()["policy"] == "grabber"
         shown = take("observation")["observation"]
         assert shown["t_ns"] == 1_000_000
@@ -136,7 +137,7 @@ def test_a_policy_that_is_done_or_gone_has_no_lease_any_more(running):
         assert target(served)["policy"] == 0
         assert lend(client, headers).status_code == 200
         take("observation")
-    wait_for(lambda: target(served)["policy"] == 0)
+    wait_for(lambda: target(served)["policy"] == 0 and served.parts.teleop.view.policies == ())
 
 
 def test_only_the_operator_who_has_control_gives_a_lease(running):
