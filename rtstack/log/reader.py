@@ -373,7 +373,10 @@ def _index_entries(file: BinaryIO, offset: int) -> tuple[int, NDArray[np.int64]]
     """Return the channel of an index record, and (n, 2): log time, place in the chunk."""
     file.seek(offset + RECORD_HEADER)
     channel_id = int.from_bytes(file.read(2), "little")
-    return channel_id, np.frombuffer(file.read(int.from_bytes(file.read(4), "little")), "<i8").reshape(-1, 2)
+    entries = file.read(int.from_bytes(file.read(4), "little"))
+    if len(entries) % 16:
+        raise LogError(f"{file.name} is damaged at byte {offset}: an index is cut off")
+    return channel_id, np.frombuffer(entries, "<i8").reshape(-1, 2)
 
 
 def _indexed(file: BinaryIO, data: bytes, offsets: list[int]) -> MessageTable:
@@ -383,9 +386,15 @@ def _indexed(file: BinaryIO, data: bytes, offsets: list[int]) -> MessageTable:
     for offset in offsets:
         channel_id, entries = _index_entries(file, offset)
         position = entries[:, 1]
+        if ((position < 0) | (position > len(data) - MESSAGE_HEADER)).any():
+            raise LogError(
+                f"{file.name} is damaged at byte {offset}: an index names messages that its chunk does not have"
+            )
         # a message record is opcode, length (8 bytes), 22 bytes of numbers and times, and the message
         lengths = bytes_of[position[:, None] + np.arange(1, RECORD_HEADER)].copy().view("<i8")[:, 0]
         size = lengths - (MESSAGE_HEADER - RECORD_HEADER)
+        if ((size < 0) | (size > len(data) - MESSAGE_HEADER - position)).any():
+            raise LogError(f"{file.name} is damaged at byte {offset}: an index names no messages of its chunk")
         channel = np.full(len(entries), channel_id)
         columns.append(np.stack([channel, entries[:, 0], position + MESSAGE_HEADER, size]))
     table = np.concatenate(columns, axis=1)

@@ -176,3 +176,18 @@ def test_a_record_that_is_broken_inside_is_left_out_and_counted(tmp_path: Path, 
     assert summary.damaged == 1
     assert summary.output is not None
     assert read_log(summary.output).metadata["recovery"]["damaged_chunks"] == "1"
+
+
+@pytest.mark.parametrize(("place", "value"), [(2, b"\x0f\0\0\0"), (14, b"\xff\xff\xff\xff"), (14, b"\x01\0\0\0")])
+def test_a_log_whose_index_is_broken_is_refused_in_one_line(
+    tmp_path: Path, written: WrittenLog, place: int, value: bytes
+) -> None:
+    """An array whose length is none of pairs; a place beyond the chunk; one between two messages."""
+    path = cut_of(written, tmp_path, written.path.stat().st_size)
+    log = read_log(path)
+    with open(path, "r+b") as file:
+        for record in [record for record in scan(file) if record.opcode == Opcode.MESSAGE_INDEX]:
+            file.seek(record.offset + RECORD_HEADER + place)
+            file.write(value)
+    with pytest.raises(LogError, match="is damaged at byte"):
+        log.topic("/left/arm")
