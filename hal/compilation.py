@@ -62,7 +62,7 @@ def bound(function: Callable[..., Any], *arguments: Any, later: tuple[Any, ...] 
     arguments = tuple(int(value) if isinstance(value, bool) else value for value in arguments)
     words = np.array(list(_words(arguments)), np.int64)
     made = partial(_entry(function, tuple(map(_type_of, arguments)), tuple(map(_type_of, later))), words.ctypes.data)
-    made.__dict__["kept"] = words, arguments  # for as long as somebody may call
+    made.__dict__["kept"] = words, arguments  # as long as the function may be called
     return made
 
 
