@@ -62,7 +62,7 @@ def test_the_holder_moves_both_arms_and_the_loop_reads_it_whole(running):
     assert served.parts.watch.picture_ns(said.pop("picture")) is not None
     said["dropped"] = [0, 0, 0, 0]  # a slow machine says it again
     assert said == {
-        "held": True, "coupling": "separate", "speed_m_s": 0.1, "stiffness_n_m": 150.0, "refusal": None,
+        "held": True, "coupling": "separate", "speed_m_s": 0.1, "stiffness_n_m": 150.0, "refusal": None, "policies": [],
         "handles": "move", "drags": 0, "dropped": [0, 0, 0, 0], "latency": None, "policy": None,
     }  # fmt: skip
     read = target(served)
