@@ -143,7 +143,7 @@ def cell_xml(scene: Scene, object_name: str, placement: ObjectPlacement, arms: t
     option.set("impratio", repr(scene.contact.friction_ratio))
     option.set("jacobian", "dense")  # MuJoCo 4.0.0's Newton solver has a wrong Hessian for sparse ones (mujoco#3767)
     # a simulation that diverges must stop, not start again in silence; islands cost more than they save here
-    flags = dict.fromkeys(("autoreset", "island", *_NOT_THERE), "disable")
+    flags: dict[str, str] = dict.fromkeys(("autoreset", "island", *_NOT_THERE), "disable")
     SubElement(option, "flag", flags)
     world = SubElement(root, "worldbody")
     for side, arm in zip(SIDES, arms, strict=True):
