@@ -226,7 +226,8 @@ def test_a_page_in_both_themes_and_every_window(console, addresses, pattern, tmp
 def _picture(page: Page, name: str, folder: Path) -> None:
     if folder.is_relative_to(PICTURES) and page.locator("#scene").count():
         (frame,) = [frame for frame in page.frames if "/viser/" in frame.url]
-        frame.wait_for_function(SHARP, timeout=PATIENCE_MS)  # no test waits for this
+        # by the clock: by the page's frames it would ask for one after the other; no test waits for this
+        frame.wait_for_function(SHARP, timeout=PATIENCE_MS, polling=200)
     taken = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
     path = folder / f"{name}.png"
     path.parent.mkdir(parents=True, exist_ok=True)
