@@ -177,6 +177,7 @@ def free_log(robot, cell_file, tmp_path_factory) -> Path:
     return kept_time(robot, run, tmp_path_factory.mktemp("free"))
 
 
+@pytest.mark.long
 def test_an_empty_cell_is_moved_in(robot, free_log, described) -> None:
     log = read_log(free_log)
     assert np.ptp(log.topic("/left/control")["pose_ref"][:, :3], axis=0).max() > 0.1  # m
