@@ -11,7 +11,6 @@ import ctypes
 import signal
 import socket
 import struct
-import subprocess
 import sys
 import tempfile
 import time
@@ -27,8 +26,9 @@ from scipy.spatial.transform import Rotation
 from hal.arrays import Array
 from hal.configuration import load_toml, toml_text
 from hal.tag_camera import TagCamera
-from hal.tracker import ObjectPose, TrackerRequest
-from hal.tracker_link import DATAGRAM, TrackerLink
+from hal.tracker import TrackerRequest
+from hal.tracker_link import DATAGRAM
+from hal.tracker_process import TrackerProcess
 
 PICTURE = struct.Struct("<qii")  # in front of a grey picture that a program sends: time.monotonic_ns, width, height
 _LONGEST_STAMP_S = 1.0  # a driver's stamp that is further from now is of another clock
@@ -155,8 +155,8 @@ def _filmed(camera: TagCamera) -> Iterator[tuple[int, NDArray[np.uint8]]]:
     raise OSError(f"{camera.source} gives no more pictures")
 
 
-class AprilTagTracker:
-    """A hal.tracker.ClosableTracker: a link, and the process that feeds it."""
+class AprilTagTracker(TrackerProcess):
+    """A hal.tracker.ClosableTracker: one tag, seen by a camera."""
 
     def __init__(self, request: TrackerRequest) -> None:
         """Start the process. Raises OSError, ValueError for a request without camera or tag, or without OpenCV."""
@@ -168,25 +168,14 @@ class AprilTagTracker:
             detector(request.camera)
         except ImportError:
             raise ValueError("tags are found by OpenCV: pip install rtstack[apriltag]") from None
-        self._link = TrackerLink("127.0.0.1", 0, request.frames, request.times, request.robot_clock)
         self._folder = tempfile.TemporaryDirectory(prefix="rtstack-camera-")
         file = Path(self._folder.name) / "camera.toml"
         file.write_text(toml_text(asdict(request.camera)), encoding="utf-8")
-        command = [sys.executable, "-m", "hal.apriltag", str(file), str(request.body), *map(str, self._link.address)]
-        self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
-
-    def latest(self) -> ObjectPose:
-        """Return the newest pose, see hal.tracker_link.TrackerLink."""
-        return self._link.latest()
+        super().__init__(request, "hal.apriltag", str(file), str(request.body))
 
     def close(self) -> None:
-        """End the process."""
-        self._process.terminate()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.wait(1.0)
-        self._process.kill()
-        self._process.wait()
-        self._link.close()
+        """End the process, and remove what it was told."""
+        super().close()
         self._folder.cleanup()
 
 

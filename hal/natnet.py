@@ -15,15 +15,14 @@ import select
 import signal
 import socket
 import struct
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 
 import numpy as np
 
-from hal.tracker import ObjectPose, TrackerRequest
-from hal.tracker_link import DATAGRAM, TrackerLink
+from hal.tracker import TrackerRequest
+from hal.tracker_link import DATAGRAM
+from hal.tracker_process import TrackerProcess
 
 CONNECT, SERVER_INFO, FRAME_OF_DATA, KEEP_ALIVE = 0, 1, 7, 10
 DATA_PORT = 1511
@@ -196,31 +195,15 @@ class _Client:
             self._out.sendto(datagram.tobytes(), self._listener)
 
 
-class NatNetTracker:
-    """A hal.tracker.ClosableTracker: a link, and the process that feeds it."""
+class NatNetTracker(TrackerProcess):
+    """A hal.tracker.ClosableTracker: one rigid body of Motive."""
 
     def __init__(self, request: TrackerRequest) -> None:
         """Start the process. Raises OSError, ValueError for a request without the body's number."""
         if request.body is None:
             raise ValueError("NatNet needs the number of the object's rigid body: [tracker.bodies.OBJECT] id")
-        self._link = TrackerLink("127.0.0.1", 0, request.frames, request.times, request.robot_clock)
-        command = [sys.executable, "-m", "hal.natnet", request.host, str(request.port), str(request.body)]
-        command += map(str, self._link.address)
-        command += ["--multicast", request.multicast] * bool(request.multicast)
-        self._process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
-
-    def latest(self) -> ObjectPose:
-        """Return the newest pose, see hal.tracker_link.TrackerLink."""
-        return self._link.latest()
-
-    def close(self) -> None:
-        """End the process."""
-        self._process.terminate()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.wait(1.0)
-        self._process.kill()
-        self._process.wait()
-        self._link.close()
+        options = ("--multicast", request.multicast) if request.multicast else ()
+        super().__init__(request, "hal.natnet", request.host, str(request.port), str(request.body), options=options)
 
 
 def main() -> None:

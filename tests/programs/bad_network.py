@@ -28,7 +28,6 @@ import subprocess
 import sys
 import threading
 import time
-from dataclasses import asdict
 from itertools import cycle
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -48,7 +47,7 @@ from tests.support.console.operator_scene import Witness
 from tests.support.console.stack import COMMAND, SoakFailed
 from tests.support.network import relay
 from tests.support.network.namespaces import Namespace, NotPermitted, permitted
-from tests.support.network.relay import Cable
+from tests.support.network.relay import Cable, set_cable
 
 CONSOLE, OPERATOR = "10.78.1.1", "10.78.1.2"
 NOT_PERMITTED = 3  # exit status
@@ -217,12 +216,7 @@ class Lab:
 
     def set(self, cable: Cable) -> None:
         """Change the cable."""
-        assert self._relay.stdin is not None
-        assert self._relay.stdout is not None
-        self._relay.stdin.write(json.dumps(asdict(cable)) + "\n")
-        self._relay.stdin.flush()
-        if self._relay.stdout.readline() != "ready\n":
-            raise SoakFailed("the relay has ended")
+        set_cable(self._relay, cable)
 
     def post(self, path: str, **body: object) -> None:
         """Make a change. Raises SoakFailed."""
@@ -414,7 +408,7 @@ def main() -> int:
             for part, count in ((commands, options.commands), (stops, options.stops), (cuts, options.cuts)):
                 if count:
                     part(lab, count, options.seed, report, trouble)
-        except (SoakFailed, httpx.HTTPError, WebSocketException) as failed:
+        except (SoakFailed, RuntimeError, httpx.HTTPError, WebSocketException) as failed:
             trouble.append(str(failed).splitlines()[0])
         except KeyboardInterrupt:
             trouble.append("ended early: this is what there is so far")

@@ -20,7 +20,7 @@ from pathlib import Path
 
 from tests.support.network import relay
 from tests.support.network.namespaces import Namespace, NotPermitted, permitted
-from tests.support.network.relay import Cable
+from tests.support.network.relay import Cable, set_cable
 from tests.support.real_cell import write_cell_file
 from tests.support.terminal import Terminal
 
@@ -123,12 +123,7 @@ class Lab:
 
     def set(self, cable: Cable) -> None:
         """Change the cable."""
-        assert self._relay.stdin is not None
-        assert self._relay.stdout is not None
-        self._relay.stdin.write(json.dumps(asdict(cable)) + "\n")
-        self._relay.stdin.flush()
-        if self._relay.stdout.readline() != "ready\n":
-            raise RuntimeError("the relay has ended")
+        set_cable(self._relay, cable)
 
     def close(self) -> None:
         """End all of it."""
