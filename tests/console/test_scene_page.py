@@ -35,6 +35,31 @@ def wait_for_node(page, name):
     pytest.fail(f"the scene never had {name}")
 
 
+FORM_AMONG_VIEWS = """async () => {
+  const { Plan } = await import("/static/js/plan.js");
+  const form = document.createElement("form");
+  const field = (value) => ({ value, validity: { valid: true }, valueAsNumber: 0 });
+  const elements = { object: field("told"), reference: document.createElement("select") };
+  for (const name of ["displacement_mm", "displacement_x_mm", "yaw_deg"]) elements[name] = field("0");
+  Object.defineProperty(form, "elements", { value: elements });
+  const view = { status: { holder: null }, you: "ada", unreachable: null };
+  new Plan(form, { onView: (listener) => setInterval(() => listener(view), 20) });
+}"""
+
+
+@pytest.mark.browser
+def test_a_form_is_told_to_the_scene_while_views_come_fast(served):
+    """Each view before it was told put the request off by a time that the next view did not leave."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
+        page = browser.new_page()
+        page.goto(f"{served.base}/?token={served.parts.sign_in.token}")
+        told = "told"
+        with page.expect_request(lambda sent: sent.url.endswith("/api/scene/plan") and told in (sent.post_data or "")):
+            page.evaluate(FORM_AMONG_VIEWS)
+        browser.close()
+
+
 @pytest.mark.browser
 def test_a_scene_that_nobody_has_clicked_in_connects_again(served):
     """viser's page connects again only while it has the focus, which is the page's around it."""

@@ -20,7 +20,7 @@ export class Plan {
       const allowed = !LOOKS && !unreachable && status !== null && (status.holder === null || status.holder === you);
       if (allowed && !this.allowed) this.said = null; // another operator's may be shown
       this.allowed = allowed;
-      if (allowed && this.said === null) this.tell();
+      if (allowed && this.said === null && this.timer === null) this.tell(); // put off by every view it was never sent
     });
   }
 
@@ -34,7 +34,10 @@ export class Plan {
 
   tell() {
     clearTimeout(this.timer);
-    this.timer = setTimeout(() => this.send(), WAIT_MS);
+    this.timer = setTimeout(() => {
+      this.timer = null;
+      this.send();
+    }, WAIT_MS);
   }
 
   async send() {
