@@ -23,9 +23,11 @@ def series(stiffness: float, other: float) -> float:
     return 1.0 / (1.0 / stiffness + 1.0 / other)
 
 
-def set_contacts(model: mujoco.MjModel, scene: Scene, thing: GraspObject) -> None:
+def set_contacts(
+    model: mujoco.MjModel, scene: Scene, thing: GraspObject, known: tuple[float | None, float | None] = (None, None)
+) -> None:
     """Set solref and solimp of every geom: pads (or fingers) on the object or on the platform, the object
-    on the table, hard links.
+    on the table, hard links. known: the stiffness of a pad on the object, N/m, where it was identified, left and right.
 
     The damping on an object is 2 zeta sqrt(K m), m the object's mass: the ratio of the object alone on that face.
     """
@@ -37,7 +39,7 @@ def set_contacts(model: mujoco.MjModel, scene: Scene, thing: GraspObject) -> Non
     w_object = weights[model.body("object").id]
     on_table = series(thing.stiffness, scene.table.stiffness)
     _set(model, slice(None), scene, on_table, damping(on_table), w_object)
-    for side, place in (("left", scene.left), ("right", scene.right)):
+    for side, place, identified in zip(("left", "right"), (scene.left, scene.right), known, strict=True):
         if place.hand is not None:
             on_finger = series(thing.stiffness, place.hand.stiffness)
             for number in (1, 2):
@@ -50,7 +52,7 @@ def set_contacts(model: mujoco.MjModel, scene: Scene, thing: GraspObject) -> Non
         if scene.platform is not None:  # which does not move
             _set(model, geom, scene, scene.platform.stiffness, scene.platform.damping, weights[body])
             continue
-        on_pad = series(thing.stiffness, scene.pad.stiffness)
+        on_pad = identified or series(thing.stiffness, scene.pad.stiffness)
         _set(model, geom, scene, on_pad, damping(on_pad), w_object + weights[body])
 
 

@@ -191,13 +191,14 @@ def _add_wedge(world: Element, friction: float, thing: GraspObject, placement: O
 
 
 def build_cell(
-    scene: Scene, object_name: str, placement: ObjectPlacement, arms: tuple[ArmDescription, ...]
-) -> CellModel:
-    """Compile the cell, with its contacts set. Raises UnknownObject."""
+    scene: Scene, object_name: str, placement: ObjectPlacement, arms: tuple[ArmDescription, ...],
+    stiffness: tuple[float | None, float | None] = (None, None),
+) -> CellModel:  # fmt: skip
+    """Compile the cell, with its contacts set. stiffness: see set_contacts. Raises UnknownObject."""
     model = mujoco.MjModel.from_xml_string(cell_xml(scene, object_name, placement, arms))
     if model.nv != 2 * JOINTS + 6:
         raise ValueError(f"the cell has {model.nv} degrees of freedom, expected {2 * JOINTS + 6}")
-    set_contacts(model, scene, scene.find(object_name))
+    set_contacts(model, scene, scene.find(object_name), stiffness)
 
     places = (scene.left, scene.right)
     ends = [

@@ -106,15 +106,17 @@ class Plant:
         profile = self.profile = load_profile() if profile is None else profile
         left, right = (own_model(place.robot, profile.arm, own) for place in (scene.left, scene.right))
         self.robots = (left, right)
-        self.estimate_errors = tuple(draw_estimate_error(profile.force, own) for _ in self.robots)
+        twins = (profile.left, profile.right)
+        self.estimate_errors = tuple(draw_estimate_error(profile.force, own, twin) for twin in twins)
         arms = tuple(
             as_twin(
                 with_own_friction(draw_arm(arm_description(model), parameters.of(model), generator), profile.arm, own),
                 twin,
             )
-            for model, twin in zip(self.robots, (profile.left, profile.right), strict=True)
+            for model, twin in zip(self.robots, twins, strict=True)
         )
-        cell = build_cell(scene, object_name, placement, tuple(arm.description for arm in arms))
+        stiffness = (profile.left.contact_stiffness, profile.right.contact_stiffness)
+        cell = build_cell(scene, object_name, placement, tuple(arm.description for arm in arms), stiffness)
         self.model, self.data = cell.model, mujoco.MjData(cell.model)
         self.ticks = 0  # ms since the start
         # what is on the flanges, a pad or a hand, and where in it an arm is pushed: the middle of its face

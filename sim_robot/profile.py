@@ -18,7 +18,8 @@ from sim_robot.built import Built
 IDEAL = "ideal"
 LONGEST_DELAY_MS = 50
 # of the draws, beside 0 arms and placement, 1 sensors, 2 tracker, 3 friction of a campaign
-ARM_DRAW, SLOW_NOISE_DRAW, TRACKER_DRAW, BOX_DRAW = 4, 5, 6, 7
+ARM_DRAW, SLOW_NOISE_DRAW, TRACKER_DRAW, BOX_DRAW, LINK_DRAW = 4, 5, 6, 7, 8
+LATE_SHARES = (0.5, 0.9, 0.99, 0.999)  # of the states that are no later than Twin.link_late_us
 
 
 def _not_negative(record: object) -> None:
@@ -75,6 +76,10 @@ class Twin:
 
     Joints as in JointParameters; gravity_factor: of the robot's own gravity compensation. payload_kg: on the flange,
     beside the pad that the scene has, below zero where the pad is lighter; payload_centre m: in the last link's frame.
+    torque_offset Nm, estimate_delay_ms: of the estimate of external torques, instead of ForceEstimate's.
+    contact_stiffness N/m: of the pad's whole face on an object, silicone and wall in series, whatever the object.
+    link_late_us: by how much a state reaches its client later than the fastest do, quantiles at LATE_SHARES; of a robot
+    that keeps real time.
     """
 
     B_theta: Seven | None = None
@@ -86,6 +91,19 @@ class Twin:
     gravity_factor: Seven | None = None
     payload_kg: float = 0.0
     payload_centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    torque_offset: Seven | None = None
+    estimate_delay_ms: int | None = None
+    contact_stiffness: float | None = None
+    link_late_us: tuple[float, float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if self.estimate_delay_ms is not None and not 0 <= self.estimate_delay_ms <= LONGEST_DELAY_MS:
+            raise ValueError(f"estimate_delay_ms must be 0 to {LONGEST_DELAY_MS}: {self.estimate_delay_ms}")
+        if self.contact_stiffness is not None and self.contact_stiffness <= 0.0:
+            raise ValueError(f"contact_stiffness must be positive: {self.contact_stiffness}")
+        late = self.link_late_us
+        if late is not None and not 0.0 <= late[0] <= late[1] <= late[2] <= late[3]:
+            raise ValueError(f"link_late_us must not be negative nor fall: {list(late)}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -80,20 +80,23 @@ def own_model(model: RobotModel, own: OwnArm, generator: np.random.Generator) ->
 
 @dataclass(frozen=True, slots=True)
 class EstimateError:
-    """What an arm's estimate of external torques has: offset (7,) Nm, gravity (7,) shares, payload kg."""
+    """What an arm's estimate of external torques has: offset (7,) Nm, gravity (7,) shares, payload kg, delay ms."""
 
     offset: Array
     gravity: Array
     payload_kg: float
+    delay_ms: int
 
 
-def draw_estimate_error(force: ForceEstimate, generator: np.random.Generator) -> EstimateError:
-    """Draw the error of one arm's estimate; zeros of an ideal one."""
+def draw_estimate_error(force: ForceEstimate, generator: np.random.Generator, twin: Twin) -> EstimateError:
+    """Draw the error of one arm's estimate; zeros of an ideal one; what was identified of it is not drawn."""
     normal = generator.standard_normal
+    offset = np.array(force.torque_offset) * normal(JOINTS)
     return EstimateError(
-        offset=np.array(force.torque_offset) * normal(JOINTS),
+        offset=offset if twin.torque_offset is None else np.array(twin.torque_offset),
         gravity=force.gravity_error * normal(JOINTS),
         payload_kg=force.payload_error_kg * float(normal()),
+        delay_ms=force.delay_ms if twin.estimate_delay_ms is None else twin.estimate_delay_ms,
     )
 
 

@@ -128,9 +128,9 @@ class Sensors:
         record["dtau_J_gain"] = 1.0 - exp(-2.0 * pi * parameters.dtau_J_cutoff_hz * CONTROL_PERIOD_S)
         record["tau_ext_gain"] = 1.0 - exp(-2.0 * pi * parameters.tau_ext_cutoff_hz * CONTROL_PERIOD_S)
         force = plant.profile.force
-        record["delay"] = force.delay_ms
         for side, error in enumerate(plant.estimate_errors):
             record[side]["offset"], record[side]["gravity_error"] = error.offset, error.gravity
+            record[side]["delay"] = error.delay_ms
         keep = exp(-2.0 * pi * force.noise_hz * CONTROL_PERIOD_S)
         record["slow_keep"], record["slow_fresh"] = keep, np.array(force.noise) * sqrt(1.0 - keep * keep)
         self._slow: np.random.Generator | None = None

@@ -18,7 +18,7 @@ def run(logs: list[Path], json: bool, twin: str | None) -> None:
     if twin is not None:
         made = [replay_in_twin(path, twin) for path in logs]
         for each in made:
-            typer.echo(json_module.dumps(each.as_dict()) if json else "\n".join(_forces(each)))
+            typer.echo(json_module.dumps(each.as_dict()) if json else "\n".join(forces(each)))
         if any(abs(arm.off) > SAME_FORCE for each in made for arm in each.arms if arm.off is not None):
             raise typer.Exit(FAILED)
         return
@@ -52,12 +52,14 @@ def _lines(found: Replay) -> list[str]:
     return lines + [f"and {more} fields more"] * (more > 0)
 
 
-def _forces(made: TwinReplay) -> list[str]:
+def forces(made: TwinReplay) -> list[str]:
+    """Return the table of a replay in a twin: forces, and how far hands, torques and velocities are apart."""
     lines = [f"{made.log}: {made.kind}, {made.ticks} ticks; in {made.twin} {made.replayed_ticks}"]
-    lines.append(f"{'arm':<6}{'contact':>10}{'mean force':>14}{'twin':>9}{'off':>8}{'peak':>9}{'twin':>9}{'path':>9}")
+    lines.append(f"{'arm':<6}{'contact':>10}{'mean force':>14}{'twin':>9}{'off':>8}{'peak':>9}{'twin':>9}{'path':>9}"
+                 f"{'torque':>10}{'velocity':>12}")  # fmt: skip
     for arm in made.arms:
         mean, peak = ([f"{value:.1f} N" for value in pair] for pair in (arm.mean_n, arm.peak_n))
         off = "-" if arm.off is None else f"{100.0 * arm.off:+.1f} %"
         lines.append(f"{arm.side:<6}{1e-3 * arm.ticks:>8.1f} s{mean[0]:>14}{mean[1]:>9}{off:>8}{peak[0]:>9}{peak[1]:>9}"
-                     f"{arm.path_mm:>6.1f} mm")  # fmt: skip
+                     f"{arm.path_mm:>6.1f} mm{max(arm.torque_nm):>7.2f} Nm{max(arm.velocity):>6.3f} rad/s")  # fmt: skip
     return lines

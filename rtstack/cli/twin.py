@@ -1,6 +1,7 @@
 """`rtstack twin`: logs of a cell become a profile of the simulated robot, a friction file, and a report."""
 
 import json
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 
@@ -8,7 +9,9 @@ import typer
 
 from hal.configuration import read_toml
 from rtstack.cells import load_description
-from rtstack.identification.twin import ArmTwin, friction_file, profile_toml, twin
+from rtstack.cli.replay import forces
+from rtstack.identification.twin import LINK, TOUCHING, ArmTwin, friction_file, profile_toml, twin
+from rtstack.playback.twin_replay import TwinReplay, replay_in_twin
 from rtstack.samples import SIDES
 from rtstack.trials.errors import TrialError
 from rtstack.trials.friction import friction_toml
@@ -16,16 +19,21 @@ from rtstack.trials.friction import friction_toml
 PROFILE, FRICTION, CELL, NUMBERS = "profile.toml", "friction.toml", "cell.toml", "twin.json"
 
 
-def run(logs: list[Path], out: Path, unloaded: list[Path], cell_file: Path | None) -> None:
-    """Identify, and write the folder `out`, which must not exist yet."""
+def run(logs: list[Path], out: Path, unloaded: list[Path], held_out: list[Path], cell_file: Path | None) -> None:
+    """Identify, and write the folder `out`, which must not exist yet; judge on what was held out."""
     from importlib.resources import as_file, files
+
+    from sim_robot.plant_parameters import load_plant_parameters
 
     description, source = load_description(cell_file)
     if out.exists():
         raise TrialError(f"{out} exists: choose another name, or remove it")
     if not out.parent.is_dir():
         raise TrialError(f"cannot write {out}: the folder {out.parent} does not exist")
-    arms = twin(logs, description, unloaded)
+    for path in held_out:
+        if any(path.samefile(other) for other in (*logs, *unloaded) if path.exists() and other.exists()):
+            raise TrialError(f"{path} is to be held out, and to be fitted: leave it out of one of them")
+    arms = twin(logs, description, load_plant_parameters().sensors.tau_ext_cutoff_hz, unloaded, held_out)
     with as_file(files("sim_robot") / "parameters" / "profiles" / "ideal.toml") as ideal:
         base, _ = read_toml(ideal)
     out.mkdir()
@@ -33,11 +41,30 @@ def run(logs: list[Path], out: Path, unloaded: list[Path], cell_file: Path | Non
     (out / FRICTION).write_text(friction_toml(friction_file(arms, description.name, len(logs))), encoding="utf-8")
     cell = "\n".join(line for line in source.read_text("utf-8").splitlines() if not line.startswith("joint_friction"))
     (out / CELL).write_text(f'joint_friction = "{FRICTION}"\n{cell}\n', encoding="utf-8")
-    numbers = {"logs": list(map(str, logs))} | {side: asdict(arm) for side, arm in zip(SIDES, arms, strict=True)}
-    (out / NUMBERS).write_text(json.dumps(numbers, indent=1) + "\n", encoding="utf-8")
     for side, arm in zip(SIDES, arms, strict=True):
         typer.echo("\n".join(_lines(side, arm)))
+    whose = ", ".join(map(str, held_out)) or "the end of each log, a fifth"
+    typer.echo(f"held out: {whose}")
+    replays = list(_replayed(held_out, str(out / PROFILE)))
+    used = {
+        name: list(map(str, paths)) for name, paths in (("logs", logs), ("unloaded", unloaded), ("held_out", held_out))
+    }
+    numbers = used | {side: asdict(arm) for side, arm in zip(SIDES, arms, strict=True)}
+    numbers["replays"] = [each.as_dict() for each in replays]
+    (out / NUMBERS).write_text(json.dumps(numbers, indent=1) + "\n", encoding="utf-8")
     typer.echo(f"written: {out / PROFILE} (--profile of a simulated cell), {out / CELL} (--cell-file)")
+
+
+def _replayed(held_out: list[Path], profile: str) -> Iterator[TwinReplay]:
+    """Run the held-out logs again in the twin, those that can be, and print what differs."""
+    for path in held_out:
+        try:
+            made = replay_in_twin(path, profile)
+        except TrialError as error:
+            typer.echo(f"not run again in the twin: {error}")
+            continue
+        typer.echo("\n".join(forces(made)))
+        yield made
 
 
 def _lines(side: str, arm: ArmTwin) -> list[str]:
@@ -48,7 +75,7 @@ def _lines(side: str, arm: ArmTwin) -> list[str]:
         lines.append(f"  {name:<18}" + "  ".join(cells))
     for name, values in arm.rms_nm.items():
         lines.append(f"  {'held out, Nm: ' + name:<28}" + "  ".join(f"{value:.3g}" for value in values))
-    unknown = [each for each in arm.parameters if not each.identified]
+    unknown = [each for each in arm.parameters if not each.identified and each.name not in (*TOUCHING, *LINK)]
     if unknown:
         joints = sorted({each.joint for each in unknown if each.joint})
         what = ", ".join(dict.fromkeys(each.name for each in unknown))
@@ -56,5 +83,14 @@ def _lines(side: str, arm: ArmTwin) -> list[str]:
         where = f" of joints {', '.join(map(str, joints))}" if joints else ""
         lines.append(
             f"  not identified: {what}{where}; add logs of `rtstack excite OUT.mcap --run N`, each with another N"
+        )
+    untouched = [each.name for each in arm.parameters if not each.identified and each.name in TOUCHING]
+    if untouched:
+        lines.append(
+            f"  cannot be identified from these logs: {', '.join(untouched)}; add the log of a grab (rtstack trial)"
+        )
+    if not all(each.identified for name in LINK for each in arm.values(name)):
+        lines.append(
+            "  cannot be identified from these logs: the link; add logs of arms with clocks of their own (10 s)"
         )
     return lines

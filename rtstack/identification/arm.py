@@ -36,7 +36,7 @@ LATE_S = 0.05  # of the two shapes that stand for a signal that is late
 # against which these count
 GRAVITY_PRIOR, SHAPE_PRIOR_NM, PRIOR_NM = 0.02, 0.02, 0.02
 RANK = 1e-5  # of the links' regressors: below it a direction of the inertial parameters has no effect on the torques
-HELD_OUT = 0.2  # of each log's ticks, the last ones: judged on, and never fitted
+FITTED = 0.8  # of each log's ticks, where no log is held out: the last ones are judged on, and never fitted
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,23 +76,34 @@ class Joint:
     SPRING = ("K", "D")
 
 
-def arm_samples(model: pin.Model, logs: Sequence[NDArray]) -> ArmSamples:
-    """Return the samples of ARM_SAMPLE records (n,) of one arm, one array a log."""
-    parts = [_samples(log, number) for number, log in enumerate(logs)]
+def arm_samples(model: pin.Model, logs: Sequence[NDArray], held_out: Sequence[NDArray] = ()) -> ArmSamples:
+    """Return the samples of ARM_SAMPLE records (n,) of one arm, one array a log. held_out: logs that are not fitted;
+    without any, the end of each log is not."""
+    shares = [1.0 if held_out else FITTED] * len(logs) + [0.0] * len(held_out)
+    parts = [
+        _samples(log, number, share) for number, (log, share) in enumerate(zip([*logs, *held_out], shares, strict=True))
+    ]
     return ArmSamples(model, *(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
-def _samples(log: NDArray, number: int) -> tuple[NDArray, ...]:
-    def smooth(values: Array) -> Array:
-        return np.asarray(savgol_filter(values, WINDOW, 3, axis=0))
+def smooth(values: Array) -> Array:
+    """Return values (n, ...), a tick each, by cubics over WINDOW ticks."""
+    return np.asarray(savgol_filter(values, WINDOW, 3, axis=0))
 
-    def rate(values: Array) -> Array:  # of what is smoothed as all else is, and not a cubic's derivative
-        return np.gradient(smooth(values), PERIOD_S, axis=0)
 
-    force = np.linalg.norm(
-        log["O_F_ext_hat_K"][:, :3] - np.median(log["O_F_ext_hat_K"][:FREE_TICKS, :3], axis=0), axis=1
-    )
-    touched = np.convolve(force > CONTACT_N, np.ones(4 * WINDOW), "same") > 0.0
+def rate(values: Array) -> Array:
+    """Return the rate of what is smoothed as all else is, and not a cubic's derivative."""
+    return np.gradient(smooth(values), PERIOD_S, axis=0)
+
+
+def touches(log: NDArray) -> NDArray[np.bool_]:
+    """Return in which ticks (n,) the estimated force is no longer as it begins."""
+    force = log["O_F_ext_hat_K"][:, :3] - np.median(log["O_F_ext_hat_K"][:FREE_TICKS, :3], axis=0)
+    return np.linalg.norm(force, axis=1) > CONTACT_N
+
+
+def _samples(log: NDArray, number: int, fitted: float) -> tuple[NDArray, ...]:
+    touched = np.convolve(touches(log), np.ones(4 * WINDOW), "same") > 0.0
     ticks = np.arange(WINDOW, len(log) - WINDOW, EVERY)
     ticks = ticks[~touched[ticks]]
     # what was commanded acts until the next state
@@ -104,7 +115,7 @@ def _samples(log: NDArray, number: int) -> tuple[NDArray, ...]:
         smooth(tau_d), rate(tau_d), smooth(log["tau_ext_hat_filtered"]),
     )  # fmt: skip
     blocks = 100_000 * number + (ticks * PERIOD_S / BLOCK_S).astype(np.int64)
-    return (*(each[ticks] for each in values), blocks, np.arange(len(ticks)) >= (1.0 - HELD_OUT) * len(ticks))
+    return (*(each[ticks] for each in values), blocks, np.arange(len(ticks)) >= fitted * len(ticks))
 
 
 def _around(values: Array) -> Array:
@@ -121,6 +132,7 @@ class Links:
     (7, n, SHAPES): what else it could be along the motion, of size one, the most likely first; what the commanded
     torque and the robot's own compensation, which act late, change in LATE_S; and a constant. payload: mass kg and
     first moment (3,) kg m in the last link's frame; infinitely uncertain without samples of the arm without it.
+    inertial (70,): what the description lacks, of the arm in `samples` with its payload, and without it.
     """
 
     samples: ArmSamples
@@ -128,6 +140,7 @@ class Links:
     gravity: Array
     shapes: Array
     payload: Estimate
+    inertial: tuple[Array, Array]
 
 
 def links(samples: ArmSamples, bare: ArmSamples | None = None) -> Links:
@@ -156,9 +169,13 @@ def links(samples: ArmSamples, bare: ArmSamples | None = None) -> Links:
         shapes[j, :, :-3] = columns[:, : SHAPES - 3] * np.where(sizes[: SHAPES - 3] > 1e-6, np.sqrt(n), 0.0)
     shapes[:, :, -3], shapes[:, :, -2] = LATE_S * together.dtau_d.T, LATE_S * described[2].T
     payload = Estimate(np.zeros(4), np.full(4, np.inf))
+    without, loaded = found.value[:70], found.value[:70].copy()
     if bare is not None:
+        loaded[60:] += found.value[70:]
         payload = Estimate(found.value[70:74], found.half_width[70:74])
-    return Links(together, described[0] + Y @ found.value, described[1] + gravity_left, shapes, payload)
+    return Links(
+        together, described[0] + Y @ found.value, described[1] + gravity_left, shapes, payload, (loaded, without)
+    )
 
 
 def _joined(one: ArmSamples, other: ArmSamples) -> ArmSamples:

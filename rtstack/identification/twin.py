@@ -1,7 +1,7 @@
 """A twin: what logs of a cell say about its arms, as a profile of the simulated robot and as files of the cell."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +12,15 @@ from hal.configuration import toml_text
 from rtstack.control.parameters import FrictionParameters
 from rtstack.identification import arm as identification
 from rtstack.identification.arm import ArmSamples, Joint, Links, arm_samples
-from rtstack.identification.estimate import Estimate
+from rtstack.identification.contact import ContactLog, contact_stiffness, estimate_delay
+from rtstack.identification.estimate import CONFIDENCE, Estimate
 from rtstack.log.errors import LogError
+from rtstack.log.lateness import state_delays_us
 from rtstack.log.reader import Log, read_log
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription
 from rtstack.samples import SIDES
+from rtstack.topics import CYCLE_TOPICS
 from rtstack.trials.errors import TrialError
 from rtstack.trials.friction import ArmFriction, FrictionFile
 
@@ -28,11 +31,20 @@ SHORTEST_S = 5.0  # of all logs together
 # of known parameters
 METHOD = 0.0025
 FEWEST = 300  # samples without contact
+LINK = tuple(f"link_late_{each}_us" for each in ("50", "90", "99", "99.9"))
+LINK_SHARES = (0.5, 0.9, 0.99, 0.999)  # of states that come no later
+RESAMPLED, FEWEST_BLOCKS = 400, 20
 # half the width of an interval, beyond which a parameter counts as not identified: a share of its value, or its unit
 SURE = {
     "friction_p1": 0.1, "friction_p2": 0.5, "B_theta": 0.1, "K": 0.1, "D": 0.25, "payload_kg": 0.1,
+    "contact_stiffness": 0.1, **dict.fromkeys(LINK, 0.5),
 }  # fmt: skip
-SURE_ABSOLUTE = {"friction_p3": 0.05, "gravity_factor": 0.02, "payload_kg": 0.05, "payload_moment": 0.02}
+SURE_ABSOLUTE = {"friction_p3": 0.05, "gravity_factor": 0.02, "payload_kg": 0.05, "payload_moment": 0.02,
+    "estimate_delay_ms": 0.5,  # a profile counts whole ms
+    **dict.fromkeys(LINK, 20.0),
+}  # fmt: skip
+WHOLE = ("estimate_delay_ms",)
+TOUCHING = ("estimate_delay_ms", "contact_stiffness")  # what free space does not show
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,31 +75,70 @@ class ArmTwin:
 
 
 def twin(
-    paths: Sequence[Path], description: CellDescription, unloaded: Sequence[Path] = ()
+    paths: Sequence[Path], description: CellDescription, cutoff_hz: float, unloaded: Sequence[Path] = (),
+    held_out: Sequence[Path] = (),
 ) -> tuple[ArmTwin, ArmTwin]:  # fmt: skip
     """Identify both arms of a cell. unloaded: logs of the same arms without the payload: what of the links is not as
-    described cannot pass for a payload then; without them no payload is told. Raises TrialError with one line.
+    described cannot pass for a payload then; without them no payload is told. held_out: logs that are judged on and
+    not fitted, instead of the end of each log. cutoff_hz: of the low-pass that the simulated robot's estimate of
+    external torques has; what is identified is the delay beyond it. Raises TrialError with one line.
     """
-    models = [ArmModel(mounting, description.pad).pin_model for mounting in (description.left, description.right)]
-    loaded, empty = _samples(paths, models), _samples(unloaded, models) if unloaded else (None, None)
+    mountings = (description.left, description.right)
+    models = [ArmModel(mounting, description.pad).pin_model for mounting in mountings]
+    try:
+        logs = {each: read_log(each) for each in (*paths, *unloaded, *held_out)}
+        loaded, bare, judged = (_records([logs[each] for each in some]) for some in (paths, unloaded, held_out))
+        cycles = [[logs[each].topic(topic) for each in (*paths, *unloaded)] for topic in CYCLE_TOPICS]
+    except LogError as error:
+        raise TrialError(str(error)) from None
+    samples = [_samples(model, loaded, side, judged) for side, model in enumerate(models)]
+    empty = [_samples(model, bare, side) if bare else None for side, model in enumerate(models)]
+    links = [identification.links(one, other) for one, other in zip(samples, empty, strict=True)]
+    touched = [ContactLog(log, (links[0].inertial[k], links[1].inertial[k]))
+               for k, logs in enumerate((loaded, bare)) for log in logs]  # fmt: skip
+    delays = [estimate_delay(model, touched, side, cutoff_hz) for side, model in enumerate(models)]
+    late_ms = (float(delays[0].value[0]), float(delays[1].value[0]))
+    stiffness = contact_stiffness(mountings, touched, late_ms, cutoff_hz)
+    late = [link_lateness(each) for each in cycles]
+    inertias = [mounting.robot.B_theta for mounting in mountings]
+    found = [_arm(*each) for each in zip(links, samples, inertias, strict=True)]
     left, right = (
-        _arm(samples, bare, mounting.robot.B_theta)
-        for samples, bare, mounting in zip(loaded, empty, (description.left, description.right), strict=True)
-    )
+        replace(arm, parameters=(
+            *arm.parameters, *_named(TOUCHING[0], 0, delay, 0), *_named(TOUCHING[1], 0, stiffness, 0),
+            *(each for k, name in enumerate(LINK) for each in _named(name, 0, network, k)),
+        )) for arm, delay, network in zip(found, delays, late, strict=True)
+    )  # fmt: skip
     return left, right
 
 
-def _samples(paths: Sequence[Path], models: Sequence[Any]) -> list[ArmSamples]:
-    try:
-        logs = [read_log(path) for path in paths]
-        arms = [[_whole_ticks(log, side) for log in logs] for side in SIDES]
-    except LogError as error:
-        raise TrialError(str(error)) from None
-    seconds = sum(map(len, arms[0])) * identification.PERIOD_S
+def link_lateness(logs: Sequence[NDArray]) -> Estimate:
+    """Return by how much states come later than the fastest do, us: quantiles at LINK_SHARES, of CYCLE records. The
+    intervals are of blocks of BLOCK_S drawn anew: states that are late together count once."""
+    late = [state_delays_us(log) for log in logs if len(log)]
+    size = round(identification.BLOCK_S / identification.PERIOD_S)
+    blocks = [part for each in late for part in np.array_split(each, max(1, len(each) // size))]
+    if len(blocks) < FEWEST_BLOCKS:
+        return Estimate(np.zeros(len(LINK)), np.full(len(LINK), np.inf))
+    generator = np.random.default_rng(0)
+    value = np.quantile(np.concatenate(blocks), LINK_SHARES)
+    choices = generator.integers(0, len(blocks), (RESAMPLED, len(blocks)))
+    drawn = [np.quantile(np.concatenate([blocks[k] for k in choice]), LINK_SHARES) for choice in choices]
+    low, high = np.quantile(drawn, (0.5 * (1.0 - CONFIDENCE), 0.5 * (1.0 + CONFIDENCE)), axis=0)
+    return Estimate(value, np.maximum(high - value, value - low))
+
+
+def _records(logs: Sequence[Log]) -> list[tuple[NDArray, NDArray]]:
+    return [(_whole_ticks(log, SIDES[0]), _whole_ticks(log, SIDES[1])) for log in logs]
+
+
+def _samples(
+    model: Any, logs: Sequence[tuple[NDArray, NDArray]], side: int, held_out: Sequence[tuple[NDArray, NDArray]] = ()
+) -> ArmSamples:  # fmt: skip
+    seconds = sum(len(log[side]) for log in logs) * identification.PERIOD_S
     if seconds < SHORTEST_S:
         raise TrialError(f"{seconds:.1f} s of logs identify nothing; make one of 22 s with rtstack excite OUT.mcap")
-    found = [arm_samples(model, records) for model, records in zip(models, arms, strict=True)]
-    if min(len(samples.q) for samples in found) < FEWEST:
+    found = arm_samples(model, [log[side] for log in logs], [log[side] for log in held_out])
+    if np.sum(~found.held_out) < FEWEST:
         raise TrialError("something is touched nearly all the time: make logs in free space (rtstack excite)")
     return found
 
@@ -101,10 +152,9 @@ def _whole_ticks(log: Log, side: str) -> NDArray:
     return records
 
 
-def _arm(samples: ArmSamples, bare: ArmSamples | None, B_theta: NDArray[np.floating]) -> ArmTwin:
+def _arm(link: Links, samples: ArmSamples, B_theta: NDArray[np.floating]) -> ArmTwin:
     published = FrictionParameters()
     friction = np.array([published.p1, published.p2, published.p3]).T
-    link = identification.links(samples, bare)
     joints = [identification.joint(link, j, friction[j], float(B_theta[j])) for j in range(7)]
     parameters = [*_named("payload_kg", 0, link.payload, 0), *(
         each for k, axis in enumerate("xyz") for each in _named(f"payload_moment_{axis}", 0, link.payload, 1 + k)
@@ -146,10 +196,17 @@ def profile_toml(arms: tuple[ArmTwin, ArmTwin], base: Mapping[str, Any]) -> str:
     document = dict(base)
     for side, found in zip(SIDES, arms, strict=True):
         table: dict[str, Any] = {}
-        for name in (*Joint.MOTOR, *Joint.SPRING):
+        for name in (*Joint.MOTOR, *Joint.SPRING, "torque_offset"):
             its = found.values(name)
             if all(each.identified for each in its):
                 table[name] = [each.value for each in its]
+        for name in TOUCHING:
+            its = found.values(name)[0]
+            if its.identified:
+                table[name] = max(0, round(its.value)) if name in WHOLE else its.value
+        late = [found.values(name)[0] for name in LINK]
+        if all(each.identified for each in late):
+            table["link_late_us"] = [each.value for each in late]
         mass = found.values("payload_kg")[0]
         if mass.identified and abs(mass.value) > mass.half_width:
             moment = [found.values(f"payload_moment_{axis}")[0].value for axis in "xyz"]

@@ -186,13 +186,21 @@ def lateness(cycles: Sequence[NDArray], arms: Sequence[NDArray], work: NDArray) 
     return Lateness(sum(map(len, cycles)), tuple(sorted(late, key=lambda cycle: (cycle.t_s, cycle.side))))
 
 
+def state_delays_us(cycles: NDArray) -> NDArray:
+    """Return how much later than the least delayed ones around it each state came, (n,) of CYCLE records (n,)."""
+    return _outside(cycles["arrived_us"] - _oldest_us(cycles))
+
+
+def _oldest_us(cycles: NDArray) -> NDArray:
+    return 1e-3 * cycles["t_ns"] - PERIOD_US * np.maximum(0, cycles["unread"] - 1)
+
+
 def _late_cycles(side: str, cycles: NDArray, arm: NDArray, work: NDArray, start_ns: int) -> list[LateCycle]:
     if not len(cycles):
         return []
     own_us = np.maximum(cycles["answered_us"], 0.0)
     passed_over = np.maximum(0, cycles["unread"] - 1)
-    oldest_us = 1e-3 * cycles["t_ns"] - PERIOD_US * passed_over
-    outside_us = _outside(cycles["arrived_us"] - oldest_us)
+    oldest_us, outside_us = _oldest_us(cycles), state_delays_us(cycles)
     missing = np.zeros(len(cycles))
     missing[1:] = np.maximum(0.0, np.round((oldest_us[1:] - 1e-3 * cycles["t_ns"][:-1]) / PERIOD_US) - 1.0)
     unanswered = _unanswered(cycles, arm)

@@ -30,7 +30,8 @@ OTHER_ARM = 1 << 20  # added to the log's seed: what is not identified of a simu
 class Contact:
     """An arm: the estimated force on it, N, in the log and in the twin. mean: over the ticks with contact in the log.
 
-    ticks: these. path_mm, torque_nm: RMS of the distance of the hands, and of the difference of the joints' torques.
+    ticks: these. path_mm, torque_nm, velocity: RMS of the distance of the hands, and of the difference of the joints'
+    torques and velocities, rad/s.
     """
 
     side: str
@@ -39,6 +40,7 @@ class Contact:
     peak_n: tuple[float, float]
     path_mm: float
     torque_nm: tuple[float, ...]
+    velocity: tuple[float, ...]
 
     @property
     def off(self) -> float | None:
@@ -91,10 +93,10 @@ def _contact(side: str, logged: NDArray, twin: NDArray) -> Contact:
     touched = ours > CONTACT_N
     means = (float(ours[touched].mean()), float(its[touched].mean())) if touched.any() else (0.0, 0.0)
     apart = np.linalg.norm(logged["O_T_EE"][:n, :3, 3] - twin["O_T_EE"][:n, :3, 3], axis=1)
-    torque = np.sqrt(np.mean((logged["tau_J"][:n] - twin["tau_J"][:n]) ** 2, axis=0))
+    torque, velocity = (np.sqrt(np.mean((logged[name][:n] - twin[name][:n]) ** 2, axis=0)) for name in ("tau_J", "dq"))
     return Contact(
         side, int(touched.sum()), means, (float(ours.max()), float(its.max())), float(1e3 * np.sqrt(np.mean(apart**2))),
-        tuple(torque.tolist()),
+        tuple(torque.tolist()), tuple(velocity.tolist()),
     )  # fmt: skip
 
 

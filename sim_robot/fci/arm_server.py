@@ -1,7 +1,7 @@
 """One arm as its control box shows it to a client: requests, motions, modes, and what it answers."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from sim_robot.fci.protocol import (
 )
 from sim_robot.fci.robot_state import CARTESIAN_COLLISION, JOINT_COLLISION
 from sim_robot.fci.settings import InvalidSetting, Settings
-from sim_robot.profile import BOX_DRAW, Spread
+from sim_robot.profile import BOX_DRAW, LINK_DRAW, Spread
 from sim_robot.proximity import Proximity
 
 _NEVER_NS = 1 << 62
@@ -99,6 +99,11 @@ class ArmServer:
         self._rest()
 
     # what the server asks
+
+    def link_late(self) -> tuple[Sequence[float], tuple[int, int, int]]:
+        """How late this arm's states reach a client, us, where the profile says it (see Link.be_late), and the seed."""
+        profile = self._cell.plant.profile
+        return (profile.left, profile.right)[self._side].link_late_us or (), (self._cell.seed, LINK_DRAW, self._side)
 
     @property
     def moving(self) -> bool:

@@ -7,7 +7,9 @@ connection. Only one client has the arm; others are turned away when they say Co
 import contextlib
 import socket
 import struct
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -23,6 +25,7 @@ from sim_robot.fci.protocol import (
     ConnectStatus,
     response,
 )
+from sim_robot.profile import LATE_SHARES
 
 MOST_SESSIONS = 8  # connections that have not said Connect yet, and the client
 BACKLOG = 128  # connections that wait in the kernel to be taken
@@ -67,6 +70,8 @@ class Link:
         self._buffers = (self._overlong,)
         self.arrived_ns = 0  # when the command that `on_command` gets came in, by the kernel's word, ns of time.time_ns
         self._listener: socket.socket | None = None
+        self._late_us: Sequence[float] = ()
+        self._draws, self._last_s = np.random.default_rng(0), 0.0
         self.listen(True)
 
     # connections
@@ -209,8 +214,20 @@ class Link:
 
     # states and commands
 
+    def be_late(self, late_us: Sequence[float], seed: Sequence[int]) -> None:
+        """Send each state from now on as late as is drawn: quantiles at LATE_SHARES, us. None overtakes another."""
+        self._late_us, self._draws = late_us, np.random.default_rng(np.random.SeedSequence(seed))
+
     def send_state(self, state: memoryview) -> None:
         """Send one state to the client, if there is one. A datagram that does not fit is lost, as on a network."""
+        if not self._late_us:
+            self._send_state(state)
+            return
+        late_us = float(np.interp(self._draws.random(), (0.0, *LATE_SHARES), (0.0, *self._late_us)))
+        self._last_s = max(self._last_s, time.monotonic() + 1e-6 * late_us)
+        self._poller.at(self._last_s, partial(self._send_state, bytes(state)))
+
+    def _send_state(self, state: memoryview | bytes) -> None:
         if self._udp is not None:
             with contextlib.suppress(OSError):
                 self._udp.send(state)

@@ -16,6 +16,7 @@ class Poller:
         self._callbacks: dict[int, tuple[bool, Callable[[], None]]] = {}
         self._wait_list = [self._epoll]
         self._resting: dict[int, float] = {}  # descriptor: until when it is not looked at
+        self._timers: list[tuple[float, Callable[[], None]]] = []
 
     def watch(self, sock: socket.socket, callback: Callable[[], None]) -> None:
         """Call `callback` whenever `sock` can be read, or written while `want_write` is set."""
@@ -31,14 +32,22 @@ class Poller:
         self._epoll.modify(sock.fileno(), 0)
         self._resting[sock.fileno()] = time.monotonic() + seconds
 
+    def at(self, when_s: float, callback: Callable[[], None]) -> None:
+        """Call `callback` once, at `when_s` of time.monotonic or as soon afterwards as `serve` is called."""
+        self._timers.append((when_s, callback))
+
     def _wake(self) -> float:
-        """Look again at what has rested long enough; return for how long the next one rests."""
+        """Look again at what has rested long enough, and call what is due; return for how long the next one waits."""
         now = time.monotonic()
+        due = [callback for when_s, callback in self._timers if when_s <= now]
+        self._timers = [each for each in self._timers if each[0] > now]
+        for callback in due:
+            callback()
         for descriptor, until_s in tuple(self._resting.items()):
             if until_s <= now:
                 del self._resting[descriptor]
                 self._epoll.modify(descriptor, _READ)
-        return min(self._resting.values(), default=now) - now
+        return min((*self._resting.values(), *(when_s for when_s, _ in self._timers)), default=now) - now
 
     def forget(self, sock: socket.socket) -> None:
         """Stop watching; call it before closing the socket."""
@@ -48,9 +57,9 @@ class Poller:
 
     def serve(self, timeout_s: float) -> bool:
         """Wait up to `timeout_s`, call each ready one once, and return whether there was any."""
-        if self._resting:
+        if self._resting or self._timers:
             rest_s = self._wake()
-            timeout_s = min(timeout_s, rest_s) if self._resting else timeout_s
+            timeout_s = min(timeout_s, rest_s) if self._resting or self._timers else timeout_s
         # epoll alone rounds to milliseconds; select on the epoll's own descriptor does not
         if timeout_s > 0.0 and not select.select(self._wait_list, (), (), timeout_s)[0]:
             return False

@@ -4,7 +4,8 @@ With a phase or a drift the right arm has a clock of its own, as two control box
 out, its message ids count, and its answers are due and are applied, at its own instants. Both share one plant, which
 goes on with the left clock: what the right arm shows is at most one plant ms old (as the clocks drift apart, a plant
 state is shown twice, or not at all, once in a while), and a torque of the right arm acts from the plant's next ms on.
-Not modelled: transport delay, and jitter beyond the host's own. `pace.py` says who may be late, and by how much.
+Transport delay, and jitter beyond the host's own, are those of a twin's profile (link_late_us). `pace.py` says who may
+be late, and by how much.
 """
 
 import time
@@ -70,6 +71,7 @@ class Realtime:
         self._slower, self._period_ns = slower, round(slower * PERIOD_NS)
         for arm_server in server.arm_servers:
             arm_server.period_ns = self._period_ns
+            arm_server.link.be_late(*arm_server.link_late())
         self._right = None if right_clock == RightClock() else right_clock
         self._clocks: tuple[_BoxClock, ...] = (_BoxClock(server.arm_servers, 0),)
         self._ahead = False  # the plant has gone on already, and what it shows waits for its time

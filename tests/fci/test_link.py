@@ -63,6 +63,31 @@ def answered(tcp: socket.socket) -> int:
     return tcp.recv(HEADER.size + 3)[HEADER.size]
 
 
+def test_states_of_a_late_link_come_later_and_in_their_order(served: ServedByHand) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ours:
+        ours.bind(("127.0.0.1", 0))
+        ours.setblocking(False)
+        tcp = socket.create_connection((served.address, PORT), timeout=LATER_S)
+        tcp.sendall(HEADER.pack(Command.CONNECT, 1, HEADER.size + 4) + struct.pack("<HH", 10, ours.getsockname()[1]))
+        served.until(lambda: served.link.client is not None)
+        served.link.be_late((5e3, 5e3, 2e4, 2e4), (1, 2))
+        for number in range(50):
+            served.link.send_state(memoryview(bytes([number])))
+        with pytest.raises(BlockingIOError):
+            ours.recv(8)
+        came = bytearray()
+
+        def read() -> bool:
+            with contextlib.suppress(BlockingIOError):
+                while True:
+                    came.extend(ours.recv(8))
+            return len(came) == 50
+
+        served.until(read)
+        assert came == bytes(range(50))
+        tcp.close()
+
+
 def test_a_flood_costs_the_loop_no_more_than_its_share(served: ServedByHand) -> None:
     with contextlib.ExitStack() as stack:
         for _ in range(100):

@@ -2,26 +2,31 @@
 
 import json
 from dataclasses import replace
+from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from hal.configuration import ConfigurationError
+from hal.configuration import ConfigurationError, read_toml, toml_text
+from hal.cycle import CYCLE
 from rtstack.cells import load_description
 from rtstack.identification import arm as identification
 from rtstack.identification import sweep
 from rtstack.identification.arm import Joint
 from rtstack.identification.estimate import linear
 from rtstack.identification.procedure import uncompensated
+from rtstack.identification.twin import LINK_SHARES, link_lateness
 from rtstack.model.arm_model import ArmModel
 from rtstack.trials.assembly import arm_controllers
 from rtstack.trials.motion import run_motion
 from sim_robot.cell import SimulatedCell
 from sim_robot.plant import Plant
 from sim_robot.plant_parameters import load_plant_parameters
-from sim_robot.profile import Twin, load_profile
+from sim_robot.profile import LATE_SHARES, Twin, load_profile
 from sim_robot.scene import load_scene
 
+IDEAL_FILE = Path(str(files("sim_robot"))) / "parameters/profiles/ideal.toml"
 OWN = Twin(
     B_theta=(0.3, 0.15, 0.2, 0.1, 0.09, 0.05, 0.08), friction_p1=(0.9, 0.5, 1.1, 0.8, 0.5, 0.5, 0.3),
     payload_kg=0.8, payload_centre=(0.02, -0.01, 0.15),
@@ -97,6 +102,49 @@ def test_a_log_that_does_not_excite_says_so_and_its_profile_can_be_simulated(dem
     options = ("--profile", out / "profile.toml", "--cell-file", out / "cell.toml")
     played = command_line("teach", tmp_path / "again.mcap", *options)
     assert played.returncode == 0, played.stderr
+
+
+def test_what_touches_tells_the_estimates_delay_and_the_pads_stiffness(demonstration, tmp_path, command_line):
+    truth = {
+        "torque_offset": [0.3, -0.2, 0.1, 0.0, 0.05, -0.1, 0.02],
+        "estimate_delay_ms": 4,
+        "contact_stiffness": 28e3,
+    }
+    base, _ = read_toml(IDEAL_FILE)
+    (tmp_path / "own.toml").write_text(toml_text(base | {"left": truth, "right": truth}))
+    log, out = tmp_path / "own.mcap", tmp_path / "twin"
+    assert command_line("teach", log, "--profile", tmp_path / "own.toml").returncode == 0
+    said = command_line("twin", log, "--held-out", demonstration.path, "--out", out)
+    assert said.returncode == 0, said.stderr
+    assert f"held out: {demonstration.path}" in said.stdout
+    assert "cannot be identified from these logs: the link" in said.stdout
+    found = load_profile(str(out / "profile.toml"))
+    for arm in (found.left, found.right):
+        assert arm.estimate_delay_ms == truth["estimate_delay_ms"]
+        assert arm.contact_stiffness == pytest.approx(truth["contact_stiffness"], rel=0.1)
+        assert arm.torque_offset == pytest.approx(truth["torque_offset"], abs=0.02)
+        assert arm.link_late_us is None
+    numbers = json.loads((out / "twin.json").read_text())
+    assert numbers["held_out"] == [str(demonstration.path)]
+    assert numbers["replays"][0]["log"] == str(demonstration.path)
+    twice = command_line("twin", log, "--held-out", log, "--out", tmp_path / "other")
+    assert twice.returncode == 2
+    assert "is to be held out, and to be fitted" in twice.stderr
+
+
+def test_how_late_a_links_states_are_is_told_with_intervals_that_hold():
+    generator, inside = np.random.default_rng(3), []
+    late_us = np.array([40.0, 90.0, 300.0, 1500.0])
+    for _ in range(20):
+        cycles = np.zeros(40_000, CYCLE)
+        cycles["t_ns"], cycles["unread"] = np.arange(len(cycles)) * 1_000_000, 1
+        drawn = np.interp(generator.random(len(cycles)), (0.0, *LATE_SHARES), (0.0, *late_us))
+        cycles["arrived_us"] = 7e6 + 1e-3 * cycles["t_ns"] + drawn
+        found = link_lateness([cycles])
+        inside.append(np.abs(found.value - late_us) <= found.half_width)
+    assert np.mean(inside) > 0.85
+    assert np.isinf(link_lateness([cycles[:5000]]).half_width).all()
+    assert LINK_SHARES == LATE_SHARES
 
 
 def test_what_cannot_be_used_is_one_line(tmp_path, command_line):

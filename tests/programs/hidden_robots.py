@@ -2,11 +2,13 @@
 
     python -m tests.programs.hidden_robots --robots 20 --out DIR
 
-Friction, reflected inertia, stiffness, damping, gravity compensation and payload are drawn from wide ranges, and every
-link's inertia differs from its description (sim_robot/parameters/plant.toml). A robot makes three motions of
-`rtstack excite`, 66 s: one without its payload, two with it. Then it grabs the box without its payload, twice, with the
-published friction and with the twin's; and the first of these logs is run again in the twin, whose profile has the
-payload taken away. The program goes on where it was left: `--for-s` says after how long it begins no further step.
+Friction, reflected inertia, stiffness, damping, gravity compensation, payload, offset and delay of the force estimate
+and the stiffness of a pad on the box are drawn from wide ranges, and every link's inertia differs from its description
+(sim_robot/parameters/plant.toml). A robot makes three motions of `rtstack excite`, 66 s: one without its payload, two
+with it; and grabs the box once, without it. From these logs it is identified. Then it grabs the box, displaced and
+without its payload, twice, with the published friction and with the twin's; and the first of these logs, which no fit
+has seen, is run again in the twin, whose profile has the payload taken away. The program goes on where it was left:
+`--for-s` says after how long it begins no further step.
 DIR/result.json and the last lines say how far the twin is off, and how many of its intervals contain the truth.
 """
 
@@ -28,6 +30,8 @@ from rtstack.model.cell_description import base_frame
 from rtstack.papers.reference_spreading.measures import measure
 from rtstack.samples import Mode
 from rtstack.trials.review import log_columns
+from sim_robot.contact import series
+from sim_robot.scene import load_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 IDEAL = ROOT / "sim_robot/parameters/profiles/ideal.toml"
@@ -38,7 +42,11 @@ RANGES = {
 }  # fmt: skip
 GRAVITY = 0.005  # standard deviation of the gravity compensation's factor
 PAYLOAD_KG = (0.2, 1.5)
-OBJECT, SHIFT_MM = "rice_box", -30.0  # of the grabs: one pad comes first
+OFFSET_NM = (0.2, 0.4, 0.2, 0.35, 0.09, 0.09, 0.06)  # of the force estimate, standard deviations: the honest profile
+DELAY_MS = 6  # of the force estimate, at most
+CONTACT = (0.6, 1.6)  # factor on the stiffness of a pad on the box
+OBJECT, SHIFT_MM = "rice_box", -30.0  # of the grabs that are judged: one pad comes first
+FITTED_SHIFT_MM = 10.0  # of the grab that is fitted
 RESULT = ("success", "nominal_impact_time_s", "detected_impact_time_s")
 RTSTACK = [sys.executable, "-m", "rtstack"]
 
@@ -54,6 +62,8 @@ def drawn(generator: np.random.Generator) -> dict[str, object]:
     arm["gravity_factor"] = (1.0 + GRAVITY * generator.standard_normal(7)).tolist()
     arm["payload_kg"] = float(generator.uniform(*PAYLOAD_KG))
     arm["payload_centre"] = [*generator.uniform(-0.03, 0.03, 2).tolist(), float(generator.uniform(0.1, 0.2))]
+    arm["torque_offset"] = (np.array(OFFSET_NM) * generator.standard_normal(7)).tolist()
+    arm["estimate_delay_ms"] = int(generator.integers(0, DELAY_MS + 1))
     return arm
 
 
@@ -82,6 +92,10 @@ class Robot:
         self.folder.mkdir(parents=True, exist_ok=True)
         generator = np.random.default_rng([2026, number])
         self.arms = {side: drawn(generator) for side in ("left", "right")}
+        scene = load_scene()
+        on_box = series(scene.find(OBJECT).stiffness, scene.pad.stiffness) * np.exp(generator.uniform(*np.log(CONTACT)))
+        for arm in self.arms.values():  # what both pads do to one box does not tell one pad from the other
+            arm["contact_stiffness"] = float(on_box)
         bare = {side: arm | {"payload_kg": 0.0} for side, arm in self.arms.items()}
         base, _ = read_toml(IDEAL)
         for name, tables in (("bare", bare), ("loaded", self.arms)):
@@ -93,7 +107,8 @@ class Robot:
         logs = [(f"{name}{run}.mcap", self._excited(name, run)) for name, run in (("bare", 0), ("loaded", 1),
                                                                                  ("loaded", 2))]  # fmt: skip
         return [
-            *logs, ("twin", self._identified), ("published.mcap", self._grab([])),
+            *logs, ("grab.mcap", self._grab([], FITTED_SHIFT_MM)), ("twin", self._identified),
+            ("published.mcap", self._grab([])),
             ("own.mcap", self._grab(["--friction", str(self.folder / "twin/friction.toml")])),
             ("replay.json", self._replayed),
         ]  # fmt: skip
@@ -105,13 +120,14 @@ class Robot:
         return make
 
     def _identified(self, path: Path) -> None:
-        logs = (self.folder / f"{name}.mcap" for name in ("loaded1", "loaded2", "bare0"))
-        loaded1, loaded2, bare = logs
-        _run("twin", loaded1, loaded2, "--unloaded", bare, "--out", path)
+        loaded1, loaded2, bare, grab = (
+            self.folder / f"{name}.mcap" for name in ("loaded1", "loaded2", "bare0", "grab")
+        )
+        _run("twin", loaded1, loaded2, "--unloaded", bare, "--unloaded", grab, "--out", path)
 
-    def _grab(self, options: list[str]) -> Callable[[Path], None]:
+    def _grab(self, options: list[str], shift_mm: float = SHIFT_MM) -> Callable[[Path], None]:
         def make(path: Path) -> None:
-            asked = ["--reference", self.reference, "--object", OBJECT, "--displacement-mm", SHIFT_MM, *options]
+            asked = ["--reference", self.reference, "--object", OBJECT, "--displacement-mm", shift_mm, *options]
             _run("trial", *asked, "--seed", self.number, "--profile", self.folder / "bare.toml", "--log", path)
 
         return make
@@ -171,7 +187,7 @@ def report(rows: list[dict]) -> str:
             lines.append(f"{name:<18}{f'0 of {len(its)}':>12}")
             continue
         off = np.array([abs(row["value"] - row["truth"]) for row in sure])
-        relative = not name.startswith(("payload_moment", "friction_p3"))
+        relative = not name.startswith(("payload_moment", "friction_p3", "torque_offset", "estimate_delay"))
         off = 100.0 * off / np.abs([row["truth"] for row in sure]) if relative else 1e3 * off
         inside = np.mean([abs(row["value"] - row["truth"]) <= row["half_width"] for row in sure])
         figures = "".join(f"{value:>9.2f}" for value in (np.quantile(off, 0.9), off.max()))

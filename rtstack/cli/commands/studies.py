@@ -75,9 +75,12 @@ def twin(
     unloaded: Annotated[
         list[Path], typer.Option(metavar="LOG.mcap", help="Of the same arms without the payload; may be repeated.")
     ] = [],  # noqa: B006
+    held_out: Annotated[
+        list[Path], typer.Option(metavar="LOG.mcap", help="To judge the twin on, never fitted; may be repeated.")
+    ] = [],  # noqa: B006
     cell_file: CellFile = None,
 ) -> None:
     """Identify both arms from their logs: a profile of the simulated robot, a friction, and what remains unknown."""
     from rtstack.cli.twin import run
 
-    run(logs, out, unloaded, cell_file)
+    run(logs, out, unloaded, held_out, cell_file)
