@@ -8,6 +8,7 @@ import json
 import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -114,7 +115,7 @@ def from_document(document: dict[str, Any], kind: type[T], source: str, text: st
     try:
         # JSON has TOML's types, and no other way in which to write a number; a tuple carries the configuration to kind
         written = json.dumps([document], default=str)
-        return TypeAdapter(tuple[kind], config=_PLAIN).validate_json(written, strict=True)[0]  # pyright: ignore[reportInvalidTypeForm]
+        return _adapter(kind).validate_json(written, strict=True)[0]
     except ValidationError as error:
         first = error.errors()[0]
         loc, said = first["loc"][1:], first["msg"].removeprefix("Value error, ")
@@ -122,6 +123,12 @@ def from_document(document: dict[str, Any], kind: type[T], source: str, text: st
         raise ConfigurationError(one_line(f"{place_of(source, text, loc)}: {key}{said}")) from None
     except (ValueError, RecursionError) as error:  # an integer of thousands of digits cannot be written
         raise ConfigurationError(one_line(f"{source}: {error}")) from None
+
+
+@cache
+def _adapter(kind: type[T]) -> TypeAdapter[tuple[T]]:
+    """Return what checks a kind: made once, which takes longer than to read a file."""
+    return TypeAdapter(tuple[kind], config=_PLAIN)  # pyright: ignore[reportInvalidTypeForm]
 
 
 def one_line(message: str) -> str:
