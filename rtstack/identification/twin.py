@@ -17,7 +17,7 @@ from rtstack.identification.estimate import CONFIDENCE, Estimate
 from rtstack.log.errors import LogError
 from rtstack.log.lateness import state_delays_us
 from rtstack.log.reader import Log, read_log
-from rtstack.model.arm_model import ArmModel
+from rtstack.model.arm_model import ArmModel, face_placement
 from rtstack.model.cell_description import CellDescription
 from rtstack.samples import SIDES
 from rtstack.topics import CYCLE_TOPICS
@@ -43,6 +43,8 @@ SURE_ABSOLUTE = {"friction_p3": 0.05, "gravity_factor": 0.02, "payload_kg": 0.05
     "estimate_delay_ms": 0.5,  # a profile counts whole ms
     **dict.fromkeys(LINK, 20.0),
 }  # fmt: skip
+# added like METHOD: what samples of 1 ms and substeps of 0.25 ms leave open of a delay, ms
+METHOD_ABSOLUTE = {"estimate_delay_ms": 0.125}
 WHOLE = ("estimate_delay_ms",)
 TOUCHING = ("estimate_delay_ms", "contact_stiffness")  # what free space does not show
 
@@ -98,7 +100,11 @@ def twin(
                for k, logs in enumerate((loaded, bare)) for log in logs]  # fmt: skip
     delays = [estimate_delay(model, touched, side, cutoff_hz) for side, model in enumerate(models)]
     late_ms = (float(delays[0].value[0]), float(delays[1].value[0]))
-    stiffness = contact_stiffness(mountings, touched, late_ms, cutoff_hz)
+    faces = [
+        face_placement(mounting, description.pad, model) for mounting, model in zip(mountings, models, strict=True)
+    ]
+    offsets = [identification.bias(each).value for each in samples]
+    stiffness = contact_stiffness(models, faces, touched, offsets, late_ms, cutoff_hz)
     late = [link_lateness(each) for each in cycles]
     inertias = [mounting.robot.B_theta for mounting in mountings]
     found = [_arm(*each) for each in zip(links, samples, inertias, strict=True)]
@@ -177,7 +183,7 @@ def _arm(link: Links, samples: ArmSamples, B_theta: NDArray[np.floating]) -> Arm
 
 def _named(name: str, joint: int, estimate: Estimate, k: int) -> Iterator[Parameter]:
     value = float(estimate.value[k])
-    half = float(np.hypot(estimate.half_width[k], METHOD * value))
+    half = float(np.hypot(estimate.half_width[k], METHOD_ABSOLUTE.get(name, METHOD * value)))
     bound = max(
         SURE.get(name, 0.0) * abs(value), SURE_ABSOLUTE.get(name.rstrip("xyz").rstrip("_"), 0.0),
         np.inf if name == "torque_offset" else 0.0,

@@ -61,8 +61,9 @@ class McapWriter:
             compression=MCAPCompression.Lz4, disable_seeking=True, chunk_size=None, compression_threads=0
         )
         self._writer = foxglove.open_mcap(self._file, context=context, writer_options=options)
+        # as foxglove.Channel makes it, which keeps each one as long as the process lives: 150 kB a log
         self._channels = {
-            topic: foxglove.Channel(topic, schema=schema, message_encoding=schema.encoding, context=context).base
+            topic: context._create_channel(topic, schema=schema, message_encoding=schema.encoding, metadata=None)
             for topic, schema in (topic_schemas() | dict(pictures)).items()
         }
         self.messages = dict.fromkeys(self._channels, 0)

@@ -135,14 +135,14 @@ def test_what_touches_tells_the_estimates_delay_and_the_pads_stiffness(demonstra
 def test_how_late_a_links_states_are_is_told_with_intervals_that_hold():
     generator, inside = np.random.default_rng(3), []
     late_us = np.array([40.0, 90.0, 300.0, 1500.0])
-    for _ in range(20):
-        cycles = np.zeros(40_000, CYCLE)
+    for _ in range(10):
+        cycles = np.zeros(20_000, CYCLE)
         cycles["t_ns"], cycles["unread"] = np.arange(len(cycles)) * 1_000_000, 1
         drawn = np.interp(generator.random(len(cycles)), (0.0, *LATE_SHARES), (0.0, *late_us))
         cycles["arrived_us"] = 7e6 + 1e-3 * cycles["t_ns"] + drawn
         found = link_lateness([cycles])
         inside.append(np.abs(found.value - late_us) <= found.half_width)
-    assert np.mean(inside) > 0.85
+    assert np.mean(inside) > 0.8
     assert np.isinf(link_lateness([cycles[:5000]]).half_width).all()
     assert LINK_SHARES == LATE_SHARES
 
