@@ -74,7 +74,7 @@ def _lines(side: str, arm: ArmTwin) -> list[str]:
         cells = [f"{each.value:.4g} ± {each.half_width:.2g}" if each.identified else "?" for each in arm.values(name)]
         lines.append(f"  {name:<18}" + "  ".join(cells))
     for name, values in arm.rms_nm.items():
-        lines.append(f"  {'held out, Nm: ' + name:<28}" + "  ".join(f"{value:.3g}" for value in values))
+        lines.append(f"  {'held out, Nm: ' + name:<32}" + "  ".join(f"{value:.3g}" for value in values))
     unknown = [each for each in arm.parameters if not each.identified and each.name not in (*TOUCHING, *LINK)]
     if unknown:
         joints = sorted({each.joint for each in unknown if each.joint})

@@ -30,7 +30,7 @@ SHORTEST_S = 5.0  # of all logs together
 # of a value, added to each interval: what sampling at 1 kHz and noise in the regressors shift, 0.1 to 0.2 % on a robot
 # of known parameters
 METHOD = 0.0025
-FEWEST = 300  # samples without contact
+FEWEST = 200  # samples without contact that are fitted
 LINK = tuple(f"link_late_{each}_us" for each in ("50", "90", "99", "99.9"))
 LINK_SHARES = (0.5, 0.9, 0.99, 0.999)  # of states that come no later
 RESAMPLED, FEWEST_BLOCKS = 400, 20
