@@ -11,9 +11,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from foxglove.channel import _channels_by_id
 from mcap.reader import make_reader
 
 from rtstack.log.errors import LogError
+from rtstack.log.mcap_writer import McapWriter
 from rtstack.log.reader import read_log
 from rtstack.log.recover import recover
 from rtstack.log.ring import CAPACITY, LogState, Rings
@@ -294,3 +296,10 @@ def test_an_existing_log_is_only_replaced_on_request(tmp_path: Path) -> None:
     assert empty.metadata["result"] == RESULT
     assert len(empty.topic("/left/arm")) == 0
     assert empty.events == ()
+
+
+def test_a_process_that_writes_many_logs_keeps_none_of_their_channels(tmp_path: Path) -> None:
+    before = len(_channels_by_id)
+    with open(tmp_path / "one.mcap", "wb") as file:
+        McapWriter(file).close()
+    assert len(_channels_by_id) == before
