@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hal.configuration import read_toml, toml_text
-from rtstack.cli.replay import _forces
+from rtstack.cli.replay import forces
 from rtstack.playback.twin_replay import replay_in_twin
 from rtstack.trials.errors import TrialError
 from tests.programs.hidden_robots import IDEAL
@@ -19,7 +19,7 @@ def test_a_twin_that_is_the_robot_gives_the_logs_contact_force(demonstration):
         assert arm.ticks > 1000
         assert abs(arm.off) < 0.05
         assert arm.path_mm < 5.0
-    told = "\n".join(_forces(made))
+    told = "\n".join(forces(made))
     assert f"{made.arms[0].mean_n[0]:.1f} N" in told
 
 
