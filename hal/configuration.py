@@ -126,7 +126,7 @@ def from_document(document: dict[str, Any], kind: type[T], source: str, text: st
 
 
 @cache
-def _adapter(kind: type[T]) -> TypeAdapter[tuple[T]]:
+def _adapter(kind: type[Any]) -> TypeAdapter[tuple[Any]]:
     """Return what checks a kind: made once, which takes longer than to read a file."""
     return TypeAdapter(tuple[kind], config=_PLAIN)  # pyright: ignore[reportInvalidTypeForm]
 

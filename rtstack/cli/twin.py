@@ -4,6 +4,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import typer
 
@@ -49,7 +50,7 @@ def run(logs: list[Path], out: Path, unloaded: list[Path], held_out: list[Path],
     used = {
         name: list(map(str, paths)) for name, paths in (("logs", logs), ("unloaded", unloaded), ("held_out", held_out))
     }
-    numbers = used | {side: asdict(arm) for side, arm in zip(SIDES, arms, strict=True)}
+    numbers: dict[str, Any] = used | {side: asdict(arm) for side, arm in zip(SIDES, arms, strict=True)}
     numbers["replays"] = [each.as_dict() for each in replays]
     (out / NUMBERS).write_text(json.dumps(numbers, indent=1) + "\n", encoding="utf-8")
     typer.echo(f"written: {out / PROFILE} (--profile of a simulated cell), {out / CELL} (--cell-file)")
