@@ -39,14 +39,18 @@ class ContactLog:
 def estimate_delay(model: pin.Model, logs: Sequence[ContactLog], side: int, cutoff_hz: float) -> Estimate:
     """Return how late the estimate of an arm (0, 1) is beyond a low-pass of cutoff_hz, (1,), ms.
 
-    What the inertial parameters change in it is part of the interval: a log that hardly moves tells little of them.
+    By the inertial parameters that were fitted, or by those of the description, whichever explain the contacts better,
+    which no fit of them has seen: a log that hardly moves tells little of them.
     """
     described = [ContactLog(log.arms, (np.zeros(70), np.zeros(70))) for log in logs]
-    found, without = (_delay(model, each, side, cutoff_hz) for each in (logs, described))
-    return Estimate(found.value, np.hypot(found.half_width, found.value - without.value))
+    found, _ = min((_delay(model, each, side, cutoff_hz) for each in (logs, described)), key=lambda each: each[1])
+    return found
 
 
-def _delay(model: pin.Model, logs: Sequence[ContactLog], side: int, cutoff_hz: float) -> Estimate:
+def _delay(
+    model: pin.Model, logs: Sequence[ContactLog], side: int, cutoff_hz: float
+) -> tuple[Estimate, float]:  # fmt: skip
+    """Return the delay, and the sum of squares that is left."""
     left, shown, blocks = [], [], []
     for number, log in enumerate(logs):
         records = log.arms[side]
@@ -63,7 +67,7 @@ def _delay(model: pin.Model, logs: Sequence[ContactLog], side: int, cutoff_hz: f
             shown.append(smooth(part["tau_ext_hat_filtered"])[WINDOW:-WINDOW])
             blocks.append(np.repeat(100_000 * number + np.arange(begin, end) // BLOCK, 7))
     if not left:
-        return UNKNOWN
+        return UNKNOWN, 0.0
 
     def residual(x: Array) -> Array:
         found = []
@@ -76,7 +80,8 @@ def _delay(model: pin.Model, logs: Sequence[ContactLog], side: int, cutoff_hz: f
     starts = np.arange(0.0, LONGEST_MS + 1.0)
     best = min(starts, key=lambda ms: float(np.sum(residual(np.array([ms])) ** 2)))
     bounds = (np.array([-2.0]), np.array([LONGEST_MS + 2.0]))
-    return curve(residual, np.array([best]), bounds, np.ones(1), np.concatenate(blocks))
+    found = curve(residual, np.array([best]), bounds, np.ones(1), np.concatenate(blocks))
+    return found, float(np.sum(residual(found.value) ** 2))
 
 
 def contact_stiffness(
