@@ -7,8 +7,6 @@ right, y up, z out of it, its origin in the middle. A process of its own: pictur
 
 import argparse
 import contextlib
-import ctypes
-import signal
 import socket
 import struct
 import sys
@@ -28,11 +26,10 @@ from hal.configuration import load_toml, toml_text
 from hal.tag_camera import TagCamera
 from hal.tracker import TrackerRequest
 from hal.tracker_link import DATAGRAM
-from hal.tracker_process import TrackerProcess
+from hal.tracker_process import TrackerProcess, ready
 
 PICTURE = struct.Struct("<qii")  # in front of a grey picture that a program sends: time.monotonic_ns, width, height
 _LONGEST_STAMP_S = 1.0  # a driver's stamp that is further from now is of another clock
-_PR_SET_PDEATHSIG = 1  # linux/prctl.h
 _AGAIN_S = 1.0
 # of the reprojection, px: more is another thing than a tag, or a camera with other intrinsics; ours
 WORST_PX = 2.0
@@ -201,9 +198,9 @@ def main() -> None:
     parser.add_argument("to_host")
     parser.add_argument("to_port", type=int)
     options = parser.parse_args()
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C in the terminal: who has started it ends it
     camera, said = load_toml(options.camera, TagCamera), ""
+    detector(camera)
+    ready()
     while True:
         try:
             watch(camera, options.tag, (options.to_host, options.to_port))

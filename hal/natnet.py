@@ -10,9 +10,7 @@ Nothing maintained on PyPI reads NatNet 4. The messages as in NaturalPoint's des
 
 import argparse
 import contextlib
-import ctypes
 import select
-import signal
 import socket
 import struct
 import time
@@ -22,7 +20,7 @@ import numpy as np
 
 from hal.tracker import TrackerRequest
 from hal.tracker_link import DATAGRAM
-from hal.tracker_process import TrackerProcess
+from hal.tracker_process import TrackerProcess, ready
 
 CONNECT, SERVER_INFO, FRAME_OF_DATA, KEEP_ALIVE = 0, 1, 7, 10
 DATA_PORT = 1511
@@ -30,7 +28,6 @@ _MOST = 10_000  # of what a frame has of one kind
 _RIGID_BODY = struct.Struct("<i3f4ffh")  # id, position, quaternion xyzw, mean error, parameters
 _TRACKED = 1  # of its parameters
 _LABELED_MARKER_BYTES = 26  # id, position, size, parameters, residual
-_PR_SET_PDEATHSIG = 1  # linux/prctl.h
 _AGAIN_S = 1.0
 
 
@@ -164,9 +161,9 @@ class _Client:
             if time.monotonic() - asked_s >= _AGAIN_S:
                 asked_s = time.monotonic()
                 self._ask()
-            for ready in select.select(self._sockets, [], [], _AGAIN_S / 2)[0]:
+            for filled in select.select(self._sockets, [], [], _AGAIN_S / 2)[0]:
                 with contextlib.suppress(OSError, NatNetError):
-                    self._take(ready.recv(65536))
+                    self._take(filled.recv(65536))
 
     def _ask(self) -> None:
         """Connect; once connected, say regularly that this client is there: a server ends a silent one."""
@@ -216,10 +213,10 @@ def main() -> None:
     parser.add_argument("to_port", type=int)
     parser.add_argument("--multicast", default="")
     options = parser.parse_args()
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C in the terminal: who has started it ends it
     server, listener = (options.host, options.port), (options.to_host, options.to_port)
-    _Client(server, options.body, listener, options.multicast).run()
+    client = _Client(server, options.body, listener, options.multicast)
+    ready()
+    client.run()
 
 
 if __name__ == "__main__":

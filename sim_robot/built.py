@@ -18,7 +18,7 @@ class Built:
     """Displacements mm along, and turns (rotation vectors) deg about the world's axes, of the bases about themselves.
 
     swapped: what answers as the left arm is the right one. tracker_mm, tracker_deg: of the tracker's frame in the
-    world, which a robot on the wire gives its poses in.
+    world, which a robot on the wire gives its poses in; pivot_mm: of the body that it follows, in the object's frame.
     """
 
     left_mm: Vector3 = _NONE
@@ -27,18 +27,22 @@ class Built:
     right_deg: Vector3 = _NONE
     tracker_mm: Vector3 = _NONE
     tracker_deg: Vector3 = _NONE
+    pivot_mm: Vector3 = _NONE
     swapped: bool = False
 
     @property
     def moved_tracker(self) -> bool:
-        """Whether the tracker's frame is not the world's."""
-        return any((*self.tracker_mm, *self.tracker_deg))
+        """Whether the tracker's frame is not the world's, or the body not in the object's middle."""
+        return any((*self.tracker_mm, *self.tracker_deg, *self.pivot_mm))
 
     def to_tracker(self, place: Array) -> Array:
         """Return a place of the world (3,), m, in the tracker's frame."""
         turn = _quaternion(self.tracker_deg)
-        away = np.array([0.0, *(place - 1e-3 * np.array(self.tracker_mm))])
-        return _product(_product(turn * _INVERSE, away), turn)[1:]
+        return _turned(turn * _INVERSE, place - 1e-3 * np.array(self.tracker_mm))
+
+    def body(self, position: Array, wxyz: Array) -> Array:
+        """Return where the body that the tracker follows is in the world, (3,) m, for an object's pose there."""
+        return position + _turned(wxyz, 1e-3 * np.array(self.pivot_mm))
 
     def tracker(self, tracker: ObjectTracker) -> ObjectTracker:
         """Return what a client is given: the tracker's poses in its own frame."""
@@ -71,7 +75,7 @@ class MovedTracker:
         """See ObjectTracker."""
         pose, given = self._tracker.latest(), self._given
         given.record[:] = pose.record
-        given.position[:] = self._built.to_tracker(pose.position)
+        given.position[:] = self._built.to_tracker(self._built.body(pose.position, pose.orientation_wxyz))
         given.orientation_wxyz[:] = _product(self._back, pose.orientation_wxyz)
         return given
 
@@ -81,6 +85,11 @@ def _quaternion(deg: Vector3) -> Array:
     half = np.radians(deg) / 2.0
     angle = float(np.linalg.norm(half))
     return np.array([np.cos(angle), *(half * np.sinc(angle / np.pi))])
+
+
+def _turned(wxyz: Array, v: Array) -> Array:
+    """Return v (3,) turned by a unit quaternion."""
+    return _product(_product(wxyz, np.array([0.0, *v])), wxyz * _INVERSE)[1:]
 
 
 def _product(p: Array, q: Array) -> Array:

@@ -29,6 +29,15 @@ class PlacedPoint:
 
 
 @checked(frozen=True, slots=True, config=MESSAGE)
+class StandingPoint:
+    """Where the tracker sees the body that it follows of an object in its place: m, in the tracker's frame."""
+
+    what: Literal["stand"]
+    object: Annotated[str, Field(min_length=1, max_length=40)]
+    place: tuple[_Metres, _Metres, _Metres]
+
+
+@checked(frozen=True, slots=True, config=MESSAGE)
 class FreePoint:
     """Something that both arms do, wherever it is."""
 
@@ -42,10 +51,18 @@ def calibration(parts: NeedsParts) -> CalibrationView:
 
 
 @router.post("/points/{name}")
-def put(name: _Name, point: PlacedPoint | FreePoint, session: NeedsSession, parts: NeedsParts) -> CalibrationView:
+def put(
+    name: _Name, point: PlacedPoint | StandingPoint | FreePoint, session: NeedsSession, parts: NeedsParts
+) -> CalibrationView:
     """Add a point that is to be measured."""
-    placed = isinstance(point, PlacedPoint)
-    parts.calibration.put(name, Point(point.what, point.side, point.place) if placed else Point(point.what))
+    match point:
+        case PlacedPoint():
+            added = Point(point.what, point.side, point.place)
+        case StandingPoint():
+            added = Point(point.what, place=point.place, object=point.object)
+        case FreePoint():
+            added = Point(point.what)
+    parts.calibration.put(name, added)
     return parts.calibration.view()
 
 

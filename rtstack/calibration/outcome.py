@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hal.arrays import Array
 from rtstack.calibration.cell_file import Values, changes
 from rtstack.calibration.fit import SIDES, CalibrationError, Fit, calibrate
 from rtstack.calibration.payload import Payload, payload
-from rtstack.calibration.points import Point, nominal_geometry, observations, resting
+from rtstack.calibration.points import Point, nominal_geometry, observations, pivots, resting
 from rtstack.cells.metal import LARGEST_RMS_MM
 from rtstack.model.arm_model import build_model
 from rtstack.model.cell_description import CellDescription
@@ -18,10 +19,12 @@ from rtstack.trials.errors import TrialError
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """values: of the cell's file, by the names of table and key. loads: by side, of those that have points at rest."""
+    """values: of the cell's file, by the names of table and key. loads: by side, of those that have points at rest.
+    pivots: by object, (n, 3) m: its frame in the body that the tracker follows, as often as it has stood."""
 
     fit: Fit
     loads: dict[str, Payload]
+    pivots: dict[str, Array]
     values: Values
 
     @property
@@ -50,6 +53,13 @@ class Outcome:
                 f"{name} payload: {load.mass:.3f} +- {load.mass_half:.3f} kg, centre {centre} mm of the flange "
                 f"(+- {1e3 * load.centre_half.max():.0f}); {load.rms_nm:.2f} Nm are left"
             )
+        for name, rows in self.pivots.items():
+            x, y, z = (1e3 * rows.mean(axis=0)).tolist()
+            apart = 1e3 * float(np.linalg.norm(rows - rows.mean(axis=0), axis=1).max())
+            lines.append(
+                f"{name}: at x {x:+.1f}, y {y:+.1f}, z {z:+.1f} mm of the body that the tracker follows; stood "
+                f"{len(rows)} times, at most {apart:.1f} mm from their mean"
+            )
         return tuple(lines)
 
     def document(self) -> dict[str, object]:
@@ -67,6 +77,7 @@ class Outcome:
             "uncertainty_mm": 1e3 * fit.place_m,
             "uncertainty_deg": float(np.degrees(fit.turn_rad)),
             "pads_mm": (1e3 * fit.geometry.faces).tolist(),
+            "pivots_mm": {name: (1e3 * rows.mean(axis=0)).tolist() for name, rows in self.pivots.items()},
             "payloads": {
                 name: {"mass": load.mass, "mass_half": load.mass_half, "centre": load.centre.tolist()}
                 for name, load in self.loads.items()
@@ -78,10 +89,13 @@ def outcome(points: Mapping[str, Point], description: CellDescription, today: da
     """Fit what the measured points determine. Raises TrialError with one line."""
     try:
         fit = calibrate(observations(points, description), nominal_geometry(description))
-        loads = _loads(points, description)
+        loads, stood = _loads(points, description), pivots(points, description, fit.geometry.tracker)
     except CalibrationError as error:
         raise TrialError(str(error)) from None
-    return Outcome(fit, loads, changes(fit, loads, description, today))
+    values = changes(fit, loads, description, today)
+    values |= {("tracker", "bodies", name, "position"): rows.mean(axis=0).round(5).tolist()
+               for name, rows in stood.items()}  # fmt: skip
+    return Outcome(fit, loads, stood, values)
 
 
 def _loads(points: Mapping[str, Point], description: CellDescription) -> dict[str, Payload]:

@@ -1,19 +1,22 @@
-"""What has to hold before arms that are not simulated on this machine are connected to: the only list of it.
+"""What has to hold before arms that are not simulated are connected to: the only list of it.
 
 `check_real_cell` compares what files and addresses say, `check_boxes` what the control boxes themselves say.
 
 A cell's geometry is what the safety judge, the start motion and the plans believe. Real arms on the geometry of another
 cell move where nothing was looked at. So the cell's file has to be one that a person wrote for these arms and measured.
+Bases that stand elsewhere than a file says cannot be seen by arms that repeat what was shown to them: a file of arms
+that are not simulated has to say when they were measured, and how well, at whatever address they are (a tunnel's, too).
 """
 
 from contextlib import closing
+from dataclasses import replace
 from datetime import date, timedelta
 from ipaddress import ip_address
 from pathlib import Path
 
 from hal.desk import Desk, DeskState, Trust
 from rtstack.cells.description import default_cell_file
-from rtstack.model.cell_description import CellDescription
+from rtstack.model.cell_description import Calibration, CellDescription
 from rtstack.samples import SIDES
 from rtstack.trials.errors import TrialError
 
@@ -28,15 +31,23 @@ def on_this_machine(address: str) -> bool:
         return False
 
 
+def to_be_measured(description: CellDescription, cell_file: Path) -> CellDescription:
+    """Return the description for a run in which a person leads the arms: that where they stand is not known, or not any
+    more, is no reason to refuse it."""
+    written = date.fromtimestamp(cell_file.stat().st_mtime)
+    return replace(description, calibration=Calibration(min(written, date.today()), valid_days=3650, rms_mm=0.0))
+
+
 def check_real_cell(addresses: tuple[str, str], description: CellDescription, cell_file: Path | None) -> None:
-    """Refuse arms at addresses (left, right) that are not this machine's, unless the cell's file is theirs.
+    """Refuse arms at addresses (left, right) that are not this machine's, or that the cell's file does not call
+    simulated, unless that file is theirs and says that it was measured.
 
     Nothing is connected to. Raises TrialError with one line: what is wrong, and what to do.
     """
     real = [address for address in addresses if not on_this_machine(address)]
-    if not real:
+    if not real and description.simulated:
         return
-    arms = f"the arm at {real[0]} is no simulated one of this machine"
+    arms = f"the arm at {(real or addresses)[0]} is no simulated one" + (" of this machine" if real else "")
     if cell_file is None or cell_file.resolve() == default_cell_file().resolve():
         raise TrialError(f"{arms}: name the file of its own cell with --cell-file (docs/runbook/calibration.md)")
     if description.simulated:
@@ -49,7 +60,7 @@ def check_real_cell(addresses: tuple[str, str], description: CellDescription, ce
     if calibration is None:
         raise TrialError(
             f"{arms}, and {cell_file} does not say when its geometry was measured: "
-            "measure it, then write [calibration] date = YYYY-MM-DD"
+            "measure it (rtstack calibrate --write)"
         )
     today = date.today()
     if calibration.date > today:
@@ -59,6 +70,11 @@ def check_real_cell(addresses: tuple[str, str], description: CellDescription, ce
         raise TrialError(
             f"{cell_file}: the calibration of {calibration.date} was valid until {ends}: measure the cell again, "
             "then write the new date under [calibration]"
+        )
+    if calibration.rms_mm is None:
+        raise TrialError(
+            f"{cell_file}: [calibration] has a date and does not say how well the cell was measured, rms_mm, of what "
+            "was left at the gauges: rtstack calibrate --write"
         )
     for name, millimetres in (("rms_mm", calibration.rms_mm), ("uncertainty_mm", calibration.uncertainty_mm)):
         if millimetres is not None and millimetres > LARGEST_RMS_MM:

@@ -13,6 +13,7 @@ from rtstack.calibration.cell_file import write
 from rtstack.calibration.outcome import Outcome, outcome
 from rtstack.calibration.points import Point, load_points, save_points
 from rtstack.cells import load_description, open_cell
+from rtstack.cells.metal import to_be_measured
 from rtstack.cli.hold_to_run import HoldToRun
 from rtstack.cli.interrupt import interruptible
 from rtstack.cli.tables import print_table
@@ -34,6 +35,7 @@ LOOKS = 200  # states that a torque at rest is the mean of
 def wiggle(side: str, joint: int, cell_kind: str, cell_file: Path | None) -> None:
     """Turn one joint (1 to 7) of the arm that the cell's file calls `side` by a degree and back, where it stands."""
     description, source = load_description(cell_file)
+    description = to_be_measured(description, source)
     hold = HoldToRun(cell_kind, description, source)
     cell = open_cell(cell_kind, NO_OBJECT, 0.0, 0, description, cell_file=source)
     try:
@@ -89,7 +91,7 @@ def _measured(
     source: Path, seconds: float | None,
 ) -> dict[str, Point]:  # fmt: skip
     """Let a person lead the pads to each missing point, and write the file after each."""
-    points = dict(points)
+    points, description = dict(points), to_be_measured(description, source)
     hold = HoldToRun(cell_kind, description, source)
     cell = open_cell(cell_kind, NO_OBJECT, 0.0, 0, description, cell_file=source)
     try:

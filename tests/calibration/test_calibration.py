@@ -4,19 +4,27 @@
 """
 
 import re
+import socket
 from dataclasses import replace
+from datetime import date
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from hal.tracker import TrackerFrames
+from hal.tracker_link import DATAGRAM, TrackerLink
 from rtstack.calibration.cell_file import changes
 from rtstack.calibration.fit import CalibrationError, SidesSwapped, calibrate
+from rtstack.calibration.outcome import outcome
 from rtstack.calibration.payload import payload
-from rtstack.calibration.points import nominal_geometry
+from rtstack.calibration.points import Point, nominal_geometry, observations
 from rtstack.cells import load_description
 from rtstack.model.arm_model import ArmModel, build_model
+from rtstack.model.cell_description import TrackedBody
+from rtstack.trials.errors import TrialError
 from tests.programs.wrong_cells import SWAPS, accuracy
-from tests.support.wrong_cell import Wrongness, built, exchanged, measured, off, with_bad_point
+from tests.support.wrong_cell import Wrongness, built, exchanged, measured, off, touched_points, with_bad_point
 
 CELL = load_description(None)[0]
 FILE = nominal_geometry(CELL)
@@ -98,16 +106,52 @@ def test_points_that_say_too_little_are_refused():
 
 
 def test_what_is_written_is_what_was_found():
-    import datetime
-
     real, points, _ = a_wrong_cell(5, tracked=True)
     fit = calibrate(points, FILE)
-    values = changes(fit, {}, CELL, datetime.date(2026, 11, 23))
+    values = changes(fit, {}, CELL, date(2026, 11, 23))
     assert values["left", "base_position"] == pytest.approx(real.bases[0][:3, 3].tolist(), abs=3e-3)
     assert values["tracker", "position"] == pytest.approx(real.tracker[:3, 3].tolist(), abs=5e-3)
     assert values["calibration", "rms_mm"] == pytest.approx(1e3 * fit.rms_m, abs=0.01)
     assert values["calibration", "points"] == 48
     assert re.fullmatch(r"\d{4}-\d\d-\d\d", str(values["calibration", "date"]))
+
+
+@pytest.mark.parametrize("up", ["z", "y"])
+def test_the_tracker_and_its_body_in_an_object_are_found_in_the_trackers_own_axes(up):
+    rng, points = np.random.default_rng(4), dict[str, Point]()
+    real = built(CELL, rng, Wrongness(pad_m=0.0))
+    axes = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]) if up == "y" else np.eye(3)
+    own = np.linalg.inv(real.tracker)
+    points |= touched_points(CELL, real, 0.0)
+    for seen in observations(points, CELL):
+        marker = replace(real, faces=real.markers).pads(seen.flanges[None])[0, seen.side]
+        place = axes.T @ (own[:3, :3] @ marker + own[:3, 3])
+        points[f"see {seen.name}"] = replace(points[seen.name], what="see", place=tuple(place.tolist()))
+    in_body, pivot = Rotation.from_euler("z", 90.0, degrees=True), np.array([0.06, -0.03, 0.09])
+    middle = np.array([0.0, 0.0, CELL.table.top_z + CELL.objects["rice_box"].size[2] / 2.0])
+    body = middle - in_body.inv().apply(pivot)
+    place = axes.T @ (own[:3, :3] @ body + own[:3, 3])
+    points["stand"] = Point("stand", place=tuple(place.tolist()), object="rice_box")
+    with pytest.raises(TrialError, match=r"no \[tracker.bodies.rice_box\]"):
+        outcome(points, CELL, date.today())
+    w, x, y, z = in_body.as_quat(scalar_first=True).tolist()
+    follows = replace(CELL.tracker, up=up, bodies={"rice_box": TrackedBody(1, orientation_wxyz=(w, x, y, z))})
+    values = outcome(points, replace(CELL, tracker=follows), date.today()).values
+    assert values["tracker", "position"] == pytest.approx(real.tracker[:3, 3].tolist(), abs=2e-5)
+    assert values["tracker", "bodies", "rice_box", "position"] == pytest.approx(pivot.tolist(), abs=5e-5)
+    frames = TrackerFrames(
+        up, values["tracker", "position"], values["tracker", "orientation_wxyz"],
+        values["tracker", "bodies", "rice_box", "position"], (w, x, y, z),
+    )  # fmt: skip
+    link, datagram = TrackerLink(frames=frames), np.zeros(1, DATAGRAM)
+    datagram["t_ns"], datagram["seen"], datagram["position"] = 1, 1, place
+    turn = Rotation.from_matrix((real.tracker[:3, :3] @ axes).T) * in_body.inv()
+    datagram["orientation_wxyz"] = turn.as_quat(scalar_first=True)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        sender.sendto(datagram.tobytes(), link.address)
+        assert link.latest().position == pytest.approx(middle.tolist(), abs=1e-4)
+        assert np.abs(link.latest().orientation_wxyz[0]) == pytest.approx(1.0, abs=1e-6)
+    link.close()
 
 
 def test_a_payload_is_found_from_torques_at_rest_beside_an_offset_of_each_joint():

@@ -12,6 +12,7 @@ import pytest
 
 from hal.errors import HardwareError
 from rtstack.cells import load_description, open_cell
+from rtstack.cells.metal import to_be_measured
 from rtstack.cells.simulator import Simulator
 from rtstack.trials.errors import TrialError
 from tests.support.real_cell import CALIBRATED, write_cell_file
@@ -38,13 +39,14 @@ def days(number: int) -> str:
 
 WRONG = {
     "no simulated arms": ([("simulated = false", "simulated = true")], LEFT, RIGHT, "simulated = true"),
-    "no calibration": ([(CALIBRATED, "")], LEFT, RIGHT, r"\[calibration\] date"),
+    "no calibration": ([(CALIBRATED, "")], LEFT, RIGHT, r"does not say when its geometry was measured"),
+    "a date that nobody measured": ([("rms_mm = 1.2\n", "")], LEFT, RIGHT, "how well"),
     "calibrated in the future": ([(str(TODAY), days(2))], LEFT, RIGHT, "after today"),
     "calibrated too long ago": ([(str(TODAY), days(-181))], LEFT, RIGHT, "valid until"),
     "calibrated too long ago, by the file": (
         [(CALIBRATED, f"[calibration]\ndate = {days(-8)}\nvalid_days = 7\n")], LEFT, RIGHT, "valid until",
     ),
-    "badly calibrated": ([(CALIBRATED, CALIBRATED + "rms_mm = 3.1\n")], LEFT, RIGHT, "rms_mm"),
+    "badly calibrated": ([("rms_mm = 1.2", "rms_mm = 3.1")], LEFT, RIGHT, "rms_mm"),
     "too coarsely calibrated": ([(CALIBRATED, CALIBRATED + "uncertainty_mm = 3.1\n")], LEFT, RIGHT, "uncertainty_mm"),
     "exchanged": ([], RIGHT, LEFT, r"\[left\] address"),
     "another left arm": ([], "192.0.2.9", RIGHT, r"\[left\] address"),
@@ -84,6 +86,15 @@ def test_every_command_refuses_real_arms_on_the_simulated_cells_geometry(tmp_pat
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.count("\n") == 1
     assert "--cell-file" in done.stderr
+
+
+def test_arms_that_a_person_leads_may_be_measured_for_the_first_time(tmp_path):
+    path = cell_file(tmp_path, (CALIBRATED, ""), (LEFT, "127.0.99.97"), (RIGHT, "127.0.99.98"))
+    description, kind = load_description(path)[0], "fci:127.0.99.97,127.0.99.98"
+    with pytest.raises(TrialError, match="does not say when"):
+        open_cell(kind, "", 0.0, 0, description, cell_file=path)
+    with pytest.raises(HardwareError, match="does not answer"):
+        open_cell(kind, "", 0.0, 0, to_be_measured(description, path), cell_file=path)
 
 
 def test_the_right_set_up_gets_as_far_as_the_arms(tmp_path):

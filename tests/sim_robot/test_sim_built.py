@@ -1,6 +1,5 @@
 """A simulated cell that was built otherwise than its scene says."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +35,7 @@ def test_bases_stand_elsewhere_and_sides_are_exchanged(tmp_path: Path):
 
 
 def test_a_tracker_in_another_frame_is_placed_by_the_cells_file_and_is_refused_in_this_process(tmp_path: Path):
-    built = Built(tracker_mm=(300.0, -400.0, 50.0), tracker_deg=(10.0, -20.0, 90.0))
+    built = Built(tracker_mm=(300.0, -400.0, 50.0), tracker_deg=(10.0, -20.0, 90.0), pivot_mm=(60.0, -30.0, 90.0))
     truth = ObjectPose.empty()
     truth.record["t_ns"], truth.record["seen"] = 5, 1
     truth.position[:] = (0.01, 0.02, 0.3)
@@ -47,7 +46,7 @@ def test_a_tracker_in_another_frame_is_placed_by_the_cells_file_and_is_refused_i
             return truth
 
     w, x, y, z = Rotation.from_rotvec(built.tracker_deg, degrees=True).as_quat(scalar_first=True).tolist()
-    link = TrackerLink(frames=TrackerFrames("z", (0.3, -0.4, 0.05), (w, x, y, z)))
+    link = TrackerLink(frames=TrackerFrames("z", (0.3, -0.4, 0.05), (w, x, y, z), (-0.06, 0.03, -0.09)))
     feed = TrackerFeed(built.tracker(Seeing()), link.address)
     feed.publish(5, 5)
     pose = link.latest()
@@ -58,4 +57,4 @@ def test_a_tracker_in_another_frame_is_placed_by_the_cells_file_and_is_refused_i
     file = profile(tmp_path / "tracker.toml", {"tracker_mm": [1.0, 0.0, 0.0]})
     with pytest.raises(ConfigurationError, match="lockstep, realtime"):
         simulated_cell("none", 0.0, 1, profile=str(file))
-    assert replace(built, tracker_mm=(0.0,) * 3, tracker_deg=(0.0,) * 3).tracker(seeing := Seeing()) is seeing
+    assert Built(left_mm=(1.0, 0.0, 0.0)).tracker(seeing := Seeing()) is seeing

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from rtstack.cells import default_cell_file
 
-CALIBRATED = f"[calibration]\ndate = {date.today()}\n"
+CALIBRATED = f"[calibration]\ndate = {date.today()}\nrms_mm = 1.2\n"
 
 
 def write_cell_file(path: Path, left: str, right: str, tracker: str = "127.0.0.1:1341") -> str:

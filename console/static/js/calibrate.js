@@ -20,7 +20,7 @@ function button(text, does) {
 
 export function startCalibration(form, live) {
   let timer = null;
-  const { what, side } = form.elements;
+  const { what, side, object } = form.elements;
   const place = ["x", "y", "z"].map((axis) => form.elements[axis]);
 
   const does = async (act, failed) => {
@@ -67,8 +67,11 @@ export function startCalibration(form, live) {
   const look = () => does(() => get("/api/calibration"), "The calibration is not up to date");
 
   const needsPlace = () => {
-    for (const field of place) field.required = !(field.disabled = !["touch", "see"].includes(what.value));
+    for (const field of place) field.required = !(field.disabled = !["touch", "see", "stand"].includes(what.value));
     side.disabled = !["touch", "see"].includes(what.value);
+    object.disabled = what.value !== "stand";
+    side.closest("label").hidden = !object.disabled;
+    object.closest("label").hidden = object.disabled;
   };
   what.addEventListener("change", needsPlace);
   needsPlace();
@@ -76,7 +79,9 @@ export function startCalibration(form, live) {
   form.addEventListener("submit", (event) => {
     event.preventDefault();
     const body = { what: what.value };
-    if (!side.disabled) Object.assign(body, { side: side.value, place: place.map((field) => field.valueAsNumber) });
+    if (!side.disabled) body.side = side.value;
+    if (!object.disabled) body.object = object.value;
+    if (!place[0].disabled) body.place = place.map((field) => field.valueAsNumber);
     const name = `${side.disabled ? body.what : `${body.what}-${body.side}`}-${Date.now().toString(36)}`;
     does(() => post(`/api/calibration/points/${name}`, body), "Not added");
   });

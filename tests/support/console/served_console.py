@@ -98,7 +98,7 @@ class ServedConsole:
 
 
 @contextmanager
-def serve_console(logs: Path) -> Iterator[ServedConsole]:
+def serve_console(logs: Path, cell_file: Path = CELL) -> Iterator[ServedConsole]:
     """Serve a console over real sockets; `logs` is an existing folder."""
     with ExitStack() as stack:
         folder = Path(tempfile.mkdtemp(prefix="rtstack-test-"))  # short: a socket's path has 107 letters at most
@@ -108,11 +108,11 @@ def serve_console(logs: Path) -> Iterator[ServedConsole]:
         rings = stack.enter_context(Rings.create(capacity=1024))
         audit = AuditTrail(logs / FILE_NAME)
         stack.callback(audit.close)
-        job_manager = JobManager(live_source(CELL), mailbox, audit)
+        job_manager = JobManager(live_source(cell_file), mailbox, audit)
         job_manager.authority._arming._lease_s = LEASE_S
         service = Service(job_manager, folder / "robot.sock")
         stack.callback(service.close)
-        cell = load_cell_description(CELL)
+        cell = load_cell_description(cell_file)
         client = RobotClient(folder / "robot.sock", timeout_s=20.0)  # a machine that is busy
         stack.callback(client.close)
         status_client = RobotClient(folder / "robot.sock", timeout_s=20.0)  # a machine that is busy
@@ -123,7 +123,7 @@ def serve_console(logs: Path) -> Iterator[ServedConsole]:
         watch.start()
         teleop = TeleopInput(mailbox, watch)
         ghost = GhostPlayer(logs)
-        scenes = Scenes(cell, watch, teleop, CELL, ghost)
+        scenes = Scenes(cell, watch, teleop, cell_file, ghost)
         stack.callback(scenes.close)
         review_cache = ReviewCache(logs)
         stack.callback(review_cache.close)
@@ -135,7 +135,7 @@ def serve_console(logs: Path) -> Iterator[ServedConsole]:
         runner.start()
         campaigns = Campaigns(logs)
         stack.callback(campaigns.close)
-        preview = Preview(CELL, ghost)
+        preview = Preview(cell_file, ghost)
         stack.callback(preview.close)
         trainer = Trainer(watch)
         stack.callback(trainer.close)
@@ -163,7 +163,7 @@ def serve_console(logs: Path) -> Iterator[ServedConsole]:
             trainer,
             questions,
             Layouts(logs),
-            CellCalibration(Path(shutil.copy(CELL, folder / "cell.toml")), logs, questions, watch),
+            CellCalibration(Path(shutil.copy(cell_file, folder / "cell.toml")), logs, questions, watch),
         )
         application = create_app(parts, Address(port))
         server = uvicorn.Server(server_settings(application))

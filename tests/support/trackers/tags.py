@@ -36,7 +36,7 @@ def looking_at(place: tuple[float, float, float], target: tuple[float, float, fl
 def picture(camera: TagCamera, tags: dict[int, np.ndarray], rng: np.random.Generator | None = None) -> np.ndarray:
     """Draw tags at T_camera_tag (4, 4) on grey, (height, width), without distortion; with a camera's noise by rng."""
     width, height = camera.size
-    drawn = np.full((height * _FINER, width * _FINER), 128, np.uint8)
+    small = np.full((height, width), 128, np.uint8)
     K = camera.matrix.copy()
     K[:2] *= _FINER
     K[:2, 2] += (_FINER - 1) / 2.0  # a pixel's middle stays its middle
@@ -46,13 +46,20 @@ def picture(camera: TagCamera, tags: dict[int, np.ndarray], rng: np.random.Gener
         middle = (len(drawing) - 1) / 2.0
         on_tag = np.array([[metres, 0.0, -middle * metres], [0.0, -metres, middle * metres], [0.0, 0.0, 1.0]])
         H = K @ T[:3, [0, 1, 3]] @ on_tag
+        corners = H @ [[0, 2 * middle, 2 * middle, 0], [0, 0, 2 * middle, 2 * middle], [1, 1, 1, 1]]
+        seen = corners[:2] / corners[2] / _FINER
+        left, top = np.clip(np.floor(seen.min(axis=1)).astype(int) - 1, 0, (width - 1, height - 1))
+        right, bottom = np.clip(np.ceil(seen.max(axis=1)).astype(int) + 2, (left + 1, top + 1), (width, height))
+        part = small[top:bottom, left:right]  # the rest stays as it is: a tag is a small part of a picture
+        finer = np.repeat(np.repeat(part, _FINER, axis=0), _FINER, axis=1)
+        H = np.array([[1.0, 0.0, -left * _FINER], [0.0, 1.0, -top * _FINER], [0.0, 0.0, 1.0]]) @ H
         cv2.warpPerspective(
-            drawing, H, drawn.shape[::-1], dst=drawn, flags=cv2.INTER_AREA, borderMode=cv2.BORDER_TRANSPARENT
+            drawing, H, finer.shape[::-1], dst=finer, flags=cv2.INTER_AREA, borderMode=cv2.BORDER_TRANSPARENT
         )
-    small = cv2.resize(drawn, (width, height), interpolation=cv2.INTER_AREA).astype(float)
-    if rng is not None:
-        small += rng.normal(0.0, 2.0, small.shape)
-    return np.clip(small, 0, 255).astype(np.uint8)
+        small[top:bottom, left:right] = cv2.resize(finer, part.shape[::-1], interpolation=cv2.INTER_AREA)
+    if rng is None:
+        return small
+    return np.clip(small + rng.normal(0.0, 2.0, small.shape), 0, 255).astype(np.uint8)
 
 
 class Sender:
