@@ -1,10 +1,10 @@
 """Tags in pictures that were drawn from known poses, by us and by MuJoCo; and the process that passes them on."""
 
+import contextlib
 import time
 from dataclasses import replace
 
 import cv2
-import mujoco
 import numpy as np
 import pytest
 
@@ -15,10 +15,9 @@ from hal.tracker import TrackerFrames, TrackerRequest, TrackerTimes
 from rtstack.cells import default_cell_file
 from rtstack.model.cell_description import load_cell_description
 from rtstack.model.rotation import rotation_from_quaternion
-from sim_robot.arm_description import arm_description
-from sim_robot.model import cell_xml
 from sim_robot.scene import load_scene
-from tests.support.trackers.tags import CAMERA, Sender, looking_at, picture, texture
+from tests.support.trackers.rendered import RenderedCell
+from tests.support.trackers.tags import CAMERA, Sender, looking_at, picture
 
 EYE = looking_at((-0.35, 0.05, 1.15), (0.0, 0.0, 0.45))
 
@@ -56,62 +55,17 @@ def test_nothing_is_found_where_no_tag_is():
     assert find(np.zeros(CAMERA.size[::-1], np.uint8)) == {}
 
 
-def rendered(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-    """Return what the scene's camera sees, grey, drawn without a window."""
-    from mujoco.egl import GLContext
-
-    width, height = CAMERA.size
-    context = GLContext(width, height)
-    context.make_current()
-    try:
-        scene, drawn = mujoco.MjvScene(model, 1000), mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
-        eye, pixels = mujoco.MjvCamera(), np.zeros((height, width, 3), np.uint8)
-        eye.type, eye.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, model.camera("eye").id
-        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, drawn)
-        mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, eye, mujoco.mjtCatBit.mjCAT_ALL, scene)
-        view = mujoco.MjrRect(0, 0, width, height)
-        mujoco.mjr_render(view, scene, drawn)
-        mujoco.mjr_readPixels(pixels, None, view, drawn)
-        drawn.free()
-    finally:
-        context.free()
-    return cv2.cvtColor(np.ascontiguousarray(pixels[::-1]), cv2.COLOR_RGB2GRAY)
-
-
 @pytest.mark.long  # needs a graphics library: Debian's libegl1 draws without a card
 def test_a_tag_on_the_object_of_the_scene_is_found_where_mujoco_has_it():
-    rng, find, off_mm = np.random.default_rng(2), detector(CAMERA), []
-    scene = load_scene()
-    arms = tuple(arm_description(place.robot) for place in (scene.left, scene.right))
-    _, picture_of_tag = cv2.imencode(".png", texture(CAMERA, 7))
-    for _ in range(10):
-        placement = scene.place("rice_box", 0.0, (0.35, -0.35), rng)
-        text = cell_xml(scene, "rice_box", placement, arms)
-        x, y, z = placement.position
-        top = z + scene.objects["rice_box"].size[2] / 2.0 + 1e-3
-        quat = " ".join(map(str, placement.wxyz))
-        width, height = CAMERA.size
-        extra = (
-            f'<light pos="0 0 3" dir="0 0 -1" directional="true" ambient="0.5 0.5 0.5" diffuse="0.3 0.3 0.3"/>'
-            f'<geom name="tag" type="plane" pos="{x} {y} {top}" quat="{quat}" size="0.09 0.09 0.01" material="tag" '
-            'contype="0" conaffinity="0"/>'
-            f'<camera name="eye" pos="{" ".join(map(str, EYE[:3, 3]))}" '
-            f'xyaxes="{" ".join(map(str, [*EYE[:3, 0], *-EYE[:3, 1]]))}" '
-            f'fovy="{np.degrees(2.0 * np.arctan(height / 2.0 / CAMERA.focal[1]))}"/></worldbody>'
-            '<asset><texture name="tag" type="2d" file="tag.png"/>'
-            '<material name="tag" texture="tag" texuniform="false" specular="0" reflectance="0"/></asset>'
-            '<visual><headlight ambient="0 0 0" diffuse="0 0 0" specular="0 0 0"/>'
-            f'<global offwidth="{width}" offheight="{height}"/></visual>'
-        )
-        model = mujoco.MjModel.from_xml_string(
-            text.replace("</worldbody>", extra), {"tag.png": picture_of_tag.tobytes()}
-        )
-        data = mujoco.MjData(model)
-        mujoco.mj_forward(model, data)
-        T = EYE @ find(rendered(model, data))[7]
-        off_mm.append(1e3 * np.linalg.norm(T[:3, 3] - data.geom("tag").xpos))
-        np.testing.assert_allclose(T[:3, 2], data.geom("tag").xmat.reshape(3, 3)[:, 2], atol=0.02)
-        np.testing.assert_allclose(T[:3, 0], data.geom("tag").xmat.reshape(3, 3)[:, 0], atol=0.02)
+    rng, find, off_mm, scene = np.random.default_rng(2), detector(CAMERA), [], load_scene()
+    with contextlib.closing(RenderedCell(CAMERA, EYE, 7)) as cell:
+        for _ in range(10):
+            placement = scene.place("rice_box", 0.0, (0.35, -0.35), rng)
+            T = EYE @ find(cell.picture(np.array(placement.position), np.array(placement.wxyz)))[7]
+            tag, turn = cell.data.body("object").xpos, cell.data.body("object").xmat.reshape(3, 3)
+            off_mm.append(1e3 * np.linalg.norm(T[:3, 3] - tag - cell.top_m * turn[:, 2]))
+            np.testing.assert_allclose(T[:3, 2], turn[:, 2], atol=0.02)
+            np.testing.assert_allclose(T[:3, 0], turn[:, 0], atol=0.02)
     assert np.percentile(off_mm, 95) < 2.0
 
 

@@ -5,8 +5,9 @@
 
 udp: the same poses as datagrams of our own, with the same clock. apriltag: of each pose that a camera of 20 Hz takes, a
 picture is drawn and sent, with the host's time, and the tag is found in it; the place is compared with the true one at
-the logged time, and the time by the shift of the whole log that makes the places fit best. none: the trial has to say
-that the object was not observed.
+the logged time, and the time by the shift of the whole log that makes the places fit best. Of the same trial MuJoCo
+then draws what the camera would have seen, the arms in front of the tag where they were, and the tag is found in that.
+none: the trial has to say that the object was not observed.
 
 What sees the object stamps it when the kernel got its pose: by this host's clock, which goes on where the simulated
 robot's stands still because its host was busy. How often that was is printed: a robot's own never does.
@@ -19,6 +20,7 @@ tracker's own pose and time. In real time. Exit status 1 where the trial fails o
 """
 
 import argparse
+import contextlib
 import dataclasses
 import heapq
 import json
@@ -34,13 +36,16 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from hal.apriltag import detector
 from hal.configuration import toml_text
 from hal.tracker_link import DATAGRAM
 from rtstack.cells import default_cell_file
-from rtstack.log.reader import read_log
+from rtstack.log.reader import Log, read_log
 from rtstack.model.rotation import quaternion_from_rotation, rotation_from_quaternion
+from rtstack.samples import SIDES
 from tests.support.fci.server import serve
 from tests.support.trackers.motive import Motive
+from tests.support.trackers.rendered import RenderedCell
 from tests.support.trackers.tags import CAMERA, Sender, looking_at, picture
 
 COMMAND = Path(sys.executable).with_name("rtstack")
@@ -48,6 +53,7 @@ BODY, TOP_M = 42, 0.1  # its number, and half of the rice box's height
 MOTIVE_P, MOTIVE_Q = np.array([0.6, -0.2, 0.1]), np.array([np.cos(0.3), 0.0, 0.0, np.sin(0.3)])  # in the world
 PIVOT = np.array([0.02, -0.03, 0.09])  # of the object in the body
 UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # from Motive's axes to those with z up
+EYE = looking_at((-0.35, 0.05, 1.25), (0.0, 0.0, 0.5))
 MOST_MM, MOST_MS = 2.0, 5.0
 LIFTED_M = 0.02  # from there on the object is on its way up
 PERIOD_NS = 50_000_000  # of the camera
@@ -145,7 +151,7 @@ class TagWatcher:
     """A camera of 20 Hz over the table, and a tag on the object."""
 
     def __init__(self) -> None:
-        self._sender, self._eye = Sender(), looking_at((-0.35, 0.05, 1.25), (0.0, 0.0, 0.5))
+        self._sender, self._eye = Sender(), EYE
         self._next_ns = 0
         R, q, p = self._eye[:3, :3], np.zeros(4), self._eye[:3, 3]
         quaternion_from_rotation(np.ascontiguousarray(R), q)
@@ -198,7 +204,7 @@ class Relay:
     """What stands between the simulated tracker and the client: another tracker, and a bad network."""
 
     def __init__(self, watcher: Watcher, options: argparse.Namespace) -> None:
-        self.truth: list[tuple[int, np.ndarray]] = []
+        self.truth: list[tuple[int, np.ndarray, np.ndarray]] = []
         self._watcher, self._options, self._rng = watcher, options, np.random.default_rng(options.seed)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(("127.0.0.1", 0))
@@ -219,7 +225,7 @@ class Relay:
             except TimeoutError:
                 record, ancillary = None, []
             if record is not None:
-                self.truth.append((int(record["t_ns"]), record["position"].copy()))
+                self.truth.append((int(record["t_ns"]), record["position"].copy(), record["orientation_wxyz"].copy()))
                 stepped |= bool(record["position"][2] - self.truth[0][1][2] > LIFTED_M)
                 seconds, nanoseconds = struct.unpack("qq", ancillary[0][2])
                 exposed_ns = 10**9 * seconds + nanoseconds - time.time_ns() + time.monotonic_ns()
@@ -293,8 +299,32 @@ def main() -> int:
         if options.tracker == "none":
             print(f"{result['failure_reason'] or 'success'}; object observed: {result['object_observed']}")
             return int(not result["success"] or result["object_observed"])
-        compare = compared_as_whole if options.tracker == "apriltag" else compared
-        return compare(result, read_log(folder / "t.mcap").topic("/object/pose"), relay.truth)
+        log = read_log(folder / "t.mcap")
+        if options.tracker == "apriltag":
+            rendered(log, relay.truth)
+            return compared_as_whole(result, log.topic("/object/pose"), relay.truth)
+        return compared(result, log.topic("/object/pose"), relay.truth)
+
+
+def rendered(log: Log, truth: list) -> None:
+    """Print how well the tag is found in what MuJoCo draws of the trial, with the arms where the log has them."""
+    arms = [log.topic(f"/{side}/arm") for side in SIDES]
+    find, off_mm, first, last, next_ns = detector(CAMERA), [], arms[0]["t_ns"][0], arms[0]["t_ns"][-1], 0
+    pictures = 0
+    with contextlib.closing(RenderedCell(CAMERA, EYE, BODY)) as cell:
+        for t_ns, position, wxyz in truth:
+            if not first <= t_ns <= last or t_ns < next_ns:
+                continue
+            next_ns, pictures = t_ns + PERIOD_NS, pictures + 1
+            q = np.array([arm["q"][np.searchsorted(arm["t_ns"], t_ns)] for arm in arms])
+            T = find(cell.picture(position, wxyz, q)).get(BODY)
+            if T is not None:
+                place = (EYE @ T)[:3, 3] - cell.top_m * (EYE @ T)[:3, 2]
+                off_mm.append(1e3 * float(np.linalg.norm(place - position)))
+    spread = np.percentile(off_mm, [50, 95, 100]) if off_mm else np.zeros(3)
+    print("drawn by MuJoCo: found in {} of {} pictures, place p50 {:.2f}, p95 {:.2f}, largest {:.2f} mm".format(
+        len(off_mm), pictures, *spread
+    ))  # fmt: skip
 
 
 def cell_file(watcher: Watcher) -> str:
@@ -305,7 +335,7 @@ def cell_file(watcher: Watcher) -> str:
 
 def compared(result: dict, logged: np.ndarray, truth: list) -> int:
     """Print how far the log's poses are off, in place and time; each is found by its noise, which is its own."""
-    times, places = np.array([t for t, _ in truth]), np.array([p for _, p in truth])
+    times, places = np.array([t for t, _, _ in truth]), np.array([p for _, p, _ in truth])
     off_ms, off_mm = [], []
     for pose in logged:
         frame = int(np.argmin(np.linalg.norm(places - pose["position"], axis=1)))
@@ -323,7 +353,7 @@ def compared(result: dict, logged: np.ndarray, truth: list) -> int:
 
 def compared_as_whole(result: dict, logged: np.ndarray, truth: list) -> int:
     """Print how far the log's poses are off, where each has noise of its own: in place, and all of them in time."""
-    times, places = np.array([t for t, _ in truth]), np.array([p for _, p in truth])
+    times, places = np.array([t for t, _, _ in truth]), np.array([p for _, p, _ in truth])
     if not len(logged):
         print(f"{result['failure_reason'] or 'success'}; no pose arrived: is this machine fast enough to draw them?")
         return 1
