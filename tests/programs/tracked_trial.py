@@ -300,10 +300,11 @@ def main() -> int:
             print(f"{result['failure_reason'] or 'success'}; object observed: {result['object_observed']}")
             return int(not result["success"] or result["object_observed"])
         log = read_log(folder / "t.mcap")
-        if options.tracker == "apriltag":
-            rendered(log, relay.truth)
-            return compared_as_whole(result, log.topic("/object/pose"), relay.truth)
-        return compared(result, log.topic("/object/pose"), relay.truth)
+        if options.tracker != "apriltag":
+            return compared(result, log.topic("/object/pose"), relay.truth)
+        status = compared_as_whole(result, log.topic("/object/pose"), relay.truth)
+        rendered(log, relay.truth)
+        return status
 
 
 def rendered(log: Log, truth: list) -> None:
@@ -368,7 +369,7 @@ def compared_as_whole(result: dict, logged: np.ndarray, truth: list) -> int:
     mm = np.percentile(off_mm(0.0), [50, 95, 100])
     print(f"{result['failure_reason'] or 'success'}; lift {result['max_lift_mm']} mm, {len(logged)} poses")
     print(f"time  off by {ms:.1f} ms")
-    print("place p50 {:.2f}, p95 {:.2f}, largest {:.2f} mm".format(*mm))
+    print("place p50 {:.2f}, p95 {:.2f}, largest {:.2f} mm".format(*mm), flush=True)
     return int(not result["success"] or abs(ms) > MOST_MS or mm[1] > MOST_MM)
 
 
