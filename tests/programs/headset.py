@@ -9,10 +9,13 @@ movements with a tremor of 0.3 mm at 9 Hz, the right hand 30 ms after the left o
 Steps: the left controller is moved by 10 mm again and again from rest; the time of that is the page's (Unix time by
 performance.now), the end is when another thread sees, in the live rings, a tick whose command has left its place by
 0.1 um, as in tests.programs.gizmo_latency. The wait for the headset's next picture is in it. Demonstrations: both grips
-held, a grab of the rice box, finished by A and accepted by Y; what the log says of each command is reported too, and
-how often the pads were not led although a grip was held. Trials: of the last demonstration, with seeds from 0 on.
+held, a grab of the rice box, finished by A and accepted by Y; and how often the pads were not led although a grip was
+held. Trials: of the last demonstration, with seeds from 0 on. What the log says of each command is reported too, by
+stages: between_ms two commands, which is a picture of the headset; made_to_came_ms, from the page to the console;
+came_to_torque_ms, from there to the tick that takes it.
 
-Exit status 1 where the 95th percentile is above 30 ms, a clutch was lost, or fewer than nine of ten trials succeed.
+Exit status 1 where the 95th percentile is above 30 ms, a clutch was lost, or fewer than nine of ten trials succeed. The
+first fault of page or arms ends it.
 """
 
 import argparse
@@ -36,7 +39,7 @@ from rtstack.log.reader import read_log
 from rtstack.samples import SIDES
 from rtstack.topics import HAND_TOPIC
 from tests.support.console.headset import COUNT, READY_MS, REST, Person, emulate, emulator, minimum_jerk
-from tests.support.console.operator_scene import Chromium, OperatorScene
+from tests.support.console.operator_scene import Chromium, OperatorScene, wait
 from tests.support.console.stack import COMMAND, SoakFailed
 
 LEAST_M = 1e-7
@@ -45,6 +48,8 @@ PATIENCE_S = 5.0
 REST_S = 0.6
 WANTED_MS = 30.0
 WANTED_SHARE = 0.9
+LET_GO_MS = 300.0  # between two commands: the hand was not leading
+WRONG = re.compile("failed|stopped|without success|^Not |do not follow")
 MOVE = """([x, y, z]) => {
   xr.controllers.left.position.set(x, y, z);
   return performance.timeOrigin + performance.now();
@@ -95,30 +100,41 @@ class Headset:
         page.evaluate(COUNT)
         self.ready_s = time.monotonic() - began_s
 
+    def until(self, selector: str, says: str) -> None:
+        """Wait until a line of the page says something. Raises SoakFailed with what went wrong instead."""
+
+        def reached() -> bool:
+            for line in self.page.locator("#job-line, #errors p").all_inner_texts():
+                if line != "-" and WRONG.search(line):
+                    raise SoakFailed(line)
+            return re.search(says, self.page.locator(selector).inner_text()) is not None
+
+        wait(reached, f"the page does not say: {says}")
+
     def begin(self) -> None:
         """Record, and hold both grips."""
         person = self.person
         for side in SIDES:
             person.place(side, REST[side])
         person.press("right", "a-button")
-        person.sees("hold a grip to lead")
+        self.until("#headset-state", "hold a grip to lead")
         for side in SIDES:
             person.grip(side, True)
-        person.sees("leading")
+        self.until("#headset-state", "leading")
 
     def finish(self) -> Path:
         """Let go and finish; return the log."""
         for side in SIDES:
             self.person.grip(side, False)
-        self.person.sees("hold a grip to lead")
+        self.until("#headset-state", "hold a grip to lead")
         self.person.press("right", "a-button")
-        expect(self.page.locator("#job-line")).to_contain_text("succeeded", timeout=READY_MS)
+        self.until("#job-line", "succeeded")
         job = self.scene.stack.client.get("/api/status").raise_for_status().json()["job"]
         return self.scene.stack.logs / job["log"]
 
-    def steps(self, count: int) -> list[float | None]:
-        """Move the left hand up and down from rest; return after how long each was followed, ms, None where not."""
-        found: list[float | None] = []
+    def steps(self, count: int) -> list[float]:
+        """Move the left hand up and down from rest; return after how long each was followed, ms. Raises SoakFailed."""
+        found: list[float] = []
         x, y, z = REST["left"]
         for k in range(count):
             self.page.wait_for_timeout(1e3 * REST_S + 17 * (k % 7) / 7)
@@ -128,25 +144,29 @@ class Headset:
             while first.seen_ms is None and time.monotonic() < until_s:
                 time.sleep(0.002)
             seen_ms = first.close()
-            found.append(None if seen_ms is None else seen_ms - began_ms)
+            if seen_ms is None:
+                raise SoakFailed(f"step {k + 1} was not followed within {PATIENCE_S:g} s")
+            found.append(seen_ms - began_ms)
         return found
 
     def accept(self) -> str:
         """Accept the recording; return what the page says of it."""
         self.person.press("left", "y-button")
-        expect(self.page.locator("#job-line")).to_contain_text(re.compile("Accepted|Not accepted"), timeout=READY_MS)
+        self.until("#job-line", "Accepted")
         return self.page.locator("#job-line").inner_text()
 
 
 def of_commands(log: Path) -> dict:
     """Return what a log says of its commands."""
     hand = read_log(log).topic(HAND_TOPIC)
-    made, picture = hand["made_us"] * 1e-3, (hand["picture_us"] - hand["seen_us"]) * 1e-3
-    gaps_ms = np.diff(hand["t_ns"]) * 1e-6
-    figures = {
-        name: [round(float(p), 1) for p in np.percentile(values, (50, 95))]
-        for name, values in (("made_to_torque_ms", made), ("torque_to_picture_ms", picture), ("between_ms", gaps_ms))
-    }
+    made, came = hand["made_us"] * 1e-3, hand["came_us"] * 1e-3
+    picture, gaps_ms = (hand["picture_us"] - hand["seen_us"]) * 1e-3, np.diff(hand["t_ns"]) * 1e-6
+    gaps_ms = gaps_ms[gaps_ms < LET_GO_MS]
+    stages = {
+        "between_ms": gaps_ms, "made_to_came_ms": made - came, "came_to_torque_ms": came, "made_to_torque_ms": made,
+        "torque_to_picture_ms": picture,
+    }  # fmt: skip
+    figures = {name: np.percentile(values, (50, 95)).round(1).tolist() for name, values in stages.items()}
     dropped = {name: int(hand[name][-1]) for name in hand.dtype.names or () if name.startswith("dropped")}
     return {"commands": len(hand), **figures, "longest_between_ms": round(float(gaps_ms.max()), 1), **dropped}
 
@@ -191,11 +211,15 @@ def main() -> int:
                     trouble += scene.close()
                 browser.close()
         if reference is not None and options.trials:
-            found = [trial(reference, seed, Path(folder)) for seed in range(options.trials)]
-            won = sum(success for success, _ in found)
-            report["trials"] = {"succeeded": won, "of": options.trials, "not": sorted({why for _, why in found} - {""})}
-            if won < WANTED_SHARE * options.trials:
-                trouble.append(f"{won} of {options.trials} trials succeeded")
+            won, failures, may_fail = 0, [], options.trials * (1.0 - WANTED_SHARE)
+            for seed in range(options.trials):
+                success, why = trial(reference, seed, Path(folder))
+                won += success
+                failures += [] if success else [why]
+                if len(failures) > may_fail + 1e-9:
+                    trouble.append(f"trials: {len(failures)} of {won + len(failures)} did not succeed: {why}")
+                    break
+            report["trials"] = {"succeeded": won, "of": won + len(failures), "not": failures}
     report |= {"load": [*report["load"], round(os.getloadavg()[0], 1)], "trouble": trouble}
     print(json.dumps(report, indent=2))
     if options.json is not None:
@@ -209,21 +233,16 @@ def demonstrate(headset: Headset, options: argparse.Namespace, report: dict, tro
     if options.steps:
         headset.begin()
         found = headset.steps(options.steps)
-        headset.finish()
-        times = np.array([one for one in found if one is not None])
-        p50, p95 = np.percentile(times, (50, 95)).round(1).tolist()
-        report["hand_to_torque"] = {"steps": len(found), "unmoved": found.count(None), "p50_ms": p50, "p95_ms": p95}
-        if p95 > WANTED_MS or found.count(None):
-            trouble.append(f"hand to torque: p95 {p95:g} ms, {found.count(None)} steps unmoved")
+        p50, p95 = np.percentile(found, (50, 95)).round(1).tolist()
+        report["hand_to_torque"] = {"steps": len(found), "p50_ms": p50, "p95_ms": p95, **of_commands(headset.finish())}
+        if p95 > WANTED_MS:
+            trouble.append(f"hand to torque: p95 {p95:g} ms, {WANTED_MS:g} ms are allowed")
     recording = None
     for seed in range(options.demonstrations):
         headset.begin()
         headset.person.play(minimum_jerk(seed))
         recording = headset.finish()
-        said = headset.accept()
-        report.setdefault("demonstrations", []).append(of_commands(recording) | {"page": said})
-        if "Not accepted" in said:
-            trouble.append(said)
+        report.setdefault("demonstrations", []).append(of_commands(recording) | {"page": headset.accept()})
     report["clutch_lost"] = headset.page.evaluate("() => window.lost")
     if report["clutch_lost"]:
         trouble.append(f"the clutch was lost {report['clutch_lost']} times")

@@ -65,6 +65,10 @@ class Chromium:
         """Have every process of the browser stand still."""
         os.killpg(self._process.pid, signal.SIGSTOP)
 
+    def kill(self) -> None:
+        """Kill every process of the browser."""
+        os.killpg(self._process.pid, signal.SIGKILL)
+
     def renderers(self) -> list[psutil.Process]:
         """Return the processes that carry out its pages."""
         children = psutil.Process(self._process.pid).children(recursive=True)

@@ -126,10 +126,10 @@ class Namespace:
         _libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)  # never without the test
         self.enter()
 
-    def plug(self, in_place: bool) -> None:
+    def plug(self, in_place: bool, device: str = DEVICE) -> None:
         """Pull the cable out of its device, or put it back."""
         with self.inside():
-            _set_up(DEVICE, in_place)
+            _set_up(device, in_place)
 
     def close(self) -> None:
         """End it."""

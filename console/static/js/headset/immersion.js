@@ -32,7 +32,8 @@ export class Immersion {
   async enter() {
     try {
       const session = await navigator.xr.requestSession(this.kind, { requiredFeatures: ["local-floor"], optionalFeatures: ["hand-tracking"] });
-      const gl = document.createElement("canvas").getContext("webgl", { xrCompatible: true, alpha: true });
+      // the layer smoothes its own edges, nobody sees the canvas
+      const gl = document.createElement("canvas").getContext("webgl", { xrCompatible: true, alpha: true, antialias: false });
       session.updateRenderState({ baseLayer: new XRWebGLLayer(session, gl) });
       session.addEventListener("end", () => this.left());
       session.addEventListener("visibilitychange", () => session.visibilityState !== "visible" && this.page.letGo(true));

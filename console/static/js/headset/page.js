@@ -13,7 +13,6 @@ import { logOf, tellWorth } from "../worth.js";
 import { Immersion } from "./immersion.js";
 
 const $ = (id) => document.getElementById(id);
-const PERIOD_MS = 8; // between two messages at least: a headset shows 72 to 120 pictures a second
 const RETRY_MS = 1000;
 const PULSE_MS = 60;
 const FULL_N = 60; // a pulse as strong as it can be
@@ -29,7 +28,6 @@ class Headset {
     camera?.addEventListener("change", () => this.camera.look(camera.value));
     this.held = false;
     this.running = false;
-    this.saidMs = 0;
     this.view = null;
     this.felt = { left: 0, right: 0 };
     this.said = "-"; // the last line about the job, or about what was pressed
@@ -133,9 +131,7 @@ class Headset {
       this.letGo(false, false);
       return;
     }
-    const now = performance.now();
-    if (this.held && now - this.saidMs < PERIOD_MS) return;
-    [this.held, this.saidMs] = [true, now];
+    this.held = true;
     this.say(this.commands.stamped({ clutch: true, hands }));
   }
 

@@ -13,6 +13,7 @@ const BOARD_M = [0.001, 0.64, 0.2];
 const BOARD_PX = [1024, 320];
 const PICTURE_M = 0.48; // how wide a camera's picture is
 const ABOVE_M = 0.3;
+const READ_MS = 200; // between two writings of the board: nobody reads faster, and each one holds a picture up
 const COLOURS = { left: [0.29, 0.56, 0.89, 1], right: [0.93, 0.6, 0.25, 1], object: [0.65, 0.6, 0.5, 1] };
 const GHOST = 0.35;
 const GROUNDS = { held: [0.03, 0.2, 0.09, 1], ready: [0.06, 0.08, 0.14, 1], idle: [0.07, 0.07, 0.07, 1], fault: [0.35, 0.04, 0.04, 1] };
@@ -66,6 +67,7 @@ export class Room {
     });
     this.board = new OffscreenCanvas(...BOARD_PX).getContext("2d");
     this.written = null;
+    this.writtenMs = -Infinity;
   }
 
   // state: one of GROUNDS; clear: the real room is seen behind; lines: of the board; places: of the live view; picture: a camera's, null for
@@ -131,9 +133,9 @@ export class Room {
   }
 
   write(lines) {
-    const text = lines.join("\n");
-    if (text === this.written) return;
-    this.written = text;
+    const [text, now] = [lines.join("\n"), performance.now()];
+    if (text === this.written || now - this.writtenMs < READ_MS) return;
+    [this.written, this.writtenMs] = [text, now];
     const { gl, board } = this;
     gl.bindTexture(gl.TEXTURE_2D, this.textures[0]);
     const [width, height] = BOARD_PX;
