@@ -91,8 +91,9 @@ def look(parts: NeedsParts) -> TeleopView:
 
 
 @router.post("/hand")
-def request(message: TeleopMessage, session: NeedsSession, parts: NeedsParts) -> TeleopView:
+async def request(message: TeleopMessage, session: NeedsSession, parts: NeedsParts) -> TeleopView:
     """Do what a message says, once. The clutch goes quiet unless it is said again."""
+    # not async for waiting: in the event loop, as those of sockets are, no message is carried out within another one
     if message.stop:
         parts.mailbox.request_stop()
     _act(parts, session.operator, message)
@@ -132,6 +133,7 @@ async def stream(websocket: WebSocket) -> None:
             except RobotRefused as refused:
                 answer["error"] = str(refused)
             await websocket.send_json(answer | asdict(parts.teleop.view))
+            await asyncio.sleep(0)  # neither queue nor socket gives way by itself: a flood would hold all others up
     except (WebSocketDisconnect, RuntimeError):
         pass  # the page has gone
     finally:
