@@ -51,6 +51,7 @@ class TeleoperationGuide:
     ) -> None:  # fmt: skip
         self.points = np.zeros((2, 1), POINT)
         self.moved = False  # whether the clutch was held
+        self.lost = False  # whether it was let go because the operator was out of sight
         self._mailbox = mailbox
         self._job = job
         self._reach = reach
@@ -201,6 +202,7 @@ class TeleoperationGuide:
         if not self._held:
             return None
         self._held = False
+        self.lost = release == Release.LOST
         if self._stop_on_release or release != Release.RELEASED:
             return released(release)
         for follower in self._followers:

@@ -61,7 +61,8 @@ def run_teleoperation(
             run.between = host.serve(guide, cell.tracker, description, run.run_event, cameras)
         outcome = run.follow(cell, following(Strategy.PROPOSED), 0.0)
         interventions = outcome.safety_interventions
-        end = End.COMPLETED if outcome.end in _AS_WANTED else outcome.end
+        cut_off = specification.recorded and guide.lost  # a recording that nobody meant to end there
+        end = End.COMPLETED if outcome.end in _AS_WANTED and not cut_off else outcome.end
         reason = failure_reason(end, outcome.detail, interventions)
         result = TeleoperationResult(
             success=reason is None,
