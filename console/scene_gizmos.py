@@ -8,7 +8,8 @@ import numpy as np
 import viser
 
 from console.teleoperation.quaternion import conjugate, product
-from console.teleoperation.teleop_input import Handles, TeleopInput
+from console.teleoperation.teleop_input import TeleopInput
+from console.teleoperation.teleop_view import Handles
 from hal.arrays import Array
 from rtstack.model.cell_description import CellDescription
 

@@ -22,7 +22,7 @@ from pydantic.dataclasses import dataclass as checked
 from console.parts import NeedsParts, NeedsSession, parts_of, session_now
 from console.routes.problems import problems
 from console.teleoperation.policy_input import PolicyInput
-from console.teleoperation.teleop_input import TeleopView
+from console.teleoperation.teleop_view import TeleopView
 from rtstack.live.protocol import Operator
 from rtstack.loop.target import CHUNK_POSES
 from rtstack.messages import MESSAGE, NUMBER, StrictBool, StrictFloat

@@ -30,7 +30,7 @@ from console.routes.control import report_stop
 from console.routes.problems import problems
 from console.teleoperation.devices import Placed
 from console.teleoperation.pair import Coupling
-from console.teleoperation.teleop_input import Handles, Lead, TeleopView
+from console.teleoperation.teleop_view import Handles, Lead, TeleopView
 from rtstack.live.client import RobotRefused
 from rtstack.loop.target import Release
 from rtstack.messages import MESSAGE, StrictBool, StrictFloat

@@ -7,19 +7,19 @@ again. May be called from any thread.
 
 import threading
 import time
-from collections import Counter, deque
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 
-from console.teleoperation.devices import Deflected, Device, Dragged, Led, Tracked
+from console.teleoperation.devices import Deflected, Device, Led
 from console.teleoperation.gate import OLDEST_COMMAND_S, Admission, Drop, Gate
-from console.teleoperation.latency import Latency, LatencyView
+from console.teleoperation.grips import Grips
+from console.teleoperation.latency import Latency
 from console.teleoperation.pair import Coupling
+from console.teleoperation.policy_lease import PolicyLease
 from console.teleoperation.quaternion import angle_between, squared
+from console.teleoperation.teleop_view import Handles, Lead, TeleopView
 from console.watch import Watch
 from hal.arrays import Array
 from rtstack.live.client import RobotRefused
@@ -43,45 +43,6 @@ from rtstack.teleoperation.stamp import Stamp
 TOO_FAR = "the request is too far ahead of the arm: it is not followed until it comes nearer"
 NO_CLUTCH = "the clutch is not held, so that nothing moves: hold C while you drag, or let the drag hold the clutch"
 BEAT_S = 0.05  # between two signs of life of a page
-_UNDO_DEPTH = 20  # drags
-_UNDONE_M, _UNDONE_RAD = 2e-3, 5e-3  # a drag that asks for less than this is none
-
-
-class Handles(StrEnum):
-    """What a gizmo's handles do. Never both: rings would lie over arrows."""
-
-    MOVE = "move"
-    TURN = "turn"
-
-
-class Lead(StrEnum):
-    """Where a clutch that is held leads the hands by itself."""
-
-    UNDO = "undo"  # to where they were asked to be before the last drag
-    STRAIGHTEN = "straighten"  # to the nearest orientation that is square to the table
-
-
-@dataclass(frozen=True, slots=True)
-class TeleopView:
-    """What a page shows of the input. refusal: why the last request is not followed, None where it is. drags: how many
-    of them can be undone. policy: the name of the policy that leads while the clutch is not held, None where none does.
-    dropped: commands that were not applied since the teleoperation began: too old, out of order, made on an old
-    picture, for another reason. picture: what a program that asks nothing else has seen by this answer. policies: the
-    names of those that are connected.
-    """
-
-    held: bool
-    coupling: Coupling
-    speed_m_s: float
-    stiffness_n_m: float
-    refusal: str | None
-    handles: Handles
-    drags: int
-    dropped: tuple[int, ...]
-    latency: LatencyView | None
-    picture: int
-    policy: str | None = None
-    policies: tuple[str, ...] = ()
 
 
 class TeleopInput:
@@ -95,11 +56,9 @@ class TeleopInput:
         self._target = np.zeros(1, TARGET)
         self._by: str | None = None  # who holds the clutch
         self._asked: Array | None = None
-        self._grips: dict[int, tuple[Array, Array]] = {}  # of the gizmos that are dragged: where grip and hands began
-        self._dragged: set[int] = set()  # arms whose gizmo is being dragged, followed or not
+        self._grips = Grips()
         self._grip: tuple[str, int] | None = None  # who lets a drag hold the clutch, and when they last said so
         self._by_grip = False  # the clutch is held by a drag
-        self._drags: deque[Array] = deque(maxlen=_UNDO_DEPTH)  # what was asked for before each of them
         self._goal: tuple[Lead, Array] | None = None  # where the hands are being led
         self._handles = Handles.MOVE
         self._of_job: int | None = None
@@ -108,9 +67,7 @@ class TeleopInput:
         self._speed = SPEED_M_S
         self._stiffness = STIFFNESS_N_M
         self._refusal: str | None = None
-        self._lent: str | None = None  # the policy that leads
-        self._connected = Counter[str]()  # how many connections each policy has
-        self._leases = 0  # given since the console began
+        self._lease = PolicyLease()
         self._gate = Gate()
         self._admitted: Admission | None = None  # the last one that was a sign of life
         self._admitted_ns = 0
@@ -124,9 +81,9 @@ class TeleopInput:
             self._notice()
             return TeleopView(
                 self._by is not None, self._coupling, self._speed, self._stiffness, self._late or self._refusal,
-                self._handles, len(self._drags), tuple(self._gate.dropped), self._latency.view(),
+                self._handles, len(self._grips.drags), tuple(self._gate.dropped), self._latency.view(),
                 self._watch.view.number,
-                self._lent, tuple(sorted(+self._connected)),
+                self._lease.policy, self._lease.policies,
             )  # fmt: skip
 
     @property
@@ -142,7 +99,7 @@ class TeleopInput:
 
     def dragging(self, side: int) -> bool:
         """Whether this arm's gizmo is being dragged, with the clutch or without."""
-        return side in self._dragged
+        return side in self._grips.dragged
 
     def set(
         self, operator: str, coupling: Coupling | None = None, speed_m_s: float | None = None,
@@ -157,8 +114,8 @@ class TeleopInput:
                 self._speed = float(np.clip(speed_m_s, SLOWEST_M_S, FASTEST_M_S))
             if stiffness_n_m is not None:
                 self._stiffness = float(np.clip(stiffness_n_m, SOFTEST_N_M, HARDEST_N_M))
-            if self._by is not None or self._lent is not None:
-                self._grips.clear()  # what is dragged goes on from here, in the new way
+            if self._by is not None or self._lease.policy is not None:
+                self._grips.let_go()  # what is dragged goes on from here, in the new way
                 self._write()
 
     def admit(self, operator: str, stamp: Stamp | None, came_ns: int | None = None) -> Admission:
@@ -195,9 +152,9 @@ class TeleopInput:
                     raise RobotRefused("the arms have not said yet where they are")
                 self._asked, self._by, self._refusal = command, operator, None
                 self._by_grip, self._goal = False, None
-                self._grips.clear()
+                self._grips.let_go()
                 self._target["release"], self._target["finish"] = Release.NOT_YET, 0
-                self._lent, self._target["policy"] = None, 0
+                self._target["policy"] = self._lease.give(None)
             self._target["job"] = job.number
             self._target["clutch_ns"] = self._clock()
             self._write()
@@ -210,7 +167,7 @@ class TeleopInput:
         with self._lock:
             self._check_holder(operator)
             self._grip = operator, self._clock()
-            if self._dragged:
+            if self._grips.dragged:
                 self._press_by_grip(operator)
 
     def _press_by_grip(self, operator: str) -> None:
@@ -227,7 +184,7 @@ class TeleopInput:
             if self._by is None or self._by != operator:
                 return
             self._by = None
-            self._grips.clear()
+            self._grips.let_go()
             self._target["clutch_ns"], self._target["release"] = 0, reason
             self._write()
 
@@ -238,7 +195,7 @@ class TeleopInput:
             job = self._job(JobKind.TELEOPERATION, JobKind.PLAYBACK)
             if job is None:
                 raise RobotRefused("neither a teleoperation nor a playback runs")
-            self._by = self._lent = None
+            self._by = self._lease.policy = None
             self._target["job"], self._target["clutch_ns"], self._target["finish"] = job.number, 0, 1
             self._write()
 
@@ -252,31 +209,30 @@ class TeleopInput:
             if policy == operator:
                 raise RobotRefused(f"{operator} has control: a policy has a name and a token of its own")
             self._notice()
-            self._by, self._lent = None, policy
-            self._grips.clear()
-            self._leases += policy is not None
+            self._by = None
+            self._grips.let_go()
             target = self._target
             target["job"], target["clutch_ns"], target["finish"], target["release"] = job.number, 0, 0, Release.NOT_YET
-            target["policy"] = 0 if policy is None else self._leases
+            target["policy"] = self._lease.give(policy)
             self._write()
 
     def policy_connected(self, policy: str, by: int = 1) -> None:
         """Note that a policy has one more connection, or with -1 one less."""
         with self._lock:
-            self._connected[policy] += by
+            self._lease.connected(policy, by)
 
     def end_lease(self, policy: str) -> None:
         """End the lease of a policy that has gone or is done: the arms hold. Does nothing where it has none."""
         with self._lock:
-            if self._lent == policy:
-                self._lent, self._target["policy"] = None, 0
+            if self._lease.policy == policy:
+                self._target["policy"] = self._lease.give(None)
                 self._write()
 
     def lease(self, policy: str) -> tuple[int, int] | None:
         """Return the job and the number of the lease that this policy has, None where it has none."""
         with self._lock:
             self._notice()
-            if self._lent is None or self._lent != policy:
+            if self._lease.policy is None or self._lease.policy != policy:
                 return None
             return int(self._target["job"][0]), int(self._target["policy"][0])
 
@@ -295,12 +251,7 @@ class TeleopInput:
         """
         with self._lock:
             self._notice()
-            for side, hand in enumerate(hands):
-                if hand is None or self._asked is None:
-                    self._grips.pop(side, None)
-                elif side not in self._grips:
-                    self._grips[side] = (hand, self._asked.copy())
-            self.move(operator, Tracked(hands, self._grips))
+            self.move(operator, self._grips.track(hands, self._asked))
 
     def jog(self, operator: str, left: Array | None, right: Array | None) -> None:
         """Ask for what keys or sticks say, for the time since they last did. Raises RobotRefused as `move` does."""
@@ -319,9 +270,10 @@ class TeleopInput:
             if self._by != operator or self._asked is None:
                 raise RobotRefused("hold the clutch: nothing moves without it")
             if self._goal is None or self._goal[0] is not lead:
-                if lead is Lead.UNDO and not self._drags:
+                drags = self._grips.drags
+                if lead is Lead.UNDO and not drags:
                     raise RobotRefused("no drag of this teleoperation is left to be undone")
-                goal = self._drags.pop() if lead is Lead.UNDO else self._asked.copy()
+                goal = drags.pop() if lead is Lead.UNDO else self._asked.copy()
                 if lead is Lead.STRAIGHTEN:
                     for pose in goal:
                         pose[3:] = squared(pose[3:])
@@ -335,21 +287,17 @@ class TeleopInput:
             if phase == "end":
                 self._end_drag(side)
                 return
-            self._dragged.add(side)
+            self._grips.dragged.add(side)
             if self._drag_is_late():
                 return
             if self._by is None and self._grip is not None and self._clock() - self._grip[1] < CLUTCH_S * 1e9:
                 with suppress(RobotRefused):  # the page is told by its next sign of life
                     self._press_by_grip(self._grip[0])
             if self._by is None or self._asked is None:
-                self._grips.pop(side, None)
+                self._grips.let_go(side)
                 self._refusal = NO_CLUTCH
                 return
-            if phase == "start" or side not in self._grips:
-                self._grips[side] = (grip, self._asked.copy())
-                self._drags.append(self._asked.copy())
-            grip_began, began = self._grips[side]
-            self._ask(Dragged(side, grip_began, grip, began))
+            self._ask(self._grips.drag(side, grip, self._asked, phase == "start"))
 
     def _drag_is_late(self) -> bool:
         """Whether a drag must not be followed: the scene's client stamps nothing, so that a drag has the stamp of the
@@ -367,11 +315,8 @@ class TeleopInput:
         return True
 
     def _end_drag(self, side: int) -> None:
-        self._dragged.discard(side)
-        followed = self._grips.pop(side, None)
-        if followed is not None and self._drags and self._asked is not None and _near(self._drags[-1], self._asked):
-            self._drags.pop()  # a click
-        if self._by_grip and self._by is not None and not self._dragged:
+        self._grips.end_drag(side, self._asked)
+        if self._by_grip and self._by is not None and not self._grips.dragged:
             self.release(self._by)
 
     def _ask(self, device: Device) -> None:
@@ -404,12 +349,12 @@ class TeleopInput:
         quiet = self._clock() - int(self._target["clutch_ns"][0]) > CLUTCH_S * 1e9
         if self._by is not None and (quiet or self._job() is None):
             self._by = None
-            self._grips.clear()
+            self._grips.let_go()
         job = self._job()
         number = None if job is None else job.number
         if number != self._of_job:  # what was dragged before is another teleoperation's
-            self._of_job, self._refusal, self._lent = number, None, None
-            self._drags.clear()
+            self._of_job, self._refusal, self._lease.policy = number, None, None
+            self._grips.drags.clear()
             self._late = None
             self._gate.forget()
             self._latency.forget()
@@ -426,9 +371,3 @@ class TeleopInput:
         kinds = kinds or (JobKind.TELEOPERATION, JobKind.GUIDE)
         runs = job is not None and job.kind in kinds and job.state is JobState.RUNNING
         return job if runs else None
-
-
-def _near(a: Array, b: Array) -> bool:
-    """Whether two requests (2, 7) are as good as the same."""
-    far = np.linalg.norm(a[:, :3] - b[:, :3], axis=1).max()
-    return bool(far < _UNDONE_M) and max(map(angle_between, a[:, 3:], b[:, 3:])) < _UNDONE_RAD

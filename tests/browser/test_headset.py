@@ -85,7 +85,9 @@ def test_whatever_ends_it_stops_the_arms(person, how, logs_of_stack):
         page.goto("/logs")
         page.goto("/headset")
     stopped = how == "upper button"
-    expect(page.locator("#job-line")).to_contain_text("stopped" if stopped else "ended without success: the operator let go", timeout=READY_MS)
+    expect(page.locator("#job-line")).to_contain_text(
+        "stopped" if stopped else "ended without success: the operator let go", timeout=READY_MS
+    )
     said = [event.text for event in newest(logs_of_stack).events if event.name == "watchdog"]
     assert said == ([] if stopped else ["the operator let go: the page lost the operator's hand"])
 
