@@ -3,6 +3,7 @@
 import json
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from typing import Any
 
@@ -115,23 +116,24 @@ def _told(stream: Connection, sender: Sender, message: dict[str, Any]) -> dict[s
 
 def lead(operator: Operator, device: InputDevice, stream: Connection, sender: Sender, stop: Any) -> dict[str, Any]:
     """Pass on what the device says, 50 times a second, until it has finished. Returns the job."""
-    beat_s, refused = 0.0, ""
-    while True:
-        now_s = time.monotonic()
-        said = device.read()
-        if said.finished or stop():
-            operator.post("teleoperation/finish")
-            return operator.post("beat")["job"]
-        answer = _told(stream, sender, said.message())
-        reason = answer["error"] or answer.get("refusal") or ""
-        if reason != refused:
-            refused = reason
-            typer.echo(reason or "the arms follow", err=True)
-        if now_s - beat_s >= BEAT_S:
-            beat_s, job = now_s, operator.post("beat")["job"]
-            if job["state"] not in _ACTIVE:
-                return job
-        time.sleep(max(0.0, PERIOD_S - (time.monotonic() - now_s)))
+    beat_s, refused, beaten = -BEAT_S, "", None
+    with ThreadPoolExecutor(1) as beside:  # a robot process that answers late must not hold the clutch up
+        while True:
+            now_s = time.monotonic()
+            said = device.read()
+            if said.finished or stop():
+                operator.post("teleoperation/finish")
+                return operator.post("beat")["job"]
+            answer = _told(stream, sender, said.message())
+            reason = answer["error"] or answer.get("refusal") or ""
+            if reason != refused:
+                refused = reason
+                typer.echo(reason or "the arms follow", err=True)
+            if now_s - beat_s >= BEAT_S and (beaten is None or beaten.done()):
+                if beaten is not None and (job := beaten.result()["job"])["state"] not in _ACTIVE:
+                    return job
+                beat_s, beaten = now_s, beside.submit(operator.post, "beat")
+            time.sleep(max(0.0, PERIOD_S - (time.monotonic() - now_s)))
 
 
 def _reason(answer: httpx.Response) -> str:
