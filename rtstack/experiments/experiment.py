@@ -62,7 +62,7 @@ class Stage:
 
 
 # yields stages, and is sent what failed in each of them: name of the task -> reason
-Stages = Generator[Stage, dict[str, str], None]
+Stages = Generator[Stage, dict[str, str], Any]
 
 
 @dataclass(frozen=True, slots=True)

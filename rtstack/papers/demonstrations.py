@@ -1,6 +1,6 @@
 """Demonstrations that the trials of a campaign follow: how a worker records them, and what all its trials share."""
 
-from collections.abc import Iterable
+from collections.abc import Generator, Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -9,7 +9,7 @@ from hal.cell import Cell
 from hal.displacement import Displacement
 from rtstack.cells import with_profile
 from rtstack.experiments.archive import Archive
-from rtstack.experiments.experiment import Stage, Stages, Task
+from rtstack.experiments.experiment import Stage, Task
 from rtstack.experiments.seeds import seed_of
 from rtstack.log.job import Attachment
 from rtstack.model.cell_description import CellDescription, load_cell_description
@@ -18,7 +18,6 @@ from rtstack.papers.reference import Reference
 from rtstack.papers.simulated_cell import open_conditioned_cell
 from rtstack.safety.limits import HARDWARE
 from rtstack.trials.demonstration import run_demonstration
-from rtstack.trials.errors import TrialError
 from rtstack.trials.record import cell_attachments, frames, trial_metadata
 from rtstack.trials.run_context import RunContext
 from rtstack.trials.scoring import SuccessCriterion
@@ -96,8 +95,8 @@ def record(bench: Bench, reference: Reference, conditions: Conditions, seed: int
 
 def recording_stages(
     bench: Bench, references: Iterable[Reference], conditions: Conditions, seed: int
-) -> Stages:  # fmt: skip
-    """Record the references that are missing; seed: the plan's. Raises TrialError for one that cannot be recorded."""
+) -> Generator[Stage, dict[str, str], dict[str, str]]:
+    """Record the references that are missing; seed: the plan's. Returns why, of those that cannot be recorded."""
     there = bench.archive.names(RECORDINGS)
     missing = [reference for reference in references if reference.file not in there]
     tasks = [
@@ -105,7 +104,7 @@ def recording_stages(
         for one in missing
     ]
     failed = yield Stage("references", tasks)
-    for reference, task in zip(missing, tasks, strict=True):
-        if task.name in failed:
-            bench.archive.remove(f"{RECORDINGS}/{reference.file}")
-            raise TrialError(f"the reference {reference.name} could not be recorded: {failed[task.name]}")
+    unrecorded = {one.name: failed[task.name] for one, task in zip(missing, tasks, strict=True) if task.name in failed}
+    for name in unrecorded:
+        bench.archive.remove(f"{RECORDINGS}/{Reference.named(name).file}")
+    return unrecorded

@@ -9,6 +9,7 @@ from rtstack.experiments.report import Report
 from rtstack.experiments.store import columns_of
 from rtstack.papers.reference_spreading.plan import Plan, load_plan
 from rtstack.papers.reference_spreading.trial import Trial
+from rtstack.trials.errors import TrialError
 
 
 class ControllerComparison(Experiment[Plan, Trial]):
@@ -40,6 +41,7 @@ class ControllerComparison(Experiment[Plan, Trial]):
             request.out, cell_file, specification.criterion, self.digest, request.logs, request.cell_file
         )
         self._bench.archive.check()
+        self._unrecorded: dict[str, str] = {}  # name of a reference -> why there is none
 
     @classmethod
     def read(cls, path: Path, quick: bool) -> Plan:
@@ -47,16 +49,29 @@ class ControllerComparison(Experiment[Plan, Trial]):
         return load_plan(path, quick)
 
     def stages(self) -> Stages:
-        """Record the references that are missing."""
+        """Record the references that are missing. Trials of one that cannot be recorded are left out.
+
+        Raises TrialError where none can be recorded.
+        """
         from rtstack.papers.demonstrations import recording_stages
 
         plan = self.specification
         conditions = next(iter(plan.conditions.values()))
-        return recording_stages(self._bench, plan.references(), conditions, plan.seed)
+        references = plan.references()
+        self._unrecorded = yield from recording_stages(self._bench, references, conditions, plan.seed)
+        if len(self._unrecorded) == len(references):
+            name, reason = next(iter(self._unrecorded.items()))
+            raise TrialError(f"the reference {name} could not be recorded: {reason}")
+
+    def size(self) -> int:
+        """See Experiment."""
+        plan = self.specification
+        trials = [trial for each in plan.experiments for trial in plan.trials(each)]
+        return plan.size() - sum(trial.reference in self._unrecorded for trial in trials)
 
     def cases(self, rows: Sequence[Row]) -> list[Trial]:
         """See Experiment."""
-        return self.specification.cases(rows)
+        return self.specification.cases(rows, self._unrecorded)
 
     def adopt(self, cases: Sequence[Trial]) -> Iterable[Row]:
         """Take the rows of trials from their logs, which are the truth."""
@@ -84,4 +99,4 @@ class ControllerComparison(Experiment[Plan, Trial]):
         """See rtstack.papers.reference_spreading.report."""
         from rtstack.papers.reference_spreading.report import report
 
-        return report(self.specification, self._bench, results)
+        return report(self.specification, self._bench, results, self._unrecorded)

@@ -1,6 +1,6 @@
 """What a comparison of controllers consists of: a TOML file, fixed before it is run, and the trials that follow."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -141,11 +141,17 @@ class Plan:
             for controller in self.controllers
         ]
 
-    def cases(self, rows: Sequence[Row]) -> list[Trial]:
-        """Return the trials that are known with these results; references are selected once all candidates were run."""
-        return [trial for each in self.experiments for trial in self.trials(each, self.chosen(each, rows))]
+    def cases(self, rows: Sequence[Row], unrecorded: Collection[str] = ()) -> list[Trial]:
+        """Return the trials that are known with these results; references are selected once all candidates were run.
 
-    def chosen(self, experiment: Experiment, rows: Sequence[Row]) -> list[Reference]:
+        unrecorded: names of references that there are not; their trials are left out.
+        """
+        known = [trial for each in self.experiments for trial in self.trials(each, self.chosen(each, rows, unrecorded))]
+        return [trial for trial in known if trial.reference not in unrecorded]
+
+    def chosen(
+        self, experiment: Experiment, rows: Sequence[Row], unrecorded: Collection[str] = ()
+    ) -> list[Reference]:  # fmt: skip
         """Return the references selected for an experiment: those that succeeded most often in the one before.
 
         None as long as that one has trials without a result. The paper's controllers count, all where none of them
@@ -155,7 +161,11 @@ class Plan:
         if selection is None:
             return []
         before = {
-            trial.id for each in self.experiments if each.name == selection.experiment for trial in self.trials(each)
+            trial.id
+            for each in self.experiments
+            if each.name == selection.experiment
+            for trial in self.trials(each)
+            if trial.reference not in unrecorded
         }
         kept = [row for row in rows if row["id"] in before]
         if len(kept) < len(before):

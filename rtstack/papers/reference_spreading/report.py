@@ -47,8 +47,8 @@ SIDE_BY_SIDE = (
 MOST_DRAWN = 50  # trials in a figure: a log has 10 MB, and its samples stay in memory
 
 
-def report(plan: Plan, bench: Bench, results: Results) -> Report:
-    """Return the report of a campaign."""
+def report(plan: Plan, bench: Bench, results: Results, unrecorded: Mapping[str, str]) -> Report:
+    """Return the report of a campaign. unrecorded: references without a recording, and why there is none."""
     rows = results.rows
     evaluations = [Evaluation(rows, name) for name in plan.conditions if any(row["conditions"] == name for row in rows)]
     parts = [_part(rows, evaluation, plan) for evaluation in evaluations]
@@ -58,7 +58,7 @@ def report(plan: Plan, bench: Bench, results: Results) -> Report:
         caption = "Success, lift against the mean of the same reference and displacement, and mean force norm of the "
         caption += "successful grabs, under each set of conditions; error bars: 95 % intervals."
         figures.insert(0, Figure("sensitivity.png", caption, lambda path: figure_sensitivity(path, evaluations)))
-    chosen = [one.name for each in plan.experiments for one in plan.chosen(each, rows)]
+    chosen = [one.name for each in plan.experiments for one in plan.chosen(each, rows, unrecorded)]
     return Report(
         parts, figures, page=(PACKAGE, PAGE),
         values={
@@ -67,10 +67,13 @@ def report(plan: Plan, bench: Bench, results: Results) -> Report:
             "outcomes": outcomes(evaluations) if several else [],
             "conditions": {name: _words(asdict(plan.conditions[name])) for name in plan.conditions},
             "references": [reference.name for reference in plan.references()], "chosen": chosen,
+            "unrecorded": unrecorded,
             "completion": CompletionParameters(), "control": ControlParameters(),
             "beyond": {each: judge_beyond(Evaluation(rows, each, COMPARED)) for each in plan.conditions},
             "summary": summary,
         },
+        warnings=[f"{name} could not be recorded, its trials are left out: {why}" for name, why in unrecorded.items()],
+        reached=not unrecorded,
     )  # fmt: skip
 
 

@@ -45,7 +45,9 @@ class GrabStudy(Experiment[Judged, Case]):
         from rtstack.papers.demonstrations import recording_stages
 
         study = self.specification
-        return recording_stages(self._grab.bench, study.recorded(), study.conditions, study.seed)
+        unrecorded = yield from recording_stages(self._grab.bench, study.recorded(), study.conditions, study.seed)
+        for name, reason in unrecorded.items():
+            raise TrialError(f"the reference {name} could not be recorded: {reason}")
 
     def cases(self, rows: Sequence[Row]) -> list[Case]:
         """Return all cases."""
