@@ -49,6 +49,8 @@ class SimulatedCamera:
         self._readers = [request.rings.reader(f"/{side}/arm") for side in ("left", "right")]
         self._object = request.rings.reader("/object/pose")
         self._held = [reader.drain() for reader in (*self._readers, self._object)]
+        if (pose := self._object.latest()) is not None:  # of a run that has begun
+            self._held[2] = pose
         self._due_ns: int | None = None
         self._waiting: deque[State] = deque(maxlen=_BEHIND)
 

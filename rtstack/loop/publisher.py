@@ -91,7 +91,7 @@ class Publisher:
         self._object = _Stream(OBJECT_TOPIC, rings, history)
         self._sensors = [(sensor, _Stream(sensor.topic, rings, history)) for sensor in sensors]
         self._leads = [(lead, _Stream(lead.topic, rings, history)) for lead in leads]
-        self._streams = [self._object, *(stream for _, stream in (*self._sensors, *self._leads))]
+        self._streams = [stream for _, stream in (*self._sensors, *self._leads)]
         self._event_takers: list[Callable[[NDArray], None]] = [ring.pusher(EVENT_TOPIC).push for ring in rings]
         if history is not None:
             self._event_takers.append(history.keep(EVENT_TOPIC))
@@ -112,6 +112,7 @@ class Publisher:
         """Publish the arm and control records (1,) of both arms, the timing, and what was looked at and is new."""
         if left is not self._left or right is not self._right:
             self._bind(left, right)
+        self._object.publish()  # before the arms: who has their samples has its pose, as a camera needs it
         if self._pushers:
             push_all(self._rows)
         if self._history is not None:

@@ -47,3 +47,17 @@ def test_the_newest_pose_before_the_first_answer_is_the_one_at_zero(first_ns: in
         poses = reader.drain()
     assert poses["t_ns"].tolist() == [0, 3 * MS, 8 * MS]
     assert poses["position"][:, 2].tolist() == [0.1, 0.2, 0.3]
+
+
+def test_who_sees_the_arms_of_a_tick_sees_the_objects_pose_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A camera drew the object where it had not been seen yet, when the loop was pushed off its CPU between the two."""
+    tracker, there = Tracker(), []
+    left, right = ((np.zeros(1, ARM_SAMPLE), np.zeros(1, CONTROL_SAMPLE)) for _ in range(2))
+    with Rings.create() as rings:
+        publisher = Publisher([rings], None)
+        reader = rings.reader("/object/pose")
+        monkeypatch.setattr("rtstack.loop.publisher.push_all", lambda rows: there.append(len(reader.drain())))
+        tracker.see(ORIGIN_NS, 0.1)
+        publisher.look(tracker, ORIGIN_NS, 0)
+        publisher.tick(left, right)
+    assert there == [1]

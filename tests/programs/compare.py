@@ -4,7 +4,8 @@
 
 franka-sim and franky-sim are installed by name into environments of their own (.venv-foreign); mink is here. One client
 does the same to each robot, one robot at a time, on loopback: it holds an arm, moves it, and provokes it. What another
-one does better stands first in the table. Nothing else should compute meanwhile.
+one does better stands first in the table. Nothing else should compute meanwhile. Exit status 2, with one line, where
+one cannot be installed, does not serve, or ends the hold.
 """
 
 import argparse
@@ -28,7 +29,7 @@ from hal.files import write_whole
 from hal.realtime import realtime_thread
 from tests.programs.tick_beside_mink import beside_mink
 from tests.support.fci.client import connect, hold, torque_control
-from tests.support.foreign_robot import VERSIONS, addresses, foreign_command, wait_for
+from tests.support.foreign_robot import VERSIONS, addresses, environment, foreign_command, wait_for
 
 OURS, PEERS = "rtstack", ("franka-sim", "franky-sim")
 MOVE_RAD = np.array([0.02, 0.0, 0.02, 0.0, 0.1, 0.1, 0.1])  # near where each robot begins: the wrist
@@ -276,9 +277,16 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=Path("out/compare.md"))
     options = parser.parse_args()
     robots = {}
-    for name in (OURS, *PEERS):
-        print(f"compare: {name}", file=sys.stderr, flush=True)
-        robots[name] = measured(name, options.seconds, options.rounds)
+    try:
+        for name in PEERS:
+            environment(name)
+        for name in (OURS, *PEERS):
+            print(f"compare: {name}", file=sys.stderr, flush=True)
+            robots[name] = measured(name, options.seconds, options.rounds)
+    except (franka.FrankaException, RuntimeError) as error:
+        lines = str(error).strip().splitlines()
+        print(f"compare: {' '.join(dict.fromkeys((lines[0], lines[-1])))}", file=sys.stderr)
+        return 2
     print("compare: tick", file=sys.stderr, flush=True)
     text = table(robots, beside_mink(options.rounds))
     options.out.parent.mkdir(parents=True, exist_ok=True)

@@ -39,7 +39,7 @@ class ForeignRobot:
 
 
 def environment(name: str) -> Path:
-    """Return the folder of a package's environment, made where it is not there. Raises CalledProcessError."""
+    """Return the folder of a package's environment, made where it is not there. Raises RuntimeError with one line."""
     folder = ENVIRONMENTS / f"{name}-{VERSIONS[name]}"
     ENVIRONMENTS.mkdir(exist_ok=True)
     with open(ENVIRONMENTS / f"{name}.lock", "w") as lock:
@@ -47,7 +47,10 @@ def environment(name: str) -> Path:
         if not (folder / "installed").exists():
             venv.create(folder, with_pip=True, clear=True)
             pip = [str(folder / "bin" / "python"), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-            subprocess.run([*pip, f"{name}=={VERSIONS[name]}"], check=True)
+            done = subprocess.run([*pip, f"{name}=={VERSIONS[name]}"], stderr=subprocess.PIPE, text=True, check=False)
+            if done.returncode:
+                said = (done.stderr.strip().splitlines() or ["it says nothing"])[-1]
+                raise RuntimeError(f"{name} {VERSIONS[name]} cannot be installed by pip: {said}")
             (folder / "installed").touch()
     return folder
 
