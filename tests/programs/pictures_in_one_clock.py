@@ -35,19 +35,22 @@ MOST_MS = 1.0
 
 
 def run(out: Path, kind: str, seconds: float, cameras: dict[str, CameraDescription]) -> LoopBenchmark:
-    """Grab the box, carry it for so long, and put it down; return the figures of the log `out`."""
+    """Grab the box, carry it for so long, and put it down; return the figures of the log `out`. Says what has failed, a
+    stall of this machine as a rule, and tries again twice."""
     description, source = load_description(None)
     described, asked = replace(description, cameras=cameras), DemonstrationSpecification()
-    cell = open_cell(kind, asked.object, 0.0, asked.seed, described)
-    try:
-        way = start_motion(cell, described, asked.object)
-        context = RunContext(open_log(out, asked, described, kind, source, overwrite=True, cell=cell))
-        result = run_demonstration(asked, described, cell, context, way=way, script=long_grab(seconds))
-    finally:
-        cell.close()
-    if not result.success:
-        raise SystemExit(f"pictures_in_one_clock: the run has failed: {result.failure_reason}")
-    return loop_figures(out, kind, True, None)
+    for _ in range(3):
+        cell = open_cell(kind, asked.object, 0.0, asked.seed, described)
+        try:
+            way = start_motion(cell, described, asked.object)
+            context = RunContext(open_log(out, asked, described, kind, source, overwrite=True, cell=cell))
+            result = run_demonstration(asked, described, cell, context, way=way, script=long_grab(seconds))
+        finally:
+            cell.close()
+        if result.success:
+            return loop_figures(out, kind, True, None)
+        print(f"a run has failed: {result.failure_reason}", flush=True)
+    raise SystemExit(1)
 
 
 def look(path: Path, seconds: float) -> float:
