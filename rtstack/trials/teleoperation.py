@@ -61,7 +61,7 @@ def run_teleoperation(
             run.between = host.serve(guide, cell.tracker, description, run.run_event, cameras)
         outcome = run.follow(cell, following(Strategy.PROPOSED), 0.0)
         interventions = outcome.safety_interventions
-        cut_off = specification.recorded and guide.lost  # a recording that nobody meant to end there
+        cut_off = specification.recorded and guide.lost  # the operator did not end this recording
         end = End.COMPLETED if outcome.end in _AS_WANTED and not cut_off else outcome.end
         reason = failure_reason(end, outcome.detail, interventions)
         result = TeleoperationResult(

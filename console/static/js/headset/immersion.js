@@ -32,7 +32,7 @@ export class Immersion {
   async enter() {
     try {
       const session = await navigator.xr.requestSession(this.kind, { requiredFeatures: ["local-floor"], optionalFeatures: ["hand-tracking"] });
-      // the layer smoothes its own edges, nobody sees the canvas
+      // the layer smoothes its own edges, and the canvas is not seen
       const gl = document.createElement("canvas").getContext("webgl", { xrCompatible: true, alpha: true, antialias: false });
       session.updateRenderState({ baseLayer: new XRWebGLLayer(session, gl) });
       session.addEventListener("end", () => this.left());
