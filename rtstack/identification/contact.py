@@ -140,7 +140,7 @@ def _pressed(model: pin.Model, face: pin.SE3, records: NDArray, offset: Array) -
         poses[k] = (data.oMi[last] * face).homogeneous[:3]
     tau = records["tau_ext_hat_filtered"] - offset
     wrench = np.linalg.solve(J @ J.transpose(0, 2, 1), J @ tau[:, :, None])
-    return poses, np.asarray(wrench[:, 2, 0])
+    return poses, np.asarray(wrench[:, 2, 0], np.float64)
 
 
 def _unexplained(model: pin.Model, records: NDArray, inertial: Array) -> Array:
