@@ -450,7 +450,7 @@ def contrast(page: Page, selector: str) -> float:
 
 
 READ = (
-    *("h1", "#what", "#outcome", ".legend b", ".legend .value", "#log-events button", ".modes li", "a.button"),
+    *("h1", "#what", "#outcome", ".legend b", ".legend .value", "#log-events button", ".modes li:not([hidden])", "a.button"),
     *("#tree summary small:not(:empty)", "#tree label", ".level[data-level=WARNING]", ".rail a"),
 )
 

@@ -38,6 +38,7 @@ function showReading(document, sinceMs) {
   element("reading-line").textContent = `Reading this log for the first time: ${Math.round(document.share * 100)} % after ${seconds.toFixed(0)} s. What has been read is shown; leave this page whenever you like.`;
 }
 
+const legend = [...document.querySelectorAll(".modes li")];
 export let plots = null; // for readers of what is drawn
 
 async function start() {
@@ -100,6 +101,7 @@ async function start() {
     showRow(document);
     showReading(document, sinceMs);
     view.setEnd(document.duration_s);
+    for (const item of legend) item.hidden = !document.modes.left?.some(([, , mode]) => mode === item.dataset.mode);
     marks.update();
     timeline.draw();
     plots.refresh();
