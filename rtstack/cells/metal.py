@@ -5,7 +5,7 @@
 A cell's geometry is what the safety judge, the start motion and the plans believe. Real arms on the geometry of another
 cell move where nothing was looked at. So the cell's file has to be one that a person wrote for these arms and measured.
 Bases that stand elsewhere than a file says cannot be seen by arms that repeat what was shown to them: a file of arms
-that are not simulated has to say when they were measured, and how well, at whatever address they are (a tunnel's, too).
+that are not simulated has to say when they were measured, at whatever address they are (a tunnel's, too).
 """
 
 from contextlib import closing
@@ -60,7 +60,7 @@ def check_real_cell(addresses: tuple[str, str], description: CellDescription, ce
     if calibration is None:
         raise TrialError(
             f"{arms}, and {cell_file} does not say when its geometry was measured: "
-            "measure it (rtstack calibrate --write)"
+            "measure it (rtstack calibrate --write), or write [calibration] date = YYYY-MM-DD"
         )
     today = date.today()
     if calibration.date > today:
@@ -70,11 +70,6 @@ def check_real_cell(addresses: tuple[str, str], description: CellDescription, ce
         raise TrialError(
             f"{cell_file}: the calibration of {calibration.date} was valid until {ends}: measure the cell again, "
             "then write the new date under [calibration]"
-        )
-    if calibration.rms_mm is None:
-        raise TrialError(
-            f"{cell_file}: [calibration] has a date and does not say how well the cell was measured, rms_mm, of what "
-            "was left at the gauges: rtstack calibrate --write"
         )
     for name, millimetres in (("rms_mm", calibration.rms_mm), ("uncertainty_mm", calibration.uncertainty_mm)):
         if millimetres is not None and millimetres > LARGEST_RMS_MM:

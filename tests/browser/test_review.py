@@ -450,8 +450,14 @@ def contrast(page: Page, selector: str) -> float:
 
 
 READ = (
-    *("h1", "#what", "#outcome", ".legend b", ".legend .value", "#log-events button", ".modes li:not([hidden])", "a.button"),
-    *("#tree summary small:not(:empty)", "#tree label", ".level[data-level=WARNING]", ".rail a"),
+    *("h1", "#what", "#outcome", ".legend b", ".legend .value", "#log-events button", "a.button"),
+    *(
+        ".modes li:not([hidden])",
+        "#tree summary small:not(:empty)",
+        "#tree label",
+        ".level[data-level=WARNING]",
+        ".rail a",
+    ),
 )
 
 

@@ -90,7 +90,6 @@ SET_UPS = (
     SetUp("calibrated tomorrow", calibrated(ago(-1)), says="after today"),
     SetUp("calibrated half a year ago", calibrated(ago(181)), says="valid until"),
     SetUp("valid for a week, calibrated before", calibrated(ago(8) + "valid_days = 7\n"), says="valid until"),
-    SetUp("a date alone", calibrated(ago(0)), says="how well"),
     SetUp("residuals of 3.1 mm", calibrated(ago(0) + "rms_mm = 3.1\n"), says="rms_mm"),
     SetUp("known to 3.1 mm", calibrated(CALIBRATED + "uncertainty_mm = 3.1\n"), says="uncertainty_mm"),
     SetUp("exchanged addresses", left=RIGHT, right=LEFT, says="address"),
