@@ -20,6 +20,7 @@ function button(text, does) {
 
 export function startCalibration(form, live) {
   let timer = null;
+  let names = [];
   const { what, side, object } = form.elements;
   const place = ["x", "y", "z"].map((axis) => form.elements[axis]);
 
@@ -38,16 +39,15 @@ export function startCalibration(form, live) {
     result.textContent = !point.measured ? "to do" : point.wrong ? `${off} WRONG, left out: take it again` : off;
     result.dataset.tone = point.wrong ? "bad" : point.measured ? "good" : "";
     const buttons = document.createElement("td");
-    buttons.append(
-      button(point.measured ? "Again" : "Take", () => does(() => post(`/api/calibration/points/${point.name}/take`), "Not taken")),
-      button("Remove", () => does(() => remove(`/api/calibration/points/${point.name}`), "Not removed")),
-    );
+    if (point.what !== "stand") buttons.append(button(point.measured ? "Again" : "Take", () => does(() => post(`/api/calibration/points/${point.name}/take`), "Not taken")));
+    buttons.append(button("Remove", () => does(() => remove(`/api/calibration/points/${point.name}`), "Not removed")));
     line.append(words, result, buttons);
     return line;
   };
 
   const show = (view) => {
     clearTimeout(timer);
+    names = view.points.map((point) => point.name);
     const known = view.date === null ? "has no date of a calibration" : `was calibrated on ${view.date}, rms ${view.rms_mm} mm, pads within ${view.uncertainty_mm} mm`;
     $("calibration-now").textContent = `${view.file} ${known}.`;
     $("calibration-points").replaceChildren(...view.points.map(row));
@@ -82,8 +82,10 @@ export function startCalibration(form, live) {
     if (!side.disabled) body.side = side.value;
     if (!object.disabled) body.object = object.value;
     if (!place[0].disabled) body.place = place.map((field) => field.valueAsNumber);
-    const name = `${side.disabled ? body.what : `${body.what}-${body.side}`}-${Date.now().toString(36)}`;
-    does(() => post(`/api/calibration/points/${name}`, body), "Not added");
+    const stem = [body.what, body.side ?? body.object].filter(Boolean).join("-");
+    let number = 1;
+    while (names.includes(`${stem}-${number}`)) number += 1;
+    does(() => post(`/api/calibration/points/${stem}-${number}`, body), "Not added");
   });
   $("calibration-write").addEventListener("click", async () => {
     const details = "Bases, tracker, and the date with its errors. After it the stack has to be started again.";
