@@ -179,9 +179,9 @@ def _act(parts: Parts, operator: str, message: TeleopMessage, came_ns: int | Non
     if not admission.alive:
         return
     if message.clutch:
-        teleop.press(operator)
+        teleop.press(operator, admission.latest_ns)
     elif message.grip:
-        teleop.grip(operator)
+        teleop.grip(operator, admission.latest_ns)
     if admission.drop is not None:
         return
     if message.pose is not None:

@@ -38,7 +38,7 @@ class Admission:
     """What the gate says of a command. drop: None where it is applied; text: why not.
 
     Times are ns of the console's clock, in the middle of both limits: when it was made, of which moment its picture
-    was, and when that was seen.
+    was, and when that was seen. latest_ns: when it was made at the latest, by the upper one.
     """
 
     drop: Drop | None
@@ -48,6 +48,7 @@ class Admission:
     picture: int = 0
     picture_ns: int = 0
     seen_ns: int = 0
+    latest_ns: int = 0
 
     @property
     def alive(self) -> bool:
@@ -126,7 +127,7 @@ class Gate:
             return Admission(Drop.OLD, f"it is {age_ns * 1e-6:.0f} ms old, {1e3 * OLDEST_COMMAND_S:.0f} ms are allowed")
         middle = 0.5 * (least + most)
         shown_ns = picture_ns if stamp.camera_us is None else min(picture_ns, 1000 * stamp.camera_us)
-        said = (stamp.sequence, int(made + middle), stamp.picture, shown_ns, int(seen + middle))
+        said = (stamp.sequence, int(made + middle), stamp.picture, shown_ns, int(seen + middle), int(made + most))
         old_ns = made + most - shown_ns
         if old_ns > OLDEST_PICTURE_S * 1e9:
             text = f"it was made on a picture {old_ns * 1e-6:.0f} ms old, {1e3 * OLDEST_PICTURE_S:.0f} ms are allowed"

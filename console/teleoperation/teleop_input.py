@@ -138,8 +138,11 @@ class TeleopInput:
                     self._target[name] = getattr(admission, name)
             return admission
 
-    def press(self, operator: str) -> None:
-        """Hold the clutch, or give a sign of life of one that is held. Raises RobotRefused with the reason."""
+    def press(self, operator: str, made_ns: int | None = None) -> None:
+        """Hold the clutch, or give a sign of life of one that is held. Raises RobotRefused with the reason.
+
+        made_ns: when it was given, None for now: one that was long under way does not keep the arms going for longer.
+        """
         with self._lock:
             self._check_holder(operator)
             job = self._job()
@@ -156,24 +159,25 @@ class TeleopInput:
                 self._target["release"], self._target["finish"] = Release.NOT_YET, 0
                 self._target["policy"] = self._lease.give(None)
             self._target["job"] = job.number
-            self._target["clutch_ns"] = self._clock()
+            now_ns = self._clock()
+            self._target["clutch_ns"] = now_ns if made_ns is None else min(made_ns, now_ns)
             self._write()
 
-    def grip(self, operator: str) -> None:
+    def grip(self, operator: str, made_ns: int | None = None) -> None:
         """Say that a mouse button is down in the scene: while a gizmo is dragged by it, it holds the clutch.
 
         It has to be said again, as the clutch does. Raises RobotRefused as `press` does.
         """
         with self._lock:
             self._check_holder(operator)
-            self._grip = operator, self._clock()
+            self._grip = operator, made_ns or self._clock()
             if self._grips.dragged:
-                self._press_by_grip(operator)
+                self._press_by_grip(*self._grip)
 
-    def _press_by_grip(self, operator: str) -> None:
+    def _press_by_grip(self, operator: str, made_ns: int) -> None:
         began = self._by is None
         if began or self._by_grip:
-            self.press(operator)
+            self.press(operator, made_ns)
             self._by_grip = True
 
     def release(self, operator: str, reason: Release = Release.RELEASED) -> None:
@@ -292,7 +296,7 @@ class TeleopInput:
                 return
             if self._by is None and self._grip is not None and self._clock() - self._grip[1] < CLUTCH_S * 1e9:
                 with suppress(RobotRefused):  # the page is told by its next sign of life
-                    self._press_by_grip(self._grip[0])
+                    self._press_by_grip(*self._grip)
             if self._by is None or self._asked is None:
                 self._grips.let_go(side)
                 self._refusal = NO_CLUTCH

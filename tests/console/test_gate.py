@@ -51,6 +51,7 @@ def test_no_old_command_and_none_out_of_order_is_applied_by_a_bad_network(ahead_
             assert not forged
             assert came_ms - made_ms <= 1e3 * OLDEST_COMMAND_S + 1e-3
             assert said.sequence > last
+            assert -1e-3 < admission.latest_ns / MS - made_ms < came_ms - made_ms + 2.001  # ms: two clocks drift
             assert made_ms - picture_ms <= 1e3 * OLDEST_PICTURE_S
             applied += 1
             last = said.sequence
