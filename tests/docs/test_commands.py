@@ -20,7 +20,7 @@ NOT_RUN = {
     "on the robot's PC": 5,
     "in real time": 3,
     "on several machines": 2,
-    "from a clone": 12,
+    "from a clone": 13,
     "while rtstack up runs": 5,
     "on a desktop": 2,
 }
