@@ -170,7 +170,8 @@ class TeleopInput:
         """
         with self._lock:
             self._check_holder(operator)
-            self._grip = operator, made_ns or self._clock()
+            now_ns = self._clock()
+            self._grip = operator, now_ns if made_ns is None else min(made_ns, now_ns)
             if self._grips.dragged:
                 self._press_by_grip(*self._grip)
 
