@@ -165,7 +165,7 @@ def before_and_after(built: dict[str, object], folder: Path) -> tuple[str, str, 
         said = done.stderr.strip().removeprefix("rtstack: ").partition(": ")[2][:60]
         # the cables are exchanged, and what was touched with the one arm is the other's
         how = profile(folder / "exchanged.toml", {})
-        save_points(folder / "points.toml", touched(folder / "touched.toml", {}, False))
+        save_points(folder / "points.toml", touched(folder / "right.toml", {}, False))
         done = subprocess.run(command, capture_output=True, text=True, check=True)
         return first, made_up, said, f"{cell.runs(how)}, with the cables exchanged"
     found = json.loads(done.stdout)

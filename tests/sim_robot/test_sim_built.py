@@ -22,7 +22,7 @@ def test_a_cell_that_is_built_right_is_the_scene_itself():
 
 
 def test_bases_stand_elsewhere_and_sides_are_exchanged(tmp_path: Path):
-    built = {"left_mm": [20.0, -10.0, 5.0], "left_deg": [0.0, 0.0, 3.0]}
+    built: dict[str, object] = {"left_mm": [20.0, -10.0, 5.0], "left_deg": [0.0, 0.0, 3.0]}
     straight = simulated_cell("none", 0.0, 1).plant.data
     moved = simulated_cell("none", 0.0, 1, profile=str(profile(tmp_path / "moved.toml", built))).plant.data
     away = moved.body("left_link0").xpos - straight.body("left_link0").xpos

@@ -1,10 +1,8 @@
 // The calibration: points that the pads are led to and that are taken here, what they give, and the cell's file.
 
 import { get, post, remove } from "./api.js";
-import { whyNot } from "./control.js";
 import { ask } from "./dialog.js";
 import { showError } from "./errors.js";
-import { showWhy } from "./jobs.js";
 
 const LOOK_MS = 500;
 const $ = (id) => document.getElementById(id);
@@ -18,7 +16,7 @@ function button(text, does) {
   return made;
 }
 
-export function startCalibration(form, live) {
+export function startCalibration(form) {
   let timer = null;
   let names = [];
   const { what, side, object } = form.elements;
@@ -91,6 +89,5 @@ export function startCalibration(form, live) {
     const details = "Bases, tracker, and the date with its errors. After it the stack has to be started again.";
     if (await ask({ question: "Write this into the cell's file?", details, yes: "Write" })) does(() => post("/api/calibration/write"), "Not written");
   });
-  live.onView((view) => showWhy(form, whyNot(view)));
   look();
 }

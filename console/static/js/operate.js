@@ -44,6 +44,6 @@ new Policies(live);
 new Plan(document.getElementById("trial"), live);
 const training = document.getElementById("training");
 if (training) startTraining(training, live);
-startCalibration(document.getElementById("calibration"), live);
+startCalibration(document.getElementById("calibration"));
 startTabs(document.getElementById("tabs"));
 startScene();
