@@ -31,6 +31,10 @@ class _Topic:
         records, self.records = self.records, self.records[:0]
         return records
 
+    def latest(self) -> NDArray[Any] | None:
+        """Return the last record, shape (1,), None once they were drained."""
+        return self.records[-1:] if len(self.records) else None
+
 
 @dataclass(frozen=True, slots=True)
 class _LogRings:

@@ -28,6 +28,8 @@ def serve(
     displacement: its options (displacement-mm and the like) with their values.
     """
     signal.signal(signal.SIGINT, lambda number, frame: os._exit(0))  # the imports take seconds, and nothing runs yet
+    # nothing is drawn: with glfw MuJoCo looks for its library in a process that would outlive Ctrl-C, with a traceback
+    os.environ.setdefault("MUJOCO_GL", "disable")
     from sim_robot.fci.__main__ import main
 
     if cell_file is not None:

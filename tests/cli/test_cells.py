@@ -14,6 +14,7 @@ from rtstack.live.source import live_source
 from rtstack.log.reader import read_log
 from rtstack.model.cell_description import load_cell_description
 from rtstack.trials.errors import TrialError
+from tests.support.real_cell import CALIBRATED
 
 NOWHERE = "fci:127.0.99.97,127.0.99.98"
 TRACKER = f"127.206.{os.getpid() // 250 % 250}.{1 + os.getpid() % 250}", 1341  # where nobody else binds meanwhile
@@ -80,6 +81,7 @@ def test_two_arms_have_two_addresses(kind):
 )
 def test_an_arm_that_may_be_real_is_not_called_simulated(tmp_path, kind, simulated):
     file = edited(tmp_path, "simulated = true", f"simulated = {str(simulated).lower()}")
+    file.write_text(f"{file.read_text()}\n{CALIBRATED}")
     assert live_source(file, kind).description.simulated is simulated
 
 

@@ -93,6 +93,9 @@ class Wire:
         self.shown: list[tuple[int, int]] = []  # instants and message ids since Move
         self.moved = False
 
+    def be_late(self, late_us, _seed):
+        assert not len(late_us)  # as the cell has no twin's profile
+
     def move(self) -> None:
         self.moved = True
         self._arm_server.handle(Command.MOVE, 1, TORQUE_CONTROL)
