@@ -20,7 +20,7 @@ from tests.support.console.review_log import read, write_log
 
 SECONDS = int(os.environ.get("RTSTACK_FUZZ_SECONDS", "0"))  # for each way of asking; 0: a number of examples instead,
 FEW = ("--generation-deterministic", "--max-examples", "3")  # so that every machine asks the same
-COVERAGE_SECONDS = 12  # what of it a machine has time for; a quiet one does all in 85
+COVERAGE_SECONDS = 6  # what of it a machine has time for; a quiet one does all in 85
 REVOKE = "/api/tokens/{token_id}"
 COMPUTES = ("campaigns_start", "campaigns_resume", "jobs_begin_preview")  # for hours, or a trial's time
 
@@ -44,7 +44,7 @@ include-path-regex = "/api/(logs/.*|layouts/.*|queue/sweep.*|campaigns/plans)"
 [operations.checks]
 positive_data_acceptance.expected-statuses = ["2xx", 401, 403, 404, 409, 422]
 [[operations]]
-include-path-regex = "/api/(take|tokens|recordings/.*)$"
+include-path-regex = "/api/(take|tokens|policy/lease|recordings/.*)$"
 [operations.checks]
 positive_data_acceptance.expected-statuses = ["2xx", 401, 403, 404, 409, 422, 503]
 """
