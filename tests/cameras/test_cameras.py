@@ -190,6 +190,7 @@ def test_a_ring_keeps_the_newest_pictures_and_counts_those_that_are_lost(monkeyp
     ring.close()
 
 
+@pytest.mark.long
 def test_a_policy_is_shown_the_newest_picture_at_each_observation(cell, film, tmp_path):
     """Of a camera that is simulated, as JPEG, and of a film, as H.264."""
     seen = []

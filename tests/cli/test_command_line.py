@@ -301,6 +301,7 @@ def test_help_answers(tmp_path, command_line):
     assert run(cwd=tmp_path).stdout == done.stdout
 
 
+@pytest.mark.long
 def test_a_killed_log_process_fails_the_trial_and_the_rest_is_recovered(recording, tmp_path, command_line):
     """kill -9 in the middle: everything up to half a second before is there, and the trial says what to do."""
     path = tmp_path / "t.mcap"

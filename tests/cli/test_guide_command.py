@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from rtstack.cells import default_cell_file
 from tests.support.fci.server import serve
@@ -46,6 +47,7 @@ def test_a_hand_leads_an_arm_back_over_the_wire(tmp_path):
     assert result["beyond_after"] == []
 
 
+@pytest.mark.long
 def test_without_a_hand_nothing_moves():
     done = run("--seconds=1")
     said = done.stdout.splitlines()

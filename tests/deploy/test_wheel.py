@@ -163,6 +163,7 @@ def test_a_packages_controller_grabs_the_box(extended: dict[str, str], reference
     assert '"joint-tracking": "0.1.0"' in read_log(tmp_path / "trial.mcap").metadata["trial"]["versions"]
 
 
+@pytest.mark.long
 def test_the_page_offers_it_and_an_input_device_leads_the_arms(extended: dict[str, str], tmp_path: Path) -> None:
     with stack(extended, tmp_path) as (address, token):
         with httpx.Client(base_url=address, trust_env=False, timeout=TIMEOUT_S) as client:

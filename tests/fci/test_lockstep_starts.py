@@ -4,6 +4,7 @@ import random
 import time
 
 import numpy as np
+import pytest
 
 from tests.support.fci.motions import moving_state
 from tests.support.fci.raw import RawClient
@@ -31,6 +32,7 @@ def test_two_arms_that_are_read_before_they_are_answered(lockstep: Served) -> No
                 client.command(state, torque_command_finished=1)
 
 
+@pytest.mark.long
 def test_a_second_motion_leaves_the_firsts_time_alone(lockstep: Served) -> None:
     """The first client is slower than 1 kHz, so that the idle arm's states, which go by the clock, have run ahead."""
     with RawClient(lockstep.left) as slow, RawClient(lockstep.right) as late:

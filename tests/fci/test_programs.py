@@ -9,7 +9,9 @@ from tests.support.fci.client import program_path
 from tests.support.fci.server import Served
 
 
-@pytest.mark.parametrize("program", ["aiofranka", "franka_rs", "franky_motions", "pylibfranka"])
+@pytest.mark.parametrize(
+    "program", [pytest.param("aiofranka", marks=pytest.mark.long), "franka_rs", "franky_motions", "pylibfranka"]
+)
 def test_a_program_runs_through(lockstep: Served, program: str) -> None:
     path = program_path(program)
     finished = subprocess.run(

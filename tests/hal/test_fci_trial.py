@@ -65,6 +65,7 @@ def test_a_trial_in_lockstep_is_the_direct_one_bit_for_bit(run, tmp_path: Path):
     assert results[0].average_force_norm == results[1].average_force_norm
 
 
+@pytest.mark.long
 def test_arms_that_are_served_one_by_one_grab_as_well(run, tmp_path: Path):
     """As two control boxes would be: each arm's answer leaves as soon as its own state has arrived."""
     path = tmp_path / "trial.mcap"
@@ -80,6 +81,7 @@ def test_arms_that_are_served_one_by_one_grab_as_well(run, tmp_path: Path):
     assert any(b"0 answers came too late" in text for text in log.topic("/events")["text"])
 
 
+@pytest.mark.long
 def test_a_grab_trips_nothing_with_the_robots_own_thresholds(
     cell: CellDescription, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

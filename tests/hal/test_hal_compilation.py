@@ -90,6 +90,7 @@ below({argument})
 """
 
 
+@pytest.mark.long
 def test_two_processes_that_compile_at_once_keep_what_is_each_ones(outside: Outside) -> None:
     """Neither takes the other's number: each waits until the other one has written."""
     outside.write(below=FILES["below.py"].replace("numbers_.OFFSETS[1]", "x"))

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from hal.cell import Cell
 from hal.fci import Tool, open_pair
@@ -19,6 +20,7 @@ from rtstack.trials.trial import prepare_trial, run_trial
 PAD = Tool.of(Pad((0.1, 0.1, 0.03), 0.35, 0.03))
 
 
+@pytest.mark.long
 def test_the_arms_go_back_to_the_start_and_grab_again(simulator: Simulator, cell, demonstration, tmp_path):
     specification = TrialSpecification(str(demonstration.path))
     prepared = prepare_trial(specification, cell)

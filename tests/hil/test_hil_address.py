@@ -4,11 +4,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from tests.support.hil.robot import Robot
 
 HERE = Path(__file__).parent
 
 
+@pytest.mark.long
 def test_by_address_it_leaves_a_report_with_a_verdict_per_number(robot: Robot, tmp_path: Path) -> None:
     report = tmp_path / "kept" / "report.md"
     files = [HERE / "test_01_link.py", HERE / "test_05_impact.py"]

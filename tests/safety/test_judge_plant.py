@@ -35,6 +35,7 @@ def stock(cell: CellDescription) -> SafetyLimits:
     return HARDWARE.tightened(cell.safety)
 
 
+@pytest.mark.long
 def test_no_intervention_in_a_good_trial_and_with_each_limit_in_reach_one_in_every_trial(recorded, cell, stock):
     judges = judges_of(cell)
     for trial in recorded:
