@@ -14,7 +14,7 @@ from rtstack.cells import default_cell_file
 from tests.support.desk import desk_address, desk_of
 from tests.support.fci.server import Served, serve
 
-pytestmark = [pytest.mark.browser, pytest.mark.alone]
+pytestmark = [pytest.mark.browser, pytest.mark.alone, pytest.mark.long]
 
 
 @pytest.fixture(scope="module")
