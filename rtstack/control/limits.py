@@ -37,10 +37,10 @@ def _largest(room, speed, limits, i):
     if allowed > 0.0:
         allowed = math.sqrt(2.0 * deceleration * room) - offset
         slope = deceleration / (allowed + offset)
-        if allowed > limits.dq_max[i]:
-            allowed = limits.dq_max[i]
-            slope = 0.0
-    return max((allowed - speed) / limits.approach_s - slope * speed, -limits.braking[i])
+    largest = (allowed - speed) / limits.approach_s - slope * speed
+    # both lines: at full speed the one of the position is met in the next tick before the other one says so
+    largest = min(largest, (limits.dq_max[i] - speed) / limits.approach_s)
+    return max(largest, -limits.braking[i])
 
 
 @compiled
