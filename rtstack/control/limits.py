@@ -38,7 +38,7 @@ def _largest(room, speed, limits, i):
         allowed = math.sqrt(2.0 * deceleration * room) - offset
         slope = deceleration / (allowed + offset)
     largest = (allowed - speed) / limits.approach_s - slope * speed
-    # both lines: at full speed the one of the position is met in the next tick before the other one says so
+    # both: at full speed the position's line may be crossed within a tick, before which dq_max alone does not brake
     largest = min(largest, (limits.dq_max[i] - speed) / limits.approach_s)
     return max(largest, -limits.braking[i])
 

@@ -47,30 +47,31 @@ FORM_AMONG_VIEWS = """async () => {
 }"""
 
 
+@pytest.fixture
+def page(served):
+    """Give a page that is signed in."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
+        page = browser.new_page()
+        page.goto(f"{served.base}/?token={served.parts.sign_in.token}")
+        yield page
+        browser.close()
+
+
 @pytest.mark.browser
-def test_a_form_is_told_to_the_scene_while_views_come_fast(served):
+def test_a_form_is_told_to_the_scene_while_views_come_fast(page):
     """Each view before it was told put the request off by a time that the next view did not leave."""
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
-        page = browser.new_page()
-        page.goto(f"{served.base}/?token={served.parts.sign_in.token}")
-        told = "told"
-        with page.expect_request(lambda sent: sent.url.endswith("/api/scene/plan") and told in (sent.post_data or "")):
-            page.evaluate(FORM_AMONG_VIEWS)
-        browser.close()
+    told = "told"
+    with page.expect_request(lambda sent: sent.url.endswith("/api/scene/plan") and told in (sent.post_data or "")):
+        page.evaluate(FORM_AMONG_VIEWS)
 
 
 @pytest.mark.browser
-def test_a_scene_that_nobody_has_clicked_in_connects_again(served):
+def test_a_scene_that_nobody_has_clicked_in_connects_again(served, page):
     """viser's page connects again only while it has the focus, which is the page's around it."""
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
-        page = browser.new_page()
-        page.goto(f"{served.base}/?token={served.parts.sign_in.token}")
-        server = served.parts.scenes.server(Detail.LIGHT)
-        wait_for_node(page, "/left")
-        page.click("#tab-trial")
-        drop_connections(server)
-        server.viser.scene.add_frame("/later")
-        wait_for_node(page, "/later")
-        browser.close()
+    server = served.parts.scenes.server(Detail.LIGHT)
+    wait_for_node(page, "/left")
+    page.click("#tab-trial")
+    drop_connections(server)
+    server.viser.scene.add_frame("/later")
+    wait_for_node(page, "/later")
