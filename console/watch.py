@@ -241,9 +241,11 @@ class Watch:
             status = self._status[0]
             holder = status.holder if status is not None else None
             heard = self._heartbeats.heard(holder)
+            began_s = time.monotonic()
             try:
                 answer = self._client.request(ControlRequest(holder, "beat") if holder and heard else StatusRequest())
-                self._status = (answer, time.monotonic(), None)
+                if began_s > (self._status[1] or 0.0):  # else what `learn` took meanwhile is newer
+                    self._status = (answer, time.monotonic(), None)
             except (RobotUnreachable, RobotRefused) as error:
                 status, asked_s, _ = self._status
                 self._status = (status, asked_s, str(error))

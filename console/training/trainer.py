@@ -77,31 +77,35 @@ class Trainer:
 
     def _run(self, exercise: Exercise, at_s: float, job: int) -> None:
         number, began_s, fault_s = self._newest(), None, None
+        seen, since_s = False, time.monotonic()
         while not self._ending.wait(_LOOK_S):
             status = self._watch.view.status
             now = None if status is None else status.job
             if now is None or now.number != job:
-                return self._over(exercise, None, None)  # another job has begun
+                if not seen and time.monotonic() - since_s < PATIENCE_S:
+                    continue  # what the watch shows may be older than the answer to the order
+                return self._over(exercise, job, None, None)  # another job has begun
+            seen = True
             now_s = self._watch.robot_time_s()
             # what is seen first may be the last state of the job before, on its clock
             if (began_s is None and self._watch.view.left.mode == "TELEOPERATION") or (began_s or 0.0) > now_s:
                 began_s = now_s
             if fault_s is None and began_s is not None and now_s - began_s >= at_s:
                 fault_s = time.time()
-                self.view = replace(self.view or ExerciseView(Stage.HAPPENED, "", job), stage=Stage.HAPPENED)
+                self._show(replace(self.view or ExerciseView(Stage.HAPPENED, "", job), stage=Stage.HAPPENED), job)
             did = next((event for event in self._watch.events() if event.number > number and _action(event)), None)
             if did is not None:
-                return self._over(exercise, did, fault_s)
+                return self._over(exercise, job, did, fault_s)
             late = fault_s is not None and time.time() - fault_s > PATIENCE_S
             if late or (not now.active and (fault_s is None or exercise.action is Action.GO_ON)):
-                return self._over(exercise, None, fault_s)
+                return self._over(exercise, job, None, fault_s)
         return None
 
     def _newest(self) -> int:
         events = self._watch.events()
         return events[-1].number if events else 0
 
-    def _over(self, exercise: Exercise, event: EventView | None, fault_s: float | None) -> None:
+    def _over(self, exercise: Exercise, job: int, event: EventView | None, fault_s: float | None) -> None:
         action = Action.GO_ON if event is None else _action(event) or Action.GO_ON
         after_s = None if event is None or fault_s is None else event.seen_s - fault_s
         early = event is not None and (fault_s is None or event.seen_s < fault_s)
@@ -114,12 +118,17 @@ class Trainer:
             verdict = f"nothing was done within {PATIENCE_S:g} s" if fault_s is not None else "the fault did not come"
         else:
             verdict = "not what it needs"
-        view = self.view or ExerciseView(Stage.OVER, "", 0)
         remedy = remedy_of(exercise.row)
-        self.view = ExerciseView(
-            Stage.OVER, exercise.words, view.job, None if event is None else event.text, after_s, right, verdict,
+        over = ExerciseView(
+            Stage.OVER, exercise.words, job, None if event is None else event.text, after_s, right, verdict,
             exercise.todo, "" if remedy is None else remedy.anchor,
         )  # fmt: skip
+        self._show(over, job)
+
+    def _show(self, view: ExerciseView, job: int) -> None:
+        with self._lock:
+            if self.view is not None and self.view.job == job:  # else the next exercise has begun
+                self.view = view
 
 
 def _action(event: EventView) -> Action | None:

@@ -111,6 +111,25 @@ def test_a_stop_before_anything_is_wrong_is_too_early_and_a_good_demonstration_i
         assert action is Action.GO_ON
 
 
+def test_an_exercise_is_not_over_because_the_watch_still_shows_the_job_before(served):
+    """The watch looks every 20 ms, as the trainer does: which one is first is chance."""
+    with served.signed_in() as (client, headers):
+        Running(served, client, headers, "object_lost")
+        status = served.parts.watch.view.status
+        following = replace(status.job, number=status.job.number + 1)
+        trainer = Trainer(served.parts.watch)
+        trainer.follow(EXERCISES[0], 1.0, replace(status, job=following), surprise=False)
+        time.sleep(0.2)  # the trainer looks every 20 ms
+        assert trainer.view.stage == "waiting"
+        for _ in range(2):  # the job that it follows, and one after it
+            assert trainer.view.stage == "waiting"
+            served.job_manager.finished(JobState.DONE, None, True, None)
+            Running(served, client, headers, "object_lost")
+        wait_for(lambda: trainer.view.stage == "over")
+        assert trainer.view.verdict == "the fault did not come"
+        assert served.parts.trainer.view.stage == "waiting"  # that the exercise before is over says nothing about it
+
+
 def test_a_job_whose_clock_begins_anew_is_timed_by_it(served):
     """The first states that are seen of a job may be the last ones of the job before."""
     with served.signed_in() as (client, headers):
