@@ -1,9 +1,10 @@
 """The console's process.
 
-    python -m console --run FOLDER --name NAME --rings NAME --logs DIR --cell TOML --listener FD
+    python -m console --run FOLDER --name NAME --logs DIR --cell TOML --listener FD
 
 Started by the supervisor (rtstack.live.stack), which holds the listening socket and the other end of our standard
-input. Prints one line on standard output once it answers: the address with the one-time token.
+input: a line there says that the robot process is ready. Prints one line on standard output once it answers: the
+address with the one-time token.
 """
 
 import argparse
@@ -49,6 +50,7 @@ from rtstack.live.audit import FILE_NAME, AuditTrail
 from rtstack.live.client import SOCKET_NAME, RobotClient
 from rtstack.live.parent_watch import watch_parent
 from rtstack.live.source import described_as
+from rtstack.live.standalone import find_rings
 from rtstack.log.catalogue import Catalogue
 from rtstack.log.errors import LogError
 from rtstack.log.ring import Rings
@@ -74,7 +76,6 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="console")
     parser.add_argument("--run", type=Path, required=True, help="folder of the robot process's socket")
     parser.add_argument("--name", required=True, help="name of the shared memory")
-    parser.add_argument("--rings", required=True, help="name of the live rings")
     parser.add_argument("--logs", type=Path, required=True)
     parser.add_argument("--cell", type=Path, required=True, help="cell description")
     parser.add_argument("--kind", default="direct", help="kind of cell, as the command line spells it")
@@ -89,6 +90,8 @@ def main(arguments: list[str] | None = None) -> int:
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what libraries print is for the terminal, not the supervisor
     listener = socket.socket(fileno=asked.listener)
     host, port = listener.getsockname()
+    if not asked.alone and not sys.stdin.readline():
+        return 0  # the supervisor has gone
     address = Address(port, host, asked.https)
     with ExitStack() as stack:
         stack.enter_context(listener)
@@ -112,7 +115,7 @@ def _parts(asked: argparse.Namespace, address: Address, stack: ExitStack) -> Par
     audit = stack.enter_context(closing(AuditTrail(asked.logs / FILE_NAME)))
     cell = described_as(asked.cell, asked.kind)
     mailbox = stack.enter_context(closing(Mailbox.attach(f"{asked.name}-mailbox")))
-    rings = Rings.attach(asked.rings)
+    rings = Rings.attach(find_rings(asked.run))
     socket_path = asked.run / SOCKET_NAME
     client = stack.enter_context(closing(RobotClient(socket_path)))
     heartbeats = OperatorHeartbeats()

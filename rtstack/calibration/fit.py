@@ -13,10 +13,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import scipy  # loads its statistics when they are used: half a second
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
-from scipy.stats import f as fisher
 
 from hal.arrays import Array
 
@@ -264,7 +263,7 @@ class _Problem:
     def spread(self) -> tuple[float, float, float]:
         """Return the points' standard deviation along each axis and its 95 % interval, m."""
         freedom, total = self._freedom(), float(np.sum(self._left**2))
-        low, high = (np.sqrt(total / chi2.ppf(0.5 + sign * CONFIDENCE / 2.0, freedom)) for sign in (1.0, -1.0))
+        low, high = np.sqrt(total / scipy.stats.chi2.ppf(0.5 + np.array([0.5, -0.5]) * CONFIDENCE, freedom))
         return float(np.sqrt(total / freedom)), float(low), float(high)
 
     def doubtful(self) -> int | None:
@@ -280,7 +279,7 @@ class _Problem:
         gone = np.einsum("ni,nij,nj->n", self._left, np.linalg.pinv(rest, rcond=1e-9), self._left)
         ratio = (gone / 3.0) / (np.maximum(total - gone, 1e-18) / freedom)
         worst = int(np.argmax(ratio))
-        return worst if ratio[worst] > fisher.isf(WRONG_SHARE / count, 3.0, freedom) else None
+        return worst if ratio[worst] > scipy.stats.f.isf(WRONG_SHARE / count, 3.0, freedom) else None
 
     def without(self, index: int) -> "_Problem":
         """Return the problem without a point."""

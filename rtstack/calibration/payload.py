@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from scipy.stats import t as student
+import scipy  # loads its statistics when they are used: half a second
 
 from hal.arrays import Array
 from rtstack.calibration.fit import CONFIDENCE, CalibrationError
@@ -55,6 +55,6 @@ def payload(model: pin.Model, told: tuple[float, Array], q: Array, tau_ext: Arra
     covariance = variance * np.linalg.inv(X.T @ X)[:4, :4]
     # centre = moment / mass, linearised
     D = np.hstack([-centre[:, None], np.eye(3)]) / mass
-    quantile = float(student.ppf(0.5 + CONFIDENCE / 2.0, freedom))
+    quantile = float(scipy.stats.t.ppf(0.5 + CONFIDENCE / 2.0, freedom))
     half = quantile * np.sqrt(np.diag(D @ covariance @ D.T))
     return Payload(mass, centre, quantile * float(np.sqrt(covariance[0, 0])), half, float(np.sqrt(variance)))

@@ -85,14 +85,14 @@ def console(run: Path, port: int, logs: Path, cell_file: Path | None, kind: str)
     """Become the console of the robot process in a run folder. Raises TrialError, ConfigurationError, LogError."""
     require("console")
     shared = _shared(run, logs, cell_file, kind)
-    rings = find_rings(run)
+    find_rings(run)
     try:
         listener = listen(port)
     except StackError as error:
         raise TrialError(str(error)) from None
     make_log_folder(logs)
     listener.set_inheritable(True)
-    _become("console", [*shared, "--rings", rings, "--listener", str(listener.fileno())])
+    _become("console", [*shared, "--listener", str(listener.fileno())])
 
 
 def _shared(run: Path, logs: Path, cell_file: Path | None, kind: str) -> list[str]:

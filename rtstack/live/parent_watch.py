@@ -1,4 +1,4 @@
-"""A child process watches its parent: its standard input is a pipe that the supervisor holds and never writes to."""
+"""A child process watches its parent: its standard input is a pipe that the supervisor holds."""
 
 import os
 import sys

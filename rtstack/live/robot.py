@@ -259,17 +259,15 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         service = Service(job_manager, asked.run / SOCKET_NAME, pulse)
         try:
-            if asked.alone:
-                publish_rings(asked.run, rings.name)
-            else:
-                print(rings.name, flush=True)  # the supervisor waits for this line
+            publish_rings(asked.run, rings.name)
+            if not asked.alone:
+                print("ready", flush=True)  # the supervisor waits for this line
             Robot(source, job_manager, rings, mailbox, asked.logs, pulse).run()
         finally:
             service.close()
     finally:
         notifier.close()
-        if asked.alone:
-            withdraw_rings(asked.run)
+        withdraw_rings(asked.run)
         rings.close()
         mailbox.close()
         audit.close()

@@ -102,14 +102,14 @@ def _supervise(settings: StackSettings, stack: ExitStack) -> None:
 
     robot = _Child("robot process", "rtstack.live.robot", shared)
     stack.callback(robot.end)
-    rings = robot.first_line()
     console = _Child(
         "console",
         "console",
-        [*shared, "--rings", rings, "--listener", str(listener.fileno()), *(["--https"] if settings.https else [])],
+        [*shared, "--listener", str(listener.fileno()), *(["--https"] if settings.https else [])],
         inherited=(listener.fileno(),),
     )
     stack.callback(console.end)  # ended first: callbacks run backwards
+    console.say(robot.first_line())  # both import at the same time, which takes seconds
     print(f"rtstack is up: {console.first_line()}", flush=True)
     select.select([robot.exit, console.exit], [], [])
     robot.tell(signal.SIGHUP)  # at once, and with the true reason: a console that has died is not STOP
@@ -159,6 +159,13 @@ class _Child:
             how = self.how_it_ended()
             raise StackError(f"the {self.what} did not start: {how}", status=2 if self._process.returncode == 2 else 1)
         return line
+
+    def say(self, line: str) -> None:
+        """Write a line to the child's standard input, if it still lives."""
+        assert self._process.stdin is not None
+        with suppress(BrokenPipeError):
+            self._process.stdin.write(f"{line}\n".encode())
+            self._process.stdin.flush()
 
     @property
     def ended(self) -> bool:

@@ -1,4 +1,4 @@
-"""Robot process and console as services of their own: what the supervisor would hand over is in the run folder."""
+"""Robot process and console as services of their own; and how the console finds the rings, in the run folder."""
 
 from pathlib import Path
 

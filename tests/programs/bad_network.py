@@ -39,6 +39,7 @@ from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
 from websockets.typing import Origin
 
+from rtstack.live.standalone import find_rings
 from rtstack.log.ring import Rings
 from rtstack.loop.mailbox import Mailbox
 from rtstack.loop.target import TARGET
@@ -193,8 +194,8 @@ class Lab:
         self.cookie = "; ".join(f"{name}={value}" for name, value in self.client.cookies.items())
         for process in psutil.Process(self._stack.pid).children():
             words = process.cmdline()
-            if "--rings" in words:
-                self.rings = Rings.attach(words[words.index("--rings") + 1])
+            if "--listener" in words:
+                self.rings = Rings.attach(find_rings(Path(words[words.index("--run") + 1])))
                 self.mailbox = Mailbox.attach(f"{words[words.index('--name') + 1]}-mailbox")
         self.witness = Witness(self.rings)
         self._over = threading.Event()

@@ -47,6 +47,7 @@ from websockets.sync.client import connect
 
 from console.tokens import Scope, Tokens
 from hal.realtime import scheduling
+from rtstack.live.standalone import find_rings
 from rtstack.log.ring import RingReader, Rings
 from rtstack.safety.arming import Phase
 from rtstack.samples import Mode
@@ -310,7 +311,7 @@ def main() -> int:
         page = hands = None
         try:
             words = stack.members["console"].cmdline()
-            rings = Rings.attach(words[words.index("--rings") + 1])
+            rings = Rings.attach(find_rings(Path(words[words.index("--run") + 1])))
             reader = rings.reader("/timing")
             _, token = Tokens(stack.logs).create("viewers", Scope.VIEW)
             page = Viewer(stack, answers=True)

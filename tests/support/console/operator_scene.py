@@ -20,6 +20,7 @@ import psutil
 from numpy.typing import NDArray
 from playwright.sync_api import Page, Playwright
 
+from rtstack.live.standalone import find_rings
 from rtstack.log.ring import Rings
 from rtstack.loop.end import End
 from rtstack.loop.mailbox import Mailbox
@@ -161,7 +162,7 @@ class OperatorScene:
         try:
             self.console = self.stack.members["console"]
             words = self.console.cmdline()
-            self.rings = Rings.attach(words[words.index("--rings") + 1])
+            self.rings = Rings.attach(find_rings(Path(words[words.index("--run") + 1])))
             self.witness = Witness(self.rings)
             self.mailbox = Mailbox.attach(f"{words[words.index('--name') + 1]}-mailbox")
         except BaseException:
