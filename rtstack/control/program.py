@@ -1,11 +1,11 @@
 """The quadratic program of a tick where a limit is active: min 1/2 x^T H x + g^T x, bounds on x and on M x.
 
-Two solvers behind one face. proxsuite's PrimalLDLT backend is the default; its automatic backend, warm-started, returns
-wrong answers that it calls solved, so every answer is checked against the optimality conditions here. Where the chosen
-solver has no acceptable answer within its iterations, the other one is asked, in the same tick.
+Three solvers behind one face: a compiled active set, and two libraries as further opinions. Of them proxsuite's
+PrimalLDLT backend is the default; its automatic backend, warm-started, returns wrong answers that it calls solved, so
+every answer is checked against the optimality conditions. Where a solver has no acceptable answer the next one is
+asked, in the same tick.
 """
 
-import math
 from typing import Protocol
 
 import daqp
@@ -13,7 +13,8 @@ import numpy as np
 import proxsuite
 
 from hal.arrays import Array
-from hal.compilation import compiled
+from rtstack.control.active_set import ActiveSetProgram
+from rtstack.control.optimality import OPTIMALITY_TOLERANCE, optimality_error
 from rtstack.samples import QpSolver, QpStatus
 
 # Together they cap the time of a problem that ProxQP cannot solve at about half a millisecond; a warm one takes 10 to
@@ -21,7 +22,6 @@ from rtstack.samples import QpSolver, QpStatus
 OUTER_ITERATIONS = 12
 INNER_ITERATIONS = 10
 ACTIVE_SET_ITERATIONS = 200  # daqp ends by itself, after a handful
-OPTIMALITY_TOLERANCE = 1e-4  # rad/s^2 and Nm: a hundredth of what the joints can resolve
 
 
 class Program(Protocol):
@@ -31,37 +31,6 @@ class Program(Protocol):
               x: Array) -> tuple[QpStatus, int]:  # fmt: skip
         """Write the solution to `x` (7,). Return the status and the iterations. Never raises."""
         ...
-
-
-@compiled
-def optimality_error(H, gradient, lower, upper, M, tau_lower, tau_upper, x, multipliers):
-    """Largest violation of the KKT conditions: feasibility (rad/s^2, Nm), signs and complementarity, stationarity.
-
-    multipliers (14,): of the bounds, then of the torque rows; positive at an upper limit, negative at a lower one.
-    Stationarity counts relative to the gradient's scale, complementarity relative to the multiplier's.
-    """
-    worst = 0.0
-    scale = 1.0
-    for i in range(7):
-        scale = max(scale, abs(gradient[i]))
-    for i in range(7):
-        tau = 0.0
-        slope = gradient[i] + multipliers[i]
-        for j in range(7):
-            tau += M[i, j] * x[j]
-            slope += H[i, j] * x[j] + M[j, i] * multipliers[7 + j]
-        if not math.isfinite(slope):
-            return math.inf
-        worst = max(worst, abs(slope) / scale)
-        worst = max(worst, lower[i] - x[i], x[i] - upper[i])
-        worst = max(worst, tau_lower[i] - tau, tau - tau_upper[i])
-        for multiplier, below, above in (
-            (multipliers[i], x[i] - lower[i], upper[i] - x[i]),
-            (multipliers[7 + i], tau - tau_lower[i], tau_upper[i] - tau),
-        ):
-            slack = above if multiplier > 0.0 else below
-            worst = max(worst, min(abs(multiplier) / scale, abs(slack)))
-    return worst
 
 
 class ProxqpProgram:
@@ -170,7 +139,8 @@ class SecondOpinion:
 
 
 def program(solver: QpSolver) -> Program:
-    """Return a fresh program: the chosen library first, the other one as its second opinion."""
-    if solver is QpSolver.PROXQP:
-        return SecondOpinion(ProxqpProgram(), DaqpProgram())
-    return SecondOpinion(DaqpProgram(), ProxqpProgram())
+    """Return a fresh program: our active set first, then the chosen library, and the other one as the last opinion."""
+    libraries: tuple[Program, Program] = (ProxqpProgram(), DaqpProgram())
+    if solver is QpSolver.DAQP:
+        libraries = libraries[1], libraries[0]
+    return SecondOpinion(ActiveSetProgram(), SecondOpinion(*libraries))

@@ -1,11 +1,13 @@
-"""The QP: both solvers against each other, against the optimality conditions, and where there is no answer."""
+"""The QP: the solvers against each other, against the optimality conditions, and where there is no answer."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rtstack.control.program import DaqpProgram, ProxqpProgram, optimality_error, program
+from rtstack.control.active_set import ActiveSetProgram
+from rtstack.control.optimality import optimality_error
+from rtstack.control.program import DaqpProgram, ProxqpProgram, SecondOpinion, program
 from rtstack.samples import QpSolver, QpStatus
 
 
@@ -25,9 +27,11 @@ def test_solvers_agree_and_the_unconstrained_minimiser_is_the_answer_where_it_fi
     problem = _problem(rng, tightness)
     H, gradient, lower, upper, M, tau_lower, tau_upper = problem
     x, y = np.zeros(7), np.zeros(7)
-    assert program(QpSolver.PROXQP).solve(*problem, x)[0] is QpStatus.SOLVED
+    assert SecondOpinion(ProxqpProgram(), DaqpProgram()).solve(*problem, x)[0] is QpStatus.SOLVED
     assert DaqpProgram().solve(*problem, y)[0] is QpStatus.SOLVED
     np.testing.assert_allclose(x, y, atol=1e-3)
+    assert ActiveSetProgram().solve(*problem, x)[0] is QpStatus.SOLVED
+    np.testing.assert_allclose(x, y, atol=1e-6)
     free = np.linalg.solve(H, -gradient)
     tau = M @ free
     if np.all((lower <= free) & (free <= upper) & (tau_lower <= tau) & (tau <= tau_upper)):
@@ -50,6 +54,36 @@ def test_warm_started_walk_stays_right(solver):
     assert exact is not qp
 
 
+def test_the_active_set_is_the_first_to_be_asked_and_a_library_where_it_has_no_answer():
+    problem, x = _problem(np.random.default_rng(1), 0.05), np.zeros(7)
+    own = ActiveSetProgram().solve(*problem, np.zeros(7))
+    assert own[1] > 2  # limits
+    assert program(QpSolver.PROXQP).solve(*problem, x) == own
+
+    class NoAnswer:
+        def solve(self, *problem):
+            return QpStatus.ITERATIONS_EXHAUSTED, 100
+
+    for library in (ProxqpProgram(), DaqpProgram()):
+        assert SecondOpinion(NoAnswer(), library).solve(*problem, x)[0] is QpStatus.SOLVED
+
+
+def test_limits_that_depend_on_each_other_and_those_that_leave_one_point_are_kept():
+    """As many rows as the torque has, again as bounds; and both limits of a joint in one place."""
+    problem = list(_problem(np.random.default_rng(3), 0.3))
+    problem[4] = np.eye(7)
+    problem[5], problem[6] = problem[2].copy(), problem[3].copy()  # each limit twice
+    x, y = np.zeros(7), np.zeros(7)
+    assert ActiveSetProgram().solve(*problem, x)[0] is QpStatus.SOLVED
+    assert DaqpProgram().solve(*problem, y)[0] is QpStatus.SOLVED
+    np.testing.assert_allclose(x, y, atol=1e-6)
+    middle = 0.5 * (problem[2] + problem[3])
+    problem[2] = problem[3] = middle
+    problem[5], problem[6] = middle - 1.0, middle + 1.0
+    assert ActiveSetProgram().solve(*problem, x)[0] is QpStatus.SOLVED
+    np.testing.assert_allclose(x, middle, atol=1e-9)
+
+
 @pytest.mark.parametrize("solver", list(QpSolver))
 def test_infeasible_problem_is_a_status_and_the_next_one_is_solved(solver):
     problem = _problem(np.random.default_rng(0), 1.0)
@@ -62,7 +96,7 @@ def test_infeasible_problem_is_a_status_and_the_next_one_is_solved(solver):
     assert qp.solve(*problem, x)[0] is QpStatus.SOLVED
 
 
-@pytest.mark.parametrize("make", [ProxqpProgram, DaqpProgram])
+@pytest.mark.parametrize("make", [ActiveSetProgram, ProxqpProgram, DaqpProgram])
 def test_numbers_that_are_not_finite_are_a_status(make):
     problem = list(_problem(np.random.default_rng(0), 1.0))
     problem[1] = np.full(7, np.nan)
