@@ -32,6 +32,8 @@ class CommandEcho:
         self._desired = sample["tau_desired"]
         self._previous = arm.workspace["tau_previous"][0]  # what the controller starts from
         self._differ = bound(largest_difference, self._tau_J_d, self._judged)
+        # of the state that was judged last: a new one never has the same seven torques
+        self._changes = bound(largest_difference, sample["tau_J"], judge.memory["tau_J"][0])
         self._desires = bound(largest_difference, self._tau_J_d, np.zeros(7))
         self.seen = False
         self.lost = 0
@@ -39,12 +41,15 @@ class CommandEcho:
     def agree(self, begun: bool) -> None:
         """Start from the torque that the robot has: an answer that came too late was dropped.
 
-        Torque control begins at zero. Until our first torque has come back, tau_J_d is what the robot's own controller
-        held the arm with: no start for ours. begun: the arm has shown a state before this one.
+        A state that repeats the last one tells nothing of it. Torque control begins at zero. Until our first torque has
+        come back, tau_J_d is what the robot's own controller held the arm with: no start for ours. begun: the arm has
+        shown a state before this one.
         """
         difference = self._differ()
         if not SAME_TORQUE_NM < difference < np.inf:  # the same, or no number at all
             self.seen = self.seen or (begun and self._desires() > SAME_TORQUE_NM)
+            return
+        if self.seen and self._changes() == 0.0:
             return
         self.lost += begun
         if self.seen:
