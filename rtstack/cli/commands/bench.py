@@ -14,7 +14,7 @@ commands = typer.Typer(help="Measure the stack on this machine.")
 @commands.command("tick")
 def bench_tick(
     ticks: Annotated[int, typer.Option(help="Ticks of each kind.", min=100)] = 3000,
-    solver: Annotated[QpSolver | None, typer.Option(help="Library that is asked where the active set has no answer.")] = None,
+    solver: Annotated[QpSolver | None, typer.Option(help="Library to ask where the active set has no answer.")] = None,
     json: Json = False,
 ) -> None:
     """The dual-arm tick and its parts, beside the same tick in plain numpy, in one run."""
