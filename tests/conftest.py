@@ -59,13 +59,19 @@ class Demonstration:
 @pytest.fixture(scope="session")
 def demonstration(cell: CellDescription, tmp_path_factory: pytest.TempPathFactory) -> Demonstration:
     """The plain demonstration with the rice box, seed 0."""
-    path = tmp_path_factory.mktemp("recordings") / "ref.mcap"
-    specification = DemonstrationSpecification()
-    simulated = open_cell("direct", specification.object, 0.0, specification.seed)
-    log = open_log(path, specification, cell, "direct", default_cell_file())
-    result = run_demonstration(specification, cell, simulated, RunContext(log))
-    simulated.close()
-    return Demonstration(path, result)
+
+    from tests.support.made_once import made_once  # not before its asserts are rewritten, above
+
+    def record(folder: Path) -> Demonstration:
+        path = folder / "ref.mcap"
+        specification = DemonstrationSpecification()
+        simulated = open_cell("direct", specification.object, 0.0, specification.seed)
+        log = open_log(path, specification, cell, "direct", default_cell_file())
+        result = run_demonstration(specification, cell, simulated, RunContext(log))
+        simulated.close()
+        return Demonstration(path, result)
+
+    return made_once(tmp_path_factory, "recordings", record)
 
 
 @dataclass(frozen=True, slots=True)

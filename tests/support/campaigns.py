@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from rtstack.experiments.registry import plan_file
+from tests.support.made_once import made_once
 
 RTSTACK = str(Path(sys.executable).parent / "rtstack")
 PATIENCE_S = 280.0  # for a step that takes seconds, on a machine that is busy
@@ -62,8 +63,11 @@ class Finished:
 @pytest.fixture(scope="session")
 def finished(command: Command, demonstration: object, tmp_path_factory: pytest.TempPathFactory) -> Finished:
     """The small campaign's folder. After a demonstration: everything is compiled."""
-    out = tmp_path_factory.mktemp("campaign") / "out"
-    return Finished(out, command.run(out, "--workers", "1"))
+
+    def run(folder: Path) -> Finished:
+        return Finished(folder / "out", command.run(folder / "out", "--workers", "1"))
+
+    return made_once(tmp_path_factory, "campaign", run)
 
 
 @pytest.fixture
