@@ -1,7 +1,7 @@
 """Reading a log for analysis: columns of records, metadata, attachments, events."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from io import BytesIO
 from pathlib import Path
@@ -9,25 +9,19 @@ from typing import Any, BinaryIO
 
 import numpy as np
 from mcap.data_stream import ReadDataStream
-from mcap.opcode import Opcode
-from mcap.reader import make_reader
-from mcap.records import Attachment as AttachmentRecord
-from mcap.records import Channel, Chunk, ChunkIndex, Metadata, Schema
+from mcap.records import Chunk, ChunkIndex
 from numpy.typing import NDArray
 
 from rtstack.log.container import (
-    MAGIC,
     MESSAGE_HEADER,
     RECORD_HEADER,
     MessageTable,
     chunk_data,
-    definitions,
     is_complete,
     message_table,
     open_mcap,
-    scan,
-    tail_chunk,
 )
+from rtstack.log.contents import Contents, contents_by_scan, contents_by_summary
 from rtstack.log.decoding import TopicDecoder, message_class
 from rtstack.log.errors import LogError
 from rtstack.log.job import Attachment
@@ -50,20 +44,6 @@ class Event:
     text: str
 
 
-@dataclass(slots=True)
-class _Contents:
-    """What a file holds: where its chunks are, and everything small."""
-
-    schemas: dict[int, Schema]
-    channels: dict[int, Channel]
-    metadata: dict[str, dict[str, str]]
-    attachments: list[Attachment]
-    chunks: list[ChunkIndex | int | bytes]  # indexed, or the offset of a chunk record, or its data
-    start_ns: int = 0
-    end_ns: int = 0
-    counts: dict[int, int] = field(default_factory=dict)  # messages of a channel
-
-
 @dataclass(frozen=True, slots=True)
 class Batch:
     """Records of some topics from neighbouring chunks; `share` of the file that has been read so far, 0 to 1."""
@@ -75,7 +55,7 @@ class Batch:
 class Log:
     """An open log. Topics are read when they are asked for, and not kept: hold on to what `topic` returns."""
 
-    def __init__(self, path: Path, contents: _Contents, complete: bool) -> None:
+    def __init__(self, path: Path, contents: Contents, complete: bool) -> None:
         self._contents = contents
         self.path = path
         self.complete = complete
@@ -274,7 +254,7 @@ def read_log(path: Path, truncated: bool = False) -> Log:
         if not complete and not truncated:
             raise LogError(f"{path} is cut off (no summary): recover it with `rtstack recover {path}`")
         try:
-            contents = _from_summary(file) if complete else _from_scan(file)
+            contents = contents_by_summary(file) if complete else contents_by_scan(file)
         except LogError:
             raise
         except Exception as error:  # the library raises whatever half a record makes of it
@@ -287,76 +267,6 @@ def read_log(path: Path, truncated: bool = False) -> Log:
     if {"log", "trial"} & contents.metadata.keys() and topics <= {*TOPICS, *scenery_schemas()}:
         return Log(path, contents, complete)  # ours, of a run that ended before its first tick
     raise LogError(f"{path} is an MCAP file but not a log of ours: topic {_NEEDED_TOPIC} is missing")
-
-
-def _from_summary(file: BinaryIO) -> _Contents:
-    file.seek(0)
-    summary = make_reader(file).get_summary()
-    if summary is None or (not summary.chunk_indexes and summary.channels):
-        return _from_scan(file)
-    contents = _Contents(summary.schemas, summary.channels, {}, [], [*summary.chunk_indexes])
-    contents.chunks.sort(key=lambda chunk: chunk.chunk_start_offset if isinstance(chunk, ChunkIndex) else 0)
-    if summary.statistics is not None:
-        contents.counts = dict(summary.statistics.channel_message_counts)
-        contents.start_ns = summary.statistics.message_start_time
-        contents.end_ns = summary.statistics.message_end_time
-    for index in summary.metadata_indexes:
-        file.seek(index.offset + RECORD_HEADER)
-        _add_metadata(contents, ReadDataStream(file))
-    for index in summary.attachment_indexes:
-        file.seek(index.offset + RECORD_HEADER)
-        _add_attachment(contents, ReadDataStream(file))
-    return contents
-
-
-def _from_scan(file: BinaryIO) -> _Contents:
-    contents = _Contents({}, {}, {}, [], [])
-    times: list[int] = []
-    loose = bytearray()  # records outside of chunks, as if they were a chunk of their own
-    end = len(MAGIC)
-    for record in scan(file):
-        end = record.offset + record.size
-        if record.opcode == Opcode.CHUNK:
-            try:
-                data = chunk_data(Chunk.read(record.stream()))
-            except Exception:  # a damaged chunk: each decompressor has its own error
-                continue
-            _add_chunk(contents, data, times)
-            contents.chunks.append(record.offset)
-        elif record.opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
-            loose += bytes([record.opcode]) + len(record.body).to_bytes(8, "little") + record.body
-        elif record.opcode == Opcode.METADATA:
-            _add_metadata(contents, record.stream())
-        elif record.opcode == Opcode.ATTACHMENT:
-            _add_attachment(contents, record.stream())
-    for data in (bytes(loose), tail_chunk(file, end)):
-        if data:
-            _add_chunk(contents, data, times)
-            contents.chunks.append(data)
-    if times:
-        contents.start_ns, contents.end_ns = min(times), max(times)
-    return contents
-
-
-def _add_chunk(contents: _Contents, data: bytes, times: list[int]) -> None:
-    schemas, channels = definitions(data)
-    contents.schemas.update(schemas)
-    contents.channels.update(channels)
-    table = message_table(data)
-    if len(table.start):
-        times += [int(table.log_time_ns.min()), int(table.log_time_ns.max())]
-    for channel_id, count in zip(*np.unique(table.channel_id, return_counts=True), strict=True):
-        contents.counts[int(channel_id)] = contents.counts.get(int(channel_id), 0) + int(count)
-
-
-def _add_metadata(contents: _Contents, stream: ReadDataStream) -> None:
-    record = Metadata.read(stream)
-    contents.metadata[record.name] = record.metadata
-
-
-def _add_attachment(contents: _Contents, stream: ReadDataStream) -> None:
-    record = AttachmentRecord.read(stream)
-    contents.attachments.append(Attachment(record.name, record.media_type, record.data))
 
 
 def _read_chunk(path: Path, file: BinaryIO, offset: int) -> bytes:
