@@ -21,7 +21,7 @@ from tests.programs.wrong_built_cell import NOISE_M, OBJECT, POSES, led, profile
 from tests.support.console.chromium import leave_scene_undrawn
 from tests.support.console.served_console import serve_console
 
-pytestmark = [pytest.mark.browser, pytest.mark.long, pytest.mark.timeout(420)]
+pytestmark = pytest.mark.browser
 
 BUILT: dict[str, object] = {
     "left_mm": [25.0, -28.0, 24.0], "right_mm": [-20.0, 18.0, 23.0], "left_deg": [1.5, -1.0, 3.5],
@@ -99,6 +99,25 @@ class Wizard:
         expect(row.get_by_role("button", name="Again")).to_be_visible()
 
 
+def test_an_older_answer_does_not_take_the_place_of_a_newer_one(console):
+    _, page = console
+    older = []
+    page.route("**/api/calibration", lambda route: older.append((route, route.fetch())), times=1)
+    page.reload()
+    page.click("#take")
+    page.click("#tab-calibration")
+    page.select_option("#calibration [name=what]", "meet")
+    page.click("#calibration [type=submit]")
+    page.wait_for_timeout(1000)  # the answer to it, unless it waits for the older one
+    ((route, answer),) = older
+    route.fulfill(response=answer)
+    page.click("#calibration [type=submit]")
+    expect(page.locator("#calibration-points tr")).to_have_count(2)
+    expect(page.locator("#errors p")).to_have_count(0)
+
+
+@pytest.mark.long
+@pytest.mark.timeout(420)
 def test_a_cell_that_is_built_wrong_is_calibrated_on_the_page_and_grabs(console, tmp_path):
     served, page = console
     arms_alone = {key: value for key, value in BUILT.items() if not key.startswith(("tracker", "pivot"))}

@@ -18,37 +18,49 @@ function button(text, does) {
 
 export function startCalibration(form) {
   let timer = null;
-  let names = [];
+  let before = Promise.resolve();
+  const rows = new Map(); // by the points' names
   const { what, side, object } = form.elements;
   const place = ["x", "y", "z"].map((axis) => form.elements[axis]);
 
-  const does = async (act, failed) => {
-    try {
-      show(await act());
-    } catch (error) {
-      showError(`${failed}: ${error.message}. The cell's file stays as it is.`);
-    }
+  // one request after the other: an answer that is overtaken would show what is no more
+  const does = (act, failed) => {
+    before = before.then(async () => {
+      try {
+        show(await act());
+      } catch (error) {
+        showError(`${failed}: ${error.message}. The cell's file stays as it is.`);
+      }
+    });
   };
 
-  const row = (point) => {
-    const [line, words, result] = ["tr", "td", "td"].map((kind) => document.createElement(kind));
-    words.textContent = `${point.name}: ${point.asked}`;
+  // made once: a button that is replaced while it is pressed gets no click, and loses the focus
+  const makeRow = ({ name, what, asked }) => {
+    const line = document.createElement("tr");
+    const [words, , buttons] = ["td", "td", "td"].map((kind) => line.appendChild(document.createElement(kind)));
+    words.textContent = `${name}: ${asked}`;
+    if (what !== "stand") buttons.append(button("Take", () => does(() => post(`/api/calibration/points/${name}/take`), "Not taken")));
+    buttons.append(button("Remove", () => does(() => remove(`/api/calibration/points/${name}`), "Not removed")));
+    rows.set(name, line);
+    $("calibration-points").append(line);
+    return line;
+  };
+
+  const showPoint = (point) => {
+    const [, result, buttons] = (rows.get(point.name) ?? makeRow(point)).cells;
     const off = point.off_mm === null ? "taken" : `${point.off_mm.toFixed(2)} mm`;
     result.textContent = !point.measured ? "to do" : point.wrong ? `${off} WRONG, left out: take it again` : off;
     result.dataset.tone = point.wrong ? "bad" : point.measured ? "good" : "";
-    const buttons = document.createElement("td");
-    if (point.what !== "stand") buttons.append(button(point.measured ? "Again" : "Take", () => does(() => post(`/api/calibration/points/${point.name}/take`), "Not taken")));
-    buttons.append(button("Remove", () => does(() => remove(`/api/calibration/points/${point.name}`), "Not removed")));
-    line.append(words, result, buttons);
-    return line;
+    if (point.what !== "stand") buttons.firstChild.textContent = point.measured ? "Again" : "Take";
   };
 
   const show = (view) => {
     clearTimeout(timer);
-    names = view.points.map((point) => point.name);
+    const names = view.points.map((point) => point.name);
+    for (const [name, line] of rows) if (!names.includes(name)) rows.delete(name) && line.remove();
+    view.points.forEach(showPoint);
     const known = view.date === null ? "has no date of a calibration" : `was calibrated on ${view.date}, rms ${view.rms_mm} mm, pads within ${view.uncertainty_mm} mm`;
     $("calibration-now").textContent = `${view.file} ${known}.`;
-    $("calibration-points").replaceChildren(...view.points.map(row));
     const values = Object.entries(view.values).map(([key, value]) => `${key} = ${value}`);
     $("calibration-found").replaceChildren(
       ...(view.looking ? ["Looking at the points."] : [...view.lines, ...values]).map((text) => {
@@ -81,9 +93,12 @@ export function startCalibration(form) {
     if (!object.disabled) body.object = object.value;
     if (!place[0].disabled) body.place = place.map((field) => field.valueAsNumber);
     const stem = [body.what, body.side ?? body.object].filter(Boolean).join("-");
-    let number = 1;
-    while (names.includes(`${stem}-${number}`)) number += 1;
-    does(() => post(`/api/calibration/points/${stem}-${number}`, body), "Not added");
+    const add = () => {
+      let number = 1;
+      while (rows.has(`${stem}-${number}`)) number += 1;
+      return post(`/api/calibration/points/${stem}-${number}`, body);
+    };
+    does(add, "Not added");
   });
   $("calibration-write").addEventListener("click", async () => {
     const details = "Bases, tracker, and the date with its errors. After it the stack has to be started again.";
