@@ -1,4 +1,7 @@
-"""Questions about logs that take seconds: answered by processes of their own, two at a time, and remembered."""
+"""Questions about logs that take seconds: answered by processes of their own, two at a time, and remembered.
+
+What waits for its turn is dropped where its file has changed meanwhile: nobody wants to know it any more.
+"""
 
 import json
 import os
@@ -7,7 +10,7 @@ import subprocess
 import sys
 import threading
 from collections import OrderedDict
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +59,7 @@ class Questions:
     def __init__(self, cell: CellDescription) -> None:
         self._cell = cell
         self._lock = threading.Lock()
-        self._asked: OrderedDict[tuple[Any, ...], Question] = OrderedDict()
+        self._asked: OrderedDict[tuple[Any, ...], tuple[Question, Future[None]]] = OrderedDict()
         self._running: set[subprocess.Popen[bytes]] = set()
         self._closed = False
         self._threads = ThreadPoolExecutor(_AT_ONCE, "question")
@@ -66,14 +69,20 @@ class Questions:
         status = path.stat()
         key = kind, path, status.st_size, status.st_mtime_ns, more
         with self._lock:
-            question = self._asked.pop(key, None)
-            if question is None:
+            for other in [each for each in self._asked if each[:2] == key[:2] and each[2:4] != key[2:4]]:
+                overtaken, begun = self._asked[other]
+                if begun.cancel():
+                    overtaken.take({"refused": f"{path} has changed meanwhile: ask again"})
+                    del self._asked[other]
+            asked = self._asked.pop(key, None)
+            if asked is None:
                 question = Question()
-                self._threads.submit(self._answer, question, pickle.dumps((kind, path, self._cell, more)))
-            self._asked[key] = question
+                words = pickle.dumps((kind, path, self._cell, more))
+                asked = question, self._threads.submit(self._answer, question, words)
+            self._asked[key] = asked
             while len(self._asked) > _REMEMBERED:
                 self._asked.popitem(last=False)
-        return question
+        return asked[0]
 
     def close(self) -> None:
         """End the processes, and take no question any more."""
