@@ -13,7 +13,7 @@ from hal.fci import FciPair, Tool, ask_for_urdf, limits_in, open_pair
 from hal.limits import OwnLimits
 from hal.tracker import ClosableTracker, TrackerRequest
 from rtstack.cells.kinds import CellKind, CellRequest
-from rtstack.cells.metal import check_boxes, check_real_cell, on_this_machine
+from rtstack.cells.metal import check_boxes, check_measured, check_real_cell, on_this_machine
 from rtstack.cells.robot_clock import RobotClock
 from rtstack.model.cell_description import CellDescription, TrackerDescription
 from rtstack.safety.limits import ForcePhase
@@ -52,6 +52,10 @@ def _check(argument: str, description: CellDescription, cell_file: Path | None) 
     _tracker(description.tracker)
 
 
+def _measured(argument: str, description: CellDescription, cell_file: Path | None) -> None:
+    check_measured(fci_addresses(f"fci:{argument}"), description, cell_file)
+
+
 def _simulated(argument: str, description: CellDescription) -> bool:
     """A real arm must never be reported as simulated: only arms on this machine can be."""
     return description.simulated and all(map(on_this_machine, argument.split(",")))
@@ -62,6 +66,8 @@ def _open(request: CellRequest) -> Cell:
         raise TrialError(f"cell {request.kind!r}: only a simulated robot has scripted faults: rtstack sim --faults")
     left, right = fci_addresses(request.kind)
     check_real_cell((left, right), request.description, request.cell_file)
+    if not request.led:
+        check_measured((left, right), request.description, request.cell_file)
     check_boxes(request.description)
     own, said = _own_limits((left, right))
     check_models(request.description, own)
@@ -132,4 +138,4 @@ class _TrackedLink:
         self._tracker.close()
 
 
-fci = CellKind(_open, _check, _simulated)
+fci = CellKind(_open, _check, _simulated, _measured)

@@ -20,7 +20,8 @@ class CellRequest:
     for a cell without an object, which a person takes away from real arms. displacement: of the object from its place.
     description: of the cell, from cell_file (None: ours). faults: a script for a simulated robot, as for `rtstack sim
     --faults`. noise_seed: of placement and noise, where the same simulated arms are to be met again (None: the seed).
-    live: a person watches; a simulated robot keeps the pace of the host's clock where it can.
+    live: a person watches; a simulated robot keeps the pace of the host's clock where it can. led: a person leads the
+    arms, or one joint turns by a degree: the cell's geometry need not have been measured.
     """
 
     kind: str
@@ -33,6 +34,7 @@ class CellRequest:
     faults: Path | None = None
     noise_seed: int | None = None
     live: bool = False
+    led: bool = False
 
 
 def _nothing(_argument: str, _description: CellDescription, _file: Path | None) -> None:
@@ -48,13 +50,15 @@ class CellKind:
     """What a package offers: how a cell of a kind is opened.
 
     open: the caller closes the cell; raises HardwareError or TrialError with one line. check (argument, description,
-    its file): raises TrialError for what `rtstack up` is to refuse before it starts. simulated (argument, description):
+    its file): raises TrialError for what `rtstack up` is to refuse before it starts; measured: the same where nobody
+    leads the arms, for a geometry that was not measured. simulated (argument, description):
     whether all arms are simulated ones; it decides what an operator is told.
     """
 
     open: Callable[[CellRequest], Cell]
     check: Callable[[str, CellDescription, Path | None], None] = _nothing
     simulated: Callable[[str, CellDescription], bool] = _real
+    measured: Callable[[str, CellDescription, Path | None], None] = _nothing
 
 
 SIMULATED = ("direct", "lockstep", "realtime")  # ours; behind the colon stands the profile of the simulated robot
@@ -95,7 +99,7 @@ def profile_of(kind: str) -> str:
 def open_cell(
     kind: str, object_name: str, displacement: Displacement | float, seed: int,
     description: CellDescription | None = None, faults: Path | None = None, noise_seed: int | None = None,
-    cell_file: Path | None = None, live: bool = False,
+    cell_file: Path | None = None, live: bool = False, led: bool = False,
 ) -> Cell:  # fmt: skip
     """Open a cell; see CellRequest. displacement: a number is one along y, m. Raises TrialError, HardwareError.
 
@@ -108,6 +112,6 @@ def open_cell(
     return found.open(
         CellRequest(
             kind, argument, object_name, Displacement.of(displacement), seed, described, cell_file, faults, noise_seed,
-            live,
+            live, led,
         )
     )  # fmt: skip

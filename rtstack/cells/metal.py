@@ -1,6 +1,7 @@
 """What has to hold before arms that are not simulated are connected to: the only list of it.
 
-`check_real_cell` compares what files and addresses say, `check_boxes` what the control boxes themselves say.
+`check_real_cell` compares what files and addresses say; `check_measured` asks whether the geometry was measured, except
+where a person leads the arms, so that it is measured; `check_boxes` compares what the control boxes themselves say.
 
 A cell's geometry is what the safety judge, the start motion and the plans believe. Real arms on the geometry of another
 cell move where nothing was looked at. So the cell's file has to be one that a person wrote for these arms and measured.
@@ -9,14 +10,13 @@ that are not simulated has to say when they were measured, at whatever address t
 """
 
 from contextlib import closing
-from dataclasses import replace
 from datetime import date, timedelta
 from ipaddress import ip_address
 from pathlib import Path
 
 from hal.desk import Desk, DeskState, Trust
 from rtstack.cells.description import default_cell_file
-from rtstack.model.cell_description import Calibration, CellDescription
+from rtstack.model.cell_description import CellDescription
 from rtstack.samples import SIDES
 from rtstack.trials.errors import TrialError
 
@@ -31,20 +31,17 @@ def on_this_machine(address: str) -> bool:
         return False
 
 
-def to_be_measured(description: CellDescription, cell_file: Path) -> CellDescription:
-    """Return the description for a run in which a person leads the arms: that where they stand is not known, or not any
-    more, is no reason to refuse it."""
-    written = date.fromtimestamp(cell_file.stat().st_mtime)
-    return replace(description, calibration=Calibration(min(written, date.today()), valid_days=3650, rms_mm=0.0))
+def _real(addresses: tuple[str, str]) -> list[str]:
+    return [address for address in addresses if not on_this_machine(address)]
 
 
 def check_real_cell(addresses: tuple[str, str], description: CellDescription, cell_file: Path | None) -> None:
     """Refuse arms at addresses (left, right) that are not this machine's, or that the cell's file does not call
-    simulated, unless that file is theirs and says that it was measured.
+    simulated, unless that file is theirs.
 
     Nothing is connected to. Raises TrialError with one line: what is wrong, and what to do.
     """
-    real = [address for address in addresses if not on_this_machine(address)]
+    real = _real(addresses)
     if not real and description.simulated:
         return
     arms = f"the arm at {(real or addresses)[0]} is no simulated one" + (" of this machine" if real else "")
@@ -56,11 +53,24 @@ def check_real_cell(addresses: tuple[str, str], description: CellDescription, ce
         )
     if len(real) == 1:
         raise TrialError(f"{arms}, the other arm is: a cell has two real arms, or two simulated ones")
+    for side, given, mounting in zip(("left", "right"), addresses, (description.left, description.right), strict=True):
+        if given != mounting.address:
+            raise TrialError(
+                f"the {side} arm is asked for at {given}, and {cell_file} has it at {mounting.address}: "
+                f"correct the one that is wrong ([{side}] address)"
+            )
+
+
+def check_measured(addresses: tuple[str, str], description: CellDescription, cell_file: Path | None) -> None:
+    """Refuse the same arms unless the cell's file, which `check_real_cell` has let pass, says that it was measured,
+    not too long ago and well enough. Raises TrialError with one line."""
+    if cell_file is None or (description.simulated and not _real(addresses)):
+        return
     calibration = description.calibration
     if calibration is None:
         raise TrialError(
-            f"{arms}, and {cell_file} does not say when its geometry was measured: "
-            "measure it (rtstack calibrate --write), or write [calibration] date = YYYY-MM-DD"
+            f"{cell_file} does not say when its geometry was measured: measure it (rtstack calibrate "
+            "--write), or write [calibration] date = YYYY-MM-DD"
         )
     today = date.today()
     if calibration.date > today:
@@ -82,12 +92,6 @@ def check_real_cell(addresses: tuple[str, str], description: CellDescription, ce
             f"{cell_file} was written on {written}, before its calibration of {calibration.date}: "
             "take the measured numbers over into the file"
         )
-    for side, given, mounting in zip(("left", "right"), addresses, (description.left, description.right), strict=True):
-        if given != mounting.address:
-            raise TrialError(
-                f"the {side} arm is asked for at {given}, and {cell_file} has it at {mounting.address}: "
-                f"correct the one that is wrong ([{side}] address)"
-            )
 
 
 def check_boxes(description: CellDescription) -> None:

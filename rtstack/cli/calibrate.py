@@ -13,7 +13,6 @@ from rtstack.calibration.cell_file import write
 from rtstack.calibration.outcome import Outcome, outcome
 from rtstack.calibration.points import Point, load_points, save_points
 from rtstack.cells import load_description, open_cell
-from rtstack.cells.metal import to_be_measured
 from rtstack.cli.hold_to_run import HoldToRun
 from rtstack.cli.interrupt import interruptible
 from rtstack.cli.tables import print_table
@@ -35,9 +34,8 @@ LOOKS = 200  # states that a torque at rest is the mean of
 def wiggle(side: str, joint: int, cell_kind: str, cell_file: Path | None) -> None:
     """Turn one joint (1 to 7) of the arm that the cell's file calls `side` by a degree and back, where it stands."""
     description, source = load_description(cell_file)
-    description = to_be_measured(description, source)
-    hold = HoldToRun(cell_kind, description, source)
-    cell = open_cell(cell_kind, NO_OBJECT, 0.0, 0, description, cell_file=source)
+    hold = HoldToRun(cell_kind, description, source, led=True)
+    cell = open_cell(cell_kind, NO_OBJECT, 0.0, 0, description, cell_file=source, led=True)
     try:
         with interruptible() as stop, hold.held(f"joint {joint} of the {side} arm by a degree", stop) as held:
             parameters = cell_parameters(description)
@@ -91,9 +89,9 @@ def _measured(
     source: Path, seconds: float | None,
 ) -> dict[str, Point]:  # fmt: skip
     """Let a person lead the pads to each missing point, and write the file after each."""
-    points, description = dict(points), to_be_measured(description, source)
-    hold = HoldToRun(cell_kind, description, source)
-    cell = open_cell(cell_kind, NO_OBJECT, 0.0, 0, description, cell_file=source)
+    points = dict(points)
+    hold = HoldToRun(cell_kind, description, source, led=True)
+    cell = open_cell(cell_kind, NO_OBJECT, 0.0, 0, description, cell_file=source, led=True)
     try:
         for number, name in enumerate(missing, 1):
             while True:

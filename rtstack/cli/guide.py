@@ -5,7 +5,6 @@ from pathlib import Path
 import typer
 
 from rtstack.cells import load_description, open_cell
-from rtstack.cells.metal import to_be_measured
 from rtstack.cli.hold_to_run import HoldToRun
 from rtstack.cli.interrupt import interruptible
 from rtstack.loop.watchdogs import Parent
@@ -21,9 +20,8 @@ FAILED = 1
 def guide(cell_kind: str, seconds: float | None, cell_file: Path | None, json: bool) -> None:
     """Recover both arms and let them be moved; exit status 1 where the judge stopped them. Writes nothing."""
     description, source = load_description(cell_file)
-    description = to_be_measured(description, source)
-    hold = HoldToRun(cell_kind, description, source)
-    cell = open_cell(cell_kind, NO_OBJECT, 0.0, 0, description, cell_file=source)
+    hold = HoldToRun(cell_kind, description, source, led=True)
+    cell = open_cell(cell_kind, NO_OBJECT, 0.0, 0, description, cell_file=source, led=True)
     try:
         with interruptible() as stop, hold.held("moving by hand", stop) as held:
             result = run_guide(description, cell, RunContext(stop=stop, watchdogs=(Parent(), *held)), seconds)

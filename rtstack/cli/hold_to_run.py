@@ -30,12 +30,16 @@ _LOOK_S = 0.05
 class HoldToRun:
     """What stands between a command and the arms of a cell: nothing where they are simulated."""
 
-    def __init__(self, cell_kind: str, description: CellDescription, cell_file: Path) -> None:
-        """Raises TrialError for what the kind of cell refuses, and where the arms may be real and no person can be at
+    def __init__(self, cell_kind: str, description: CellDescription, cell_file: Path, led: bool = False) -> None:
+        """led: a person leads the arms, whose geometry need not have been measured.
+
+        Raises TrialError for what the kind of cell refuses, and where the arms may be real and no person can be at
         the terminal.
         """
         kind, argument = kind_of(cell_kind)
         kind.check(argument, description, cell_file)
+        if not led:
+            kind.measured(argument, description, cell_file)
         self._needed = not kind.simulated(argument, description)
         self._cell = f"{description.name} ({cell_kind})"
         self._name = description.name

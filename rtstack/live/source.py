@@ -50,6 +50,7 @@ def described_as(file: Path, kind: str) -> CellDescription:
     description = load_cell_description(file)
     found, argument = kind_of(kind)
     found.check(argument, description, file)
+    found.measured(argument, description, file)
     return replace(description, simulated=found.simulated(argument, description))
 
 

@@ -12,7 +12,6 @@ import pytest
 
 from hal.errors import HardwareError
 from rtstack.cells import load_description, open_cell
-from rtstack.cells.metal import to_be_measured
 from rtstack.cells.simulator import Simulator
 from rtstack.trials.errors import TrialError
 from tests.support.real_cell import CALIBRATED, write_cell_file
@@ -93,7 +92,7 @@ def test_arms_that_a_person_leads_may_be_measured_for_the_first_time(tmp_path):
     with pytest.raises(TrialError, match="does not say when"):
         open_cell(kind, "", 0.0, 0, description, cell_file=path)
     with pytest.raises(HardwareError, match="does not answer"):
-        open_cell(kind, "", 0.0, 0, to_be_measured(description, path), cell_file=path)
+        open_cell(kind, "", 0.0, 0, description, cell_file=path, led=True)
 
 
 @pytest.mark.parametrize("left_out", ["", "rms_mm = 1.2\n"])
