@@ -16,6 +16,13 @@ function button(text, does) {
   return made;
 }
 
+function item(text, tone = "") {
+  const made = document.createElement("li");
+  made.textContent = text;
+  made.dataset.tone = tone;
+  return made;
+}
+
 export function startCalibration(form) {
   let timer = null;
   let before = Promise.resolve();
@@ -42,7 +49,7 @@ export function startCalibration(form) {
     if (what !== "stand") buttons.append(button("Take", () => does(() => post(`/api/calibration/points/${name}/take`), "Not taken")));
     buttons.append(button("Remove", () => does(() => remove(`/api/calibration/points/${name}`), "Not removed")));
     rows.set(name, line);
-    $("calibration-points").append(line);
+    $("calibration-points").prepend(line); // the newest is the one that is to be taken
     return line;
   };
 
@@ -61,14 +68,12 @@ export function startCalibration(form) {
     view.points.forEach(showPoint);
     const known = view.date === null ? "has no date of a calibration" : `was calibrated on ${view.date}, rms ${view.rms_mm} mm, pads within ${view.uncertainty_mm} mm`;
     $("calibration-now").textContent = `${view.file} ${known}.`;
-    const values = Object.entries(view.values).map(([key, value]) => `${key} = ${value}`);
-    $("calibration-found").replaceChildren(
-      ...(view.looking ? ["Looking at the points."] : [...view.lines, ...values]).map((text) => {
-        const item = document.createElement("li");
-        item.textContent = text;
-        return item;
-      }),
-    );
+    const wrong = view.points.filter((point) => point.wrong).map((point) => point.name);
+    const found = view.looking ? ["Looking at the points."] : view.lines;
+    $("calibration-found").replaceChildren(...wrong.map((name) => item(`${name}: WRONG`, "bad")), ...found.map((text) => item(text)));
+    const values = Object.entries(view.values).map(([key, value]) => item(`${key} = ${value}`));
+    $("calibration-values").replaceChildren(...values);
+    $("calibration-new").hidden = values.length === 0;
     $("calibration-why").textContent = view.why ?? "";
     $("calibration-write").disabled = view.looking || view.why !== null || view.lines.length === 0;
     if (view.looking) timer = setTimeout(look, LOOK_MS);
