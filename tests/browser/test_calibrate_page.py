@@ -155,7 +155,7 @@ def test_a_cell_that_is_built_wrong_is_calibrated_on_the_page_and_grabs(console,
     expect(wrong).to_have_count(0)
     expect(page.locator("#calibration-write")).to_be_enabled()
     page.click("#calibration-write")
-    page.get_by_role("dialog").get_by_role("button", name="Write").click()
+    page.get_by_role("alertdialog").get_by_role("button", name="Write").click()
     expect(page.locator("#calibration-now")).to_contain_text("was calibrated on")
     file = served.parts.calibration._file
     description = load_cell_description(file)
