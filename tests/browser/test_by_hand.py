@@ -15,7 +15,8 @@ from rtstack.log.reader import read_log
 from rtstack.samples import SIDES, Mode
 from tests.support.console.operator_hands import READY_MS, ClutchLost
 
-pytestmark = [pytest.mark.browser, pytest.mark.alone, pytest.mark.timeout(900)]
+# in CI: a mouse alone in test_scene.py, and without a browser tests/console and tests/teleoperation
+pytestmark = [pytest.mark.browser, pytest.mark.alone, pytest.mark.long, pytest.mark.timeout(900)]
 ATTEMPTS = 5  # a page that a busy machine held up for longer than a clutch is held without a word has lost the hand
 RAISED_M, CLOSED_M, LIFTED_M = 0.05, 0.31, 0.15
 SPEED_M_S = "0.3"
@@ -120,7 +121,6 @@ def check_recording(log):
         assert np.ptp(control["pose_ref"][:, 0]) < 0.01
 
 
-@pytest.mark.long
 def test_a_grab_by_hand_becomes_a_reference_and_its_trial_is_reviewed(console, operator, tmp_path):
     page = console.page
     record_grab(operator)

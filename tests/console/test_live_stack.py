@@ -114,7 +114,8 @@ def log_of(stack: Stack):
     return read_log(path)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+# each module of tests/browser ends its stack by SIGTERM
+@pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.long)])
 def test_it_says_where_it_is_keeps_its_secret_and_ends_all_of_it(stack, number):
     assert re.fullmatch(r"rtstack is up: http://127\.0\.0\.1:\d+/\?token=[\w-]{20,}\n", stack.line)
     children = stack.children

@@ -118,6 +118,7 @@ def tell(robot: ForeignRobot, what: str, log: Log, description: CellDescription)
     assert 1e3 * largest < LARGEST_ERROR_MM
 
 
+@pytest.mark.long  # tests/check judges the same findings in make test
 def test_check_holds_both_arms(robot, described, record_property) -> None:
     findings: dict[str, Finding] = {}
     for _ in range(ATTEMPTS):
