@@ -1,9 +1,12 @@
-"""`rtstack demo`: the whole way once, in a terminal: a demonstration, a trial of it, the review of its log."""
+"""`rtstack demo`: the whole way once: a demonstration, a trial of it, its review, and a page of its impact."""
 
+import os
+import webbrowser
 from pathlib import Path
 
 import typer
 
+from hal.extras import advice
 from rtstack.cli.logs import review
 from rtstack.cli.trials import teach, trial
 from rtstack.log.errors import LogError
@@ -12,8 +15,11 @@ from rtstack.trials.specification import DemonstrationSpecification, TrialSpecif
 OBJECT, DISPLACEMENT_MM = "rice_box", -30.0
 
 
-def run(folder: Path) -> None:
-    """Write both logs into a new folder. Raises LogError where it is there already or cannot be made."""
+def run(folder: Path, browser: bool) -> None:
+    """Write both logs and the page into a new folder. Raises LogError where it is there already or cannot be made.
+
+    browser: open the page, where there is a display.
+    """
     recording, log = folder / "demonstration.mcap", folder / "trial.mcap"
     try:
         folder.mkdir()
@@ -26,4 +32,21 @@ def run(folder: Path) -> None:
     trial(asked, log, "direct", None, False)
     typer.echo("\n3. The review of its log.")
     review(log, False)
-    typer.echo(f"\nNext: `rtstack plot {log} --impact --html` draws the impact, `rtstack up` opens the page.")
+    typer.echo("\n4. Its impact, as a page.")
+    _show_impact(log, folder / "impact.html", browser)
+    typer.echo("\nNext: `rtstack up` starts the console.")
+
+
+def _show_impact(log: Path, page: Path, browser: bool) -> None:
+    try:
+        from rtstack.cli.plot import plot
+    except ModuleNotFoundError as error:
+        if not (lacking := advice(error.name)):
+            raise
+        typer.echo(f"left out: {lacking}")
+        return
+    plot([str(log)], "html", page, impact=True)
+    # a browser that needs no display would take the terminal
+    displayed = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+    if not (browser and displayed and webbrowser.open(page.absolute().as_uri())):
+        typer.echo(f"open it in a browser: {page.absolute().as_uri()}")

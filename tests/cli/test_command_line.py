@@ -264,11 +264,22 @@ def test_ctrl_c_brakes_finishes_the_log_and_ends_without_a_traceback(tmp_path):
     assert read_log(path).complete
 
 
-def test_the_demo_goes_the_whole_way(tmp_path, command_line):
+def test_the_demo_goes_the_whole_way_and_opens_its_page_where_there_is_a_display(tmp_path, command_line, monkeypatch):
+    browser = tmp_path / "browser"
+    browser.write_text(f'#!/bin/sh\necho "$1" > {tmp_path}/opened\n')
+    browser.chmod(0o755)
+    monkeypatch.setenv("BROWSER", f"{browser} %s")  # how a user names one
+    monkeypatch.setattr("webbrowser._tryorder", None)  # which would be read once a process
+    monkeypatch.setenv("DISPLAY", ":0")
     done = command_line("demo", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "success | proposed, rice_box, -30 mm" in done.stdout
-    assert sorted(path.name for path in (tmp_path / "demo").iterdir()) == ["demonstration.mcap", "trial.mcap"]
+    assert sorted(path.name for path in (tmp_path / "demo").iterdir()) == [
+        "demonstration.mcap", "impact.html", "trial.mcap",
+    ]  # fmt: skip
+    page = (tmp_path / "demo" / "impact.html").as_uri()
+    assert (tmp_path / "opened").read_text().strip() == page
+    assert page not in done.stdout
     again = command_line("demo", cwd=tmp_path)
     assert (again.returncode, again.stdout) == (2, "")
     assert "cannot make the folder demo: File exists; choose another one with --out" in again.stderr

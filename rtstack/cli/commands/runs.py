@@ -29,11 +29,12 @@ commands = typer.Typer()
 @commands.command()
 def demo(
     out: Annotated[Path, typer.Option(metavar="FOLDER", help="A new folder, for both logs.")] = Path("demo"),
+    browser: Annotated[bool, typer.Option(help="Open the impact's page, where there is a display.")] = True,
 ) -> None:
     """The whole way once, simulated: a demonstration, a trial of it with the object displaced, its review."""
     from rtstack.cli.demo import run
 
-    run(out)
+    run(out, browser)
 
 
 @commands.command()
