@@ -16,7 +16,7 @@ from rtstack.log.errors import LogError
 from rtstack.log.reader import Log, read_log
 from rtstack.monitor.expected import ExpectedImpact
 from rtstack.references.acceptance import Acceptance, AcceptanceError, AcceptanceState, load_acceptance
-from rtstack.references.geometry import MOVED_M, moved_m
+from rtstack.references.geometry import GRIP_OFF_M, MOVED_M, described_in, grip_off_m, moved_m
 from rtstack.references.impact import demonstrated_impact, planned_impact
 from rtstack.references.motion import Motion
 from rtstack.samples import SIDES, Mode
@@ -164,7 +164,9 @@ def recording_of(
     points, measured = points[:, kept], measured[:, kept]
     detected = min(hits) - kept.start if min(hits) < kept.stop else None
     impact = _nominal(detected, accepted.nominal_impact_s, period_s, begin)
-    problem = None
+    force = np.linalg.norm(measured["force"], axis=2).min(axis=0)  # on the pad that feels less, N
+    held = np.flatnonzero(force > detector.force_high_n)
+    problem, then, thing = None, described_in(log), _object_name(log.metadata)
     if impact is None:
         problem = "no impact was found in the demonstration: record one that hits the object"
     elif impact < 0:
@@ -174,23 +176,28 @@ def recording_of(
         problem = f"its impact was set to {accepted.nominal_impact_s:g} s by hand, past its end at {end_s:g} s"
     elif accepted.verdict is AcceptanceState.REJECTED and not patient:
         problem = "this recording was rejected: follow another one"
-    elif (away_m := moved_m(log, arms, measured["q"])) > MOVED_M:
+    elif (away_m := moved_m(then, arms, measured["q"])) > MOVED_M:
         problem = (
             f"it was made with bases and pads elsewhere than the cell's file has them now: its pads would be up to "
             f"{away_m * 1e3:.0f} mm off; record it again"
         )
+    elif abs(off_m := grip_off_m(then, thing, points, held[held >= impact])) > GRIP_OFF_M:
+        how = "further apart" if off_m > 0.0 else "nearer together"
+        problem = (
+            f"while both pads held the {thing}, they were {abs(off_m) * 1e3:.0f} mm {how} by the cell's file than it "
+            "is wide: a base or a pad is elsewhere (rtstack calibrate), or the object has another size"
+        )
     if problem is not None and not patient:
         raise ReferenceError(f"{path}: {problem}")
     impact = n if impact is None or problem is not None else impact
-    force = np.linalg.norm(measured["force"], axis=2).min(axis=0)  # on the pad that feels less, N
-    held = np.flatnonzero(force[impact:] > detector.force_high_n)
-    release = impact + int(held[-1]) if len(held) else impact
+    held = held[held >= impact]
+    release = int(held[-1]) if len(held) else impact
     return Recording(
         points=points,
         period_s=period_s,
         impact=impact,
         release=release,
-        object=_object_name(log.metadata),
+        object=thing,
         detected=detected,
         problem=problem,
         measured=measured,

@@ -68,3 +68,19 @@ def test_a_recording_from_before_the_geometry_changed_is_refused(demonstration, 
         return
     with pytest.raises(ReferenceError, match=f"bases and pads elsewhere .* up to {refused}; record it again"):
         _load(demonstration.path, now)
+
+
+@pytest.mark.parametrize(
+    ("apart_m", "refused"), [(0.005, ""), (0.03, "28 mm further apart"), (-0.03, "32 mm nearer together")]
+)
+def test_a_recording_whose_pads_were_not_as_far_apart_as_the_object_is_wide_is_refused(
+    demonstration, cell, monkeypatch, apart_m, refused
+):
+    x, y, z = cell.left.base_position
+    believed = replace(cell, left=replace(cell.left, base_position=(x, y + apart_m, z)))
+    monkeypatch.setattr("rtstack.references.recording.described_in", lambda log: believed)  # as its file had said
+    if not refused:
+        assert _load(demonstration.path, believed).problem is None
+        return
+    with pytest.raises(ReferenceError, match=f"held the rice_box, they were {refused} by"):
+        _load(demonstration.path, believed)
