@@ -41,13 +41,17 @@ class Lines:
 
     def __init__(self, label: str, clock: Callable[[], float] = time.monotonic) -> None:
         self._label, self._clock = label, clock
-        self._began_s = self._said_s = clock()
+        self._began: tuple[float, float] | None = None
+        self._said_s = 0.0
 
     def __call__(self, fraction: float) -> None:
         """Take the done fraction."""
         now_s = self._clock()
-        if now_s - self._said_s < LINE_S or fraction <= 0.0:
+        if self._began is None:  # what is compiled before does not count
+            self._began, self._said_s = (now_s, fraction), now_s
+        began_s, from_fraction = self._began
+        if now_s - self._said_s < LINE_S or fraction <= from_fraction:
             return
         self._said_s = now_s
-        left_s = (now_s - self._began_s) * (1.0 - fraction) / fraction
+        left_s = (now_s - began_s) * (1.0 - fraction) / (fraction - from_fraction)
         print(f"rtstack: {self._label}: {100 * fraction:.0f} %, {left_s:.0f} s left", file=sys.stderr, flush=True)
