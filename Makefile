@@ -3,6 +3,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+# files with a test against the clock: only to collect all others would take seconds
+ALONE = $(sort $(shell grep -rl --include='test_*.py' 'mark\.alone' tests))
 # without the plant: uncompiled, a trial takes minutes
 SAFETY_TESTS := $(filter-out %_plant.py,$(wildcard tests/safety/test_*.py))
 
@@ -26,7 +28,7 @@ run: setup  ## install, then start the whole stack with the simulated cell
 # those against the clock after the others, whatever came of these
 test: setup  ## all tests, in a real Chromium too (Debian: apt-get install chromium)
 	@status=0; $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder --durations 8 -m 'not realtime and not long and not alone' || status=$$?; \
-	    $(BIN)/python -m pytest --durations 8 -m 'alone and not realtime and not long' || status=$$?; exit $$status
+	    $(BIN)/python -m pytest --durations 8 -m 'alone and not realtime and not long' $(ALONE) || status=$$?; exit $$status
 
 long: setup  ## the tests that take minutes: campaigns killed and cut off, a sample of the fault matrix, more widths of the pages
 	$(BIN)/python -m pytest --durations 8 -m 'long and not realtime'
