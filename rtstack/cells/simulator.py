@@ -8,7 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import degrees
 from pathlib import Path
 
@@ -31,12 +31,12 @@ class Simulator:
     def __init__(
         self, object_name: str, displacement: Displacement | float, seed: int, *, lockstep: bool,
         faults: Path | None = None, cell_file: Path | None = None, profile: str = "ideal",
-        frames: TrackerFrames | None = None,
+        frames: TrackerFrames | None = None, more: Sequence[str] = (),
     ) -> None:  # fmt: skip
         """Start it, and wait until it serves. object_name: empty for none; faults: a script of them.
 
         cell_file: of a lab, with objects of its own. profile: how honest it is (sim_robot.profile). frames: of its
-        tracker, as the cell's file has them.
+        tracker, as the cell's file has them. more: options of `rtstack sim`, as they are written there.
 
         Raises HardwareError with what it says.
         """
@@ -58,7 +58,7 @@ class Simulator:
             ]  # fmt: skip
             # a group of its own: Ctrl-C is for the loop, which brakes first. If we are killed, the kernel ends it.
             self._process = subprocess.Popen(
-                command + pace,
+                [*command, *pace, *more],
                 stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
                 start_new_session=True, preexec_fn=_end_with_parent,
             )  # fmt: skip

@@ -1,10 +1,11 @@
 """The fault matrix: each fault at each moment, in lockstep, over the real client and with the real log process.
 
     python -m tests.programs.fault_matrix [--fault NAME] [--moment NAME] [--case FAULT.MOMENT] [--jobs 2] [--out DIR]
-        [--fresh] [--profile honest]
+        [--fresh] [--profile honest] [--two-clocks]
 
 Writes table.md and table.csv. Exit status 1 where anything was missed. Ctrl-C ends it; started again it goes on, unless
-the sources have changed since. docs/faults.md says how to read the table and to add a fault.
+the sources have changed since. --two-clocks: not in lockstep; the arms run in slow motion, by clocks that drift, and do
+not wait for the loop. docs/faults.md says how to read the table and to add a fault.
 """
 
 import argparse
@@ -39,6 +40,8 @@ from tests.support.faults.table import write_table
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = ("hal", "sim_robot", "rtstack", "deploy", "tests/support/faults")
 MISSED, BAD_INPUT, INTERRUPTED = 1, 2, 130
+# slow enough that a machine which stalls for some ms loses no packet
+TWO_CLOCKS = ("--phase-us", "400", "--drift-ppm", "50", "--slower", "2")
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +53,7 @@ class Choice:
     folder: Path
     fresh: bool
     profile: str
+    clocks: tuple[str, ...] = ()
 
 
 def sources_digest() -> str:
@@ -62,7 +66,7 @@ def sources_digest() -> str:
     return digest.hexdigest()
 
 
-def make_ground(folder: Path, profile: str) -> Ground:
+def make_ground(folder: Path, profile: str, clocks: tuple[str, ...]) -> Ground:
     """Record a demonstration, and find out when its trial meets the box, in a process that is then forgotten.
 
     Kept for the present sources; what belongs to others is removed.
@@ -85,7 +89,7 @@ def make_ground(folder: Path, profile: str) -> Ground:
             raise SystemExit("the demonstration and its trial do not run without any fault: see above")
     description, _ = load_description(None)
     prepared = prepare_trial(TrialSpecification(str(reference), seed=1), description)
-    return Ground(prepared, int(found.read_text()), profile)
+    return Ground(prepared, int(found.read_text()), profile, clocks)
 
 
 def _look_for_impact(reference: Path, profile: str) -> int:
@@ -135,7 +139,7 @@ class Kept:
 
 def play(choice: Choice) -> list[CaseResult]:
     """Play what is not kept; return all results in the order of the choice. KeyboardInterrupt leaves no process."""
-    digest = f"{sources_digest()}-{choice.profile}"
+    digest = f"{sources_digest()}-{choice.profile}{'-clocks' if choice.clocks else ''}"
     kept = Kept(choice.folder / "cases", digest)
     results: dict[str, CaseResult] = {}
     waiting = []
@@ -150,7 +154,9 @@ def play(choice: Choice) -> list[CaseResult]:
     try:
         if waiting:
             print(f"{count} cases, {len(results)} kept; recording the demonstration they stand on", flush=True)
-            ground = make_ground(choice.folder / "ground" / f"{digest[:16]}-{choice.profile}", choice.profile)
+            ground = make_ground(
+                choice.folder / "ground" / f"{digest[:16]}-{choice.profile}", choice.profile, choice.clocks
+            )
             began_s = time.monotonic()
         while waiting or running:
             while waiting and len(running) < choice.jobs:
@@ -189,6 +195,7 @@ def choose(arguments: list[str] | None) -> Choice:
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "faults", help="where results and the table go")
     parser.add_argument("--fresh", action="store_true", help="play again what is kept")
     parser.add_argument("--profile", default=IDEAL, help="of the simulated robot: ideal, honest, harsh")
+    parser.add_argument("--two-clocks", action="store_true", help="arms that do not wait for the loop, in slow motion")
     options = parser.parse_args(arguments)
     names = [fault.name for fault in fault_catalogue.FAULTS]
     for name in options.fault or ():
@@ -196,6 +203,7 @@ def choose(arguments: list[str] | None) -> Choice:
             parser.error(f"there is no fault {name!r}; there are {', '.join(names)}")
     if options.jobs < 1:
         parser.error("--jobs must be 1 or more")
+    jobs = 1 if options.two_clocks else options.jobs  # each loop has the last CPU to itself
     cases = tuple(
         (fault, moment)
         for fault in fault_catalogue.FAULTS
@@ -203,10 +211,12 @@ def choose(arguments: list[str] | None) -> Choice:
         if (not options.fault or fault.name in options.fault)
         and (not options.moment or moment in options.moment)
         and (not options.case or case_name(fault, moment) in options.case)
+        and not (options.two_clocks and fault.shared_clock)
     )
     if not cases:
         parser.error("there is no such case")
-    return Choice(cases, options.jobs, options.out, options.fresh, options.profile)
+    clocks = TWO_CLOCKS if options.two_clocks else ()
+    return Choice(cases, jobs, options.out, options.fresh, options.profile, clocks)
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -115,7 +115,7 @@ def _break(pair: FciPair, side: int, figures: Figures) -> None:
 
 def measure(profile: str, times: int, slower: float, recoveries: int, held: bool) -> Figures:
     """Return what came of it."""
-    figures, probe = Figures(), Probe(1e-3 * slower)
+    figures, probe = Figures(), Probe(1e-3 + 1e-3 * slower)  # it sleeps for 1 ms
     every = max(1, times // recoveries) if recoveries else 0
     clocks = "--phase-us", "400", "--drift-ppm", "50"
     with serve("--profile", profile, "--slower", str(slower), *clocks) as served, realtime_thread():

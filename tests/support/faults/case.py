@@ -60,11 +60,17 @@ RECOVERY_S = 30.0
 
 @dataclass(frozen=True, slots=True)
 class Ground:
-    """What all cases stand on: a prepared trial, the tick in which its impact is detected, and the robot's profile."""
+    """What all cases stand on: a prepared trial, the tick in which its impact is detected, and the robot.
+
+    clocks: options of `rtstack sim` where the arms do not wait for the loop. One arm's motion begins before the other
+    one's then: a scripted fault, whose time counts from the first motion, comes up to `lead_ticks` before its tick of
+    the loop, and how late the loop was is not judged by it.
+    """
 
     prepared: PreparedTrial
     impact_tick: int
     profile: str
+    clocks: tuple[str, ...] = ()
 
     def tick(self, moment: Moment) -> int:
         """Return the tick in which the fault of a moment is to be seen."""
@@ -72,6 +78,16 @@ class Ground:
         if moment is Moment.STOPPING:
             return MODES[Moment.ANTE][1] + MODES[moment][1]
         return begins.get(moment, 0) + MODES[moment][1]
+
+    @property
+    def lead_ticks(self) -> int:
+        """Return how much earlier than the loop's first tick the first motion may begin: two slow starts."""
+        return 2 * round(load_profile(self.profile).box.move_ms[2]) if self.clocks else 0
+
+    @property
+    def leaves_tick(self) -> int:
+        """Return when the operator leaves, for the moment stopping."""
+        return MODES[Moment.ANTE][1] - self.lead_ticks
 
     @property
     def _interim_ticks(self) -> int:
@@ -99,7 +115,7 @@ class Case:
         performed = isinstance(self._fault.how, Performed)
         stage = Stage(
             self._ground.prepared.description, self._script(), self._fault.own_clocks,
-            self._fire if idle and performed else None, self._ground.profile,
+            self._fire if idle and performed else None, self._ground.profile, self._ground.clocks,
         )  # fmt: skip
         try:
             stage.on_tick = lambda mode: self._step(stage, mode)
@@ -120,12 +136,15 @@ class Case:
     def _script(self) -> Path | None:
         if not isinstance(self._fault.how, Scripted):
             return None
-        tick = IDLE_AT_TICK if self._moment is Moment.IDLE else self._ground.tick(self._moment)
         path = self._folder / "faults.toml"
         idle = self._moment is Moment.IDLE
+        tick = IDLE_AT_TICK if idle else self._ground.tick(self._moment)
+        when = f"at_s = {(tick - 1) * 1e-3:.3f}"
+        if self._moment is Moment.INTERIM and self._ground.clocks:
+            when = f'when = "first_contact"\ndelay_s = {1e-3 * MODES[self._moment][1]}'
         # a slow box looks for the cause once it has taken its time
         longer_s = self._slowest_recovery_s if self._fault.recovery is Recovery.RESET else 0.0
-        path.write_text(self._fault.how.script((tick - 1) * 1e-3, idle, longer_s), encoding="utf-8")
+        path.write_text(self._fault.how.script(when, idle, longer_s), encoding="utf-8")
         return path
 
     @property
@@ -158,12 +177,15 @@ class Case:
         What stops the arms of the moment stopping is a fault, too: the operator has gone.
         """
         moment = self._moment
-        if moment is Moment.STOPPING and mode is Mode.ANTE_IMPACT and stage.tick == MODES[Moment.ANTE][1]:
+        if moment is Moment.STOPPING and mode is Mode.ANTE_IMPACT and stage.tick == self._ground.leaves_tick:
             stage.signs.operator_leaves()
         if self._fired_at is None and moment is not Moment.IDLE:
             wanted, after = MODES[moment]
             if isinstance(self._fault.how, Scripted):
-                due = stage.tick == self._ground.tick(moment) - 1  # the next state may be one that never comes
+                # the next state may be one that never comes
+                due = stage.tick == self._ground.tick(moment) - 1 - self._ground.lead_ticks
+                if self._ground.clocks and moment in (Moment.INTERIM, Moment.STOPPING):
+                    due = mode is wanted  # from here on it may come at any time
                 stage.seen_from = stage.tick + 1
             else:
                 due = mode is wanted and stage.modes.count(int(mode)) > after
@@ -180,7 +202,7 @@ class Case:
 
     @property
     def _patience(self) -> int:
-        return GOES_ON_TICKS + self._expected.sees_after
+        return GOES_ON_TICKS + self._expected.sees_after + 2 * self._ground.lead_ticks
 
     def _fire(self, stage: Stage) -> None:
         self._fired_at = stage.tick
@@ -265,6 +287,8 @@ class Case:
             seen = first_violation(evidence, self._ground.prepared.description, onset, phase)
             onset = min(reacted, reacted if seen is None else seen)
         self._result.latency_ticks = reacted - onset
+        if self._ground.clocks and isinstance(self._fault.how, Scripted):
+            return
         self._result.allowed_ticks = self._expected.sees_after + MOST_TICKS
         if not 0 <= self._result.latency_ticks <= self._result.allowed_ticks:
             self._misses.append(f"it took {self._result.latency_ticks} ticks, allowed {self._result.allowed_ticks}")

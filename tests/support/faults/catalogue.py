@@ -48,6 +48,7 @@ FAULTS = (
         "packets lost", "no state of the left arm arrives any more, and both arms share one clock",
         Scripted('kind = "states_lost"\narm = "left"', 0.5, IDLE_S),
         Expected(LEAVE, LEFT_CONTROL), Expected(NO_MOTION, "left|lost|does not answer"), recovery=Recovery.RECONNECT,
+        shared_clock=True,
     ),
     Fault(
         "one arm silent", "no state of the left arm arrives any more, and each arm has its own clock",

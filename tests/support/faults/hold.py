@@ -1,9 +1,12 @@
 """The smallest motion that there is: both arms hold where they are, under the whole loop."""
 
+from contextlib import nullcontext
+
 import numpy as np
 
 from hal.cell import Cell
 from hal.errors import HardwareError
+from hal.realtime import realtime_thread
 from rtstack.control.modes import Strategy
 from rtstack.control.records import POINT
 from rtstack.loop.end import End
@@ -32,6 +35,7 @@ def hold(cell: Cell, description: CellDescription) -> None:
         points, points, Mode.TELEOPERATION, parameters.control.stiffness_teleoperation, parameters.control.period_s,
         phase=ForcePhase.CONTACT,  # after a fault in a grab the pads still press on the object
     )  # fmt: skip
-    outcome = Session(cell, controller, safety_judges(description), Publisher([], None), plan).run()
+    with realtime_thread() if cell.own_clocks else nullcontext():
+        outcome = Session(cell, controller, safety_judges(description), Publisher([], None), plan).run()
     if outcome.end is not End.COMPLETED:
         raise HardwareError(f"{outcome.end}: {outcome.detail}")

@@ -75,12 +75,12 @@ class Scripted:
     lasts_s: float | None = None
     lasts_idle_s: float | None = None
 
-    def script(self, at_s: float, idle: bool, longer_s: float = 0.0) -> str:
-        """Return the faults file. longer_s: added to what does not last to the end."""
+    def script(self, when: str, idle: bool, longer_s: float = 0.0) -> str:
+        """Return the faults file. when: keys of the moment; longer_s: added to what does not last to the end."""
         lasts_s = self.lasts_idle_s if idle and self.lasts_idle_s is not None else self.lasts_s
         lasts_s = None if lasts_s is None else lasts_s + longer_s
         duration = "" if lasts_s is None else f"duration_s = {lasts_s}\n"
-        return f"[[fault]]\nat_s = {at_s:.3f}\n{self.keys}\n{duration}"
+        return f"[[fault]]\n{when}\n{self.keys}\n{duration}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +106,8 @@ class Fault:
     physical: the loop can see it once a measured value is beyond a limit of the judge, or the robot says so.
     reflex: the robot may stop itself, too. small_ring: the log's rings hold a second, not eight. own_clocks: each arm
     is served when its own state arrives, as two control boxes are. proof: what shows that the fault was there, for one
-    that leaves no other trace. log_dies: up to 0.5 s of the log may be missing. others: single moments.
+    that leaves no other trace. log_dies: up to 0.5 s of the log may be missing. shared_clock: it is another fault, with
+    a row of its own, where each arm has its own clock. others: single moments.
     """
 
     name: str
@@ -121,6 +122,7 @@ class Fault:
     reflex: bool = False
     small_ring: bool = False
     log_dies: bool = False
+    shared_clock: bool = False
     proof: Callable[["Stage"], bool] | None = None
     others: Mapping[Moment, Expected] = field(default_factory=dict)
 

@@ -3,7 +3,7 @@
 import os
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -89,7 +89,9 @@ class Stage:
         own_clocks: bool,
         begin: Callable[["Stage"], None] | None,
         profile: str,
+        clocks: Sequence[str] = (),
     ) -> None:
+        """clocks: options of `rtstack sim` for arms that do not wait for the loop, each by its own clock."""
         self._stack = ExitStack()
         self.mailbox = Mailbox.create(f"rtstack-{os.getpid()}-mailbox")
         self._stack.callback(self.mailbox.close)
@@ -97,11 +99,12 @@ class Stage:
         self._stack.callback(self.signs.close)
         self._tool = Tool.of(description.pad)
         self._profile = profile
-        self.simulator = Simulator("rice_box", 0.0, 1, lockstep=True, faults=script, profile=profile)
+        self._clocks = tuple(clocks)
+        self.simulator = self._simulator(script)
         self._stack.callback(self.simulator.close)
-        self.own_clocks = own_clocks
+        self.own_clocks = own_clocks or bool(clocks)
         self.pair = self.connect()
-        self.cell = replace(self._cell(self.pair), own_clocks=own_clocks)
+        self.cell = replace(self._cell(self.pair), own_clocks=self.own_clocks)
         self._begin = begin
         self.controller: DualArmController
         self.judges: tuple[SafetyJudge, SafetyJudge]
@@ -119,12 +122,20 @@ class Stage:
         self.end: End | None = None
         self.on_tick: Callable[[Mode], None] = lambda mode: None
 
+    def _simulator(self, script: Path | None = None) -> Simulator:
+        return Simulator(
+            "rice_box", 0.0, 1, lockstep=not self._clocks, faults=script, profile=self._profile, more=self._clocks
+        )
+
     def connect(self) -> FciPair:
         """Open both arms. Raises HardwareError."""
-        return open_pair(self.simulator.left, self.simulator.right, (self._tool, self._tool), shared_clock=True)
+        return open_pair(
+            self.simulator.left, self.simulator.right, (self._tool, self._tool), shared_clock=not self._clocks
+        )
 
     def _cell(self, pair: FciPair) -> Cell:
-        return Cell("lockstep", pair.left, pair.right, self.simulator.tracker, pair)
+        kind, own_clocks = ("realtime", True) if self._clocks else ("lockstep", False)
+        return Cell(kind, pair.left, pair.right, self.simulator.tracker, pair, own_clocks=own_clocks)
 
     def reconnect(self) -> Cell:
         """Let go of both arms, open them again, and return them. Raises HardwareError."""
@@ -135,7 +146,7 @@ class Stage:
     def new_robot(self) -> None:
         """Replace the robot by another one. Raises HardwareError."""
         self.simulator.close()
-        self.simulator = Simulator("rice_box", 0.0, 1, lockstep=True, profile=self._profile)
+        self.simulator = self._simulator()
         self._stack.callback(self.simulator.close)
 
     def log_process(self) -> psutil.Process:
