@@ -13,6 +13,7 @@ from mcap.exceptions import McapError
 
 from hal.cell import Cell
 from hal.errors import CommandRejected, HardwareError
+from hal.realtime import realtime_thread
 from hal.robot_errors import error_names
 from hal.state import RobotMode
 from rtstack.cells import default_cell_file
@@ -99,7 +100,7 @@ class Case:
 
     def __init__(self, fault: Fault, moment: Moment, ground: Ground, folder: Path) -> None:
         self._fault, self._moment, self._ground, self._folder = fault, moment, ground, folder
-        self._expected: Expected = fault.expected(moment)
+        self._expected: Expected = fault.expected(moment, bool(ground.clocks))
         self._result = CaseResult(fault.name, moment, self._expected.text)
         self._misses = self._result.misses
         self._fired_at: int | None = None
@@ -138,7 +139,7 @@ class Case:
             return None
         path = self._folder / "faults.toml"
         idle = self._moment is Moment.IDLE
-        tick = IDLE_AT_TICK if idle else self._ground.tick(self._moment)
+        tick = IDLE_AT_TICK + self._ground.lead_ticks if idle else self._ground.tick(self._moment)
         when = f"at_s = {(tick - 1) * 1e-3:.3f}"
         if self._moment is Moment.INTERIM and self._ground.clocks:
             when = f'when = "first_contact"\ndelay_s = {1e-3 * MODES[self._moment][1]}'
@@ -154,15 +155,16 @@ class Case:
     def _idle(self, stage: Stage) -> None:
         """Move a little, so that a script begins to count; then watch, as the robot process does between two jobs."""
         arms, nothing = (stage.cell.left, stage.cell.right), np.zeros(7)
-        stage.pair.start()
-        for _ in range(IDLE_MOTION_TICKS):
+        with realtime_thread() if self._ground.clocks else contextlib.nullcontext():
+            stage.pair.start()
+            for _ in range(IDLE_MOTION_TICKS):
+                for arm in arms:
+                    arm.read()
+                for arm in arms:
+                    arm.write(nothing)
+            before = np.stack([arm.state.q.copy() for arm in arms])
             for arm in arms:
-                arm.read()
-            for arm in arms:
-                arm.write(nothing)
-        before = np.stack([arm.state.q.copy() for arm in arms])
-        for arm in arms:
-            arm.stop()
+                arm.stop()
         reads = iter(range(WATCHED_TICKS))
         with Rings.create(capacity=1024) as rings, contextlib.suppress(HardwareError):
             IdleView(rings).watch(stage.cell, lambda: next(reads, None) is None, lambda reason: None, stage.run_events)
@@ -331,7 +333,8 @@ class Case:
             fastest = max(fastest, float(np.abs(state.record["dq"]).max()))
             if state.robot_mode is RobotMode.MOVE:
                 self._misses.append(f"the {side} arm is still in motion")
-            if state.robot_mode is RobotMode.REFLEX and self._result.seen == Reaction.STOP and not self._fault.reflex:
+            reflex = self._fault.reflex or (self._ground.clocks and self._fault.apart is not None)
+            if state.robot_mode is RobotMode.REFLEX and self._result.seen == Reaction.STOP and not reflex:
                 self._misses.append(f"our stop of the {side} arm ended in a reflex")
         if not fastest < REST_DQ:
             self._misses.append(f"the arms are not at rest: {fastest:.3g} rad/s")

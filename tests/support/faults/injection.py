@@ -163,34 +163,34 @@ def driver_time_back(stage: Stage) -> None:
 # around the loop
 
 
-def _end_by_force(process: psutil.Process) -> None:
+def _end_by_force(process: psutil.Process, stage: Stage) -> None:
     process.send_signal(signal.SIGKILL)
-    while process.is_running() and process.status() != psutil.STATUS_ZOMBIE:
+    while not stage.apart and process.is_running() and process.status() != psutil.STATUS_ZOMBIE:
         time.sleep(1e-3)
 
 
 def kill_robot(stage: Stage) -> None:
     """Kill the simulated robot."""
-    _end_by_force(psutil.Process(stage.simulator.pid))
+    _end_by_force(psutil.Process(stage.simulator.pid), stage)
     stage.seen_from = stage.tick + 1
 
 
 def kill_log(stage: Stage) -> None:
     """Kill the log process."""
-    _end_by_force(stage.log_process())
+    _end_by_force(stage.log_process, stage)
     stage.seen_from = stage.tick + 1
 
 
 def stop_log(stage: Stage) -> None:
     """Freeze the log process: it lives, and reads nothing any more."""
-    stage.log_process().send_signal(signal.SIGSTOP)
-    stage.frozen.append(stage.log_process())
+    stage.log_process.send_signal(signal.SIGSTOP)
+    stage.frozen.append(stage.log_process)
 
 
 def fill_disk(stage: Stage) -> None:
     """Let the log's file grow no further."""
     size = os.path.getsize(stage.log_path)
-    resource.prlimit(stage.log_process().pid, resource.RLIMIT_FSIZE, (size, size))
+    resource.prlimit(stage.log_process.pid, resource.RLIMIT_FSIZE, (size, size))
 
 
 def operator_gone(stage: Stage) -> None:

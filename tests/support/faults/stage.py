@@ -99,7 +99,7 @@ class Stage:
         self._stack.callback(self.signs.close)
         self._tool = Tool.of(description.pad)
         self._profile = profile
-        self._clocks = tuple(clocks)
+        self._clocks, self.apart = tuple(clocks), bool(clocks)
         self.simulator = self._simulator(script)
         self._stack.callback(self.simulator.close)
         self.own_clocks = own_clocks or bool(clocks)
@@ -109,6 +109,7 @@ class Stage:
         self.controller: DualArmController
         self.judges: tuple[SafetyJudge, SafetyJudge]
         self.log_path = Path()
+        self.log_process: psutil.Process
         self.frozen: list[psutil.Process] = []
         self.tick = -1
         self.stopped_at: int | None = None
@@ -149,8 +150,7 @@ class Stage:
         self.simulator = self._simulator()
         self._stack.callback(self.simulator.close)
 
-    def log_process(self) -> psutil.Process:
-        """Return the log process of this process."""
+    def _find_log_process(self) -> psutil.Process:
         for child in psutil.Process().children():
             if "rtstack.log.process" in child.cmdline():
                 return child
@@ -182,6 +182,7 @@ class Stage:
             for side, judge in enumerate(self.judges):
                 self._look_at(side, judge)
             self.tick = 0
+            self.log_process = self._find_log_process()  # before a clock runs: it takes some ms
             if self._begin is not None:
                 self._begin(self)
             return self.judges
