@@ -1,6 +1,6 @@
 """Questions about logs that take seconds: answered by processes of their own, two at a time, and remembered.
 
-What waits for its turn is dropped where its file has changed meanwhile: nobody wants to know it any more.
+A question that waits for its turn is dropped where its file has changed meanwhile.
 """
 
 import json

@@ -50,9 +50,9 @@ class CellKind:
     """What a package offers: how a cell of a kind is opened.
 
     open: the caller closes the cell; raises HardwareError or TrialError with one line. check (argument, description,
-    its file): raises TrialError for what `rtstack up` is to refuse before it starts; measured: the same where nobody
-    leads the arms, for a geometry that was not measured. simulated (argument, description):
-    whether all arms are simulated ones; it decides what an operator is told.
+    its file): raises TrialError for what `rtstack up` is to refuse before it starts; measured: the same for a geometry
+    that was not measured, which a person who leads the arms does not need. simulated (argument, description): whether
+    all arms are simulated ones; it decides what an operator is told.
     """
 
     open: Callable[[CellRequest], Cell]
