@@ -27,7 +27,7 @@ run: setup  ## install, then start the whole stack with the simulated cell
 
 # those against the clock after the others, whatever came of these
 test: setup  ## all tests, in a real Chromium too (Debian: apt-get install chromium)
-	@status=0; $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder --durations 8 -m 'not realtime and not long and not alone' || status=$$?; \
+	@status=0; $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --durations 8 -m 'not realtime and not long and not alone' || status=$$?; \
 	    $(BIN)/python -m pytest --durations 8 -m 'alone and not realtime and not long' $(ALONE) || status=$$?; exit $$status
 
 long: setup  ## the tests that take minutes: campaigns killed and cut off, a sample of the fault matrix, more widths of the pages

@@ -22,6 +22,12 @@ from hal.fci import Tool
 from hal.tracker_link import TrackerLink
 from rtstack.cells import default_cell_file, open_cell
 from rtstack.model.cell_description import CellDescription, TrackerDescription, load_cell_description
+from rtstack.trials.demonstration import run_demonstration
+from rtstack.trials.record import open_log
+from rtstack.trials.result import DemonstrationResult
+from rtstack.trials.run_context import RunContext
+from rtstack.trials.specification import DemonstrationSpecification
+from rtstack.trials.start_motion import start_motion
 from tests.support.hil.report import Entry, write_report
 from tests.support.hil.robot import Robot
 
@@ -143,6 +149,23 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     path = session.config.getoption("hil_report", None)
     if path:
         write_report(Path(path), session.config.getoption("cell", None), _entries)
+
+
+@pytest.fixture
+def demonstrate(
+    open_arms: Callable[[str], contextlib.AbstractContextManager[Cell]], description: CellDescription, robot: Robot,
+    cell_source: Path, hil_recording: Path,
+) -> Callable[[], DemonstrationResult]:  # fmt: skip
+    """Hit the box with both pads, and leave the recording."""
+
+    def demonstrated() -> DemonstrationResult:
+        specification = DemonstrationSpecification()
+        with open_arms(specification.object) as arms:
+            way = start_motion(arms, description, specification.object)
+            log = open_log(hil_recording, specification, description, robot.kind, cell_source)
+            return run_demonstration(specification, description, arms, RunContext(log), way=way)
+
+    return demonstrated
 
 
 @pytest.fixture(scope="session")

@@ -6,24 +6,13 @@ import pytest
 from hal.limits import COLLISION_TORQUES
 from rtstack.log.reader import read_log
 from rtstack.samples import SIDES
-from rtstack.trials.demonstration import run_demonstration
-from rtstack.trials.record import open_log
-from rtstack.trials.run_context import RunContext
-from rtstack.trials.specification import DemonstrationSpecification
-from rtstack.trials.start_motion import start_motion
 
 LEAST_PEAK_N = 20.0  # of each pad: less than any wanted impact of the rice box, and more than the noise at rest
 
 
 @pytest.mark.usefixtures("in_motion")
-def test_both_pads_hit_the_box_and_both_arms_see_it(
-    cell_source, robot, open_arms, description, hil_recording, record_property
-) -> None:
-    specification = DemonstrationSpecification()
-    with open_arms(specification.object) as arms:
-        way = start_motion(arms, description, specification.object)
-        log = open_log(hil_recording, specification, description, robot.kind, cell_source)
-        result = run_demonstration(specification, description, arms, RunContext(log), way=way)
+def test_both_pads_hit_the_box_and_both_arms_see_it(demonstrate, hil_recording, record_property) -> None:
+    result = demonstrate()
     assert result.success, result.failure_reason
     assert result.safety_interventions == 0
     assert result.detected_impact_time_s is not None
