@@ -5,7 +5,8 @@ compared with the first one of its cell, message by message. A loaded run has as
 
 `--seeds N --out DIR`: instead, for N seeds, controllers and displacements by turns, the trial as a worker of a campaign
 runs it (the plant in the process, the log written whole after the run) beside `rtstack trial --cell lockstep` (the
-robot's own process and protocol, the log written meanwhile by a third), results and logs. DIR/seeds.csv keeps what was
+robot's own process and protocol, the log written meanwhile by a third), results and logs; but for mode and success
+rate of the first state, which is of before the start where the plant is in the process. DIR/seeds.csv keeps what was
 compared; `--for-s` ends it after so long, and the same command goes on.
 """
 
@@ -33,6 +34,7 @@ def run(*arguments: object) -> None:
 
 
 CONTROLLERS = ("proposed", "no_reference_spreading", "no_velocity_feedback", "no_interim", "contact_completion")
+HOSTS = {"cell", "log", "compute_us_p50", "compute_us_p99", "real_time_factor"}  # not the trial's own
 SHIFTS_MM = (-30.0, 0.0, 30.0)
 
 
@@ -71,9 +73,10 @@ def seeds(folder: Path, number: int, for_s: float) -> int:
         words = ("--reference", reference, "--controller", controller, "--displacement-mm", shift, "--seed", seed)
         subprocess.run([RTSTACK, "trial", *map(str, words), "--cell", "lockstep", "--log", str(slow)],
                        stdout=subprocess.DEVNULL, check=False)  # fmt: skip # a baseline that fails is compared, too
-        found = differences(fast, slow)
+        found = differences(fast, slow, started=False)
         results = [read_log(path).metadata["result"] for path in (fast, slow)]
-        found += [f"result: {name}" for name in results[0] | results[1] if results[0].get(name) != results[1].get(name)]
+        names = (results[0] | results[1]).keys() - HOSTS
+        found += [f"result: {name}" for name in sorted(names) if results[0].get(name) != results[1].get(name)]
         done[seed] = f"{seed},{controller},{shift:g},{len(messages(fast))},{'; '.join(found) or 'nothing'}"
         with open(kept, "a") as file:
             print(done[seed], file=file)
