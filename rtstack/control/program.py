@@ -21,7 +21,7 @@ from rtstack.samples import QpSolver, QpStatus
 # 20
 OUTER_ITERATIONS = 12
 INNER_ITERATIONS = 10
-ACTIVE_SET_ITERATIONS = 200  # daqp ends by itself, after a handful
+DAQP_ITERATIONS = 200  # it ends by itself, after a handful
 
 
 class Program(Protocol):
@@ -103,7 +103,7 @@ class DaqpProgram:
             flag = self._model.update(H=H, f=gradient, A=M, bupper=self._upper, blower=self._lower)
         else:
             flag = self._model.setup(H, gradient, M, self._upper, self._lower)[0]
-            self._model.settings = {"iter_limit": ACTIVE_SET_ITERATIONS, "primal_tol": 1e-9}
+            self._model.settings = {"iter_limit": DAQP_ITERATIONS, "primal_tol": 1e-9}
             self._started = True
         if flag < 0:
             self._started = False

@@ -86,7 +86,7 @@ def qp_infeasible(stage: Stage) -> None:
 
 def qp_exhausted(stage: Stage) -> None:
     """Give both solvers one iteration."""
-    solvers.ACTIVE_SET_ITERATIONS = 1
+    solvers.DAQP_ITERATIONS = 1
     first = ProxqpProgram()
     first._qp.settings.max_iter = first._qp.settings.max_iter_in = 1
     _solver(stage, SecondOpinion(first, DaqpProgram()))
