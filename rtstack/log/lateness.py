@@ -102,15 +102,15 @@ class Lateness:
     def stalls(self) -> tuple[LateCycle, ...]:
         """The latest cycle of each stall: late cycles of either arm, of one blame, one shortly after the other."""
         found: list[LateCycle] = []
-        last_s: dict[Blame, float] = {}
+        last: dict[Blame, tuple[float, int]] = {}  # when one was late last, and of which stall
         for cycle in self.late:
-            begins = cycle.t_s - 1e-6 * cycle.late_us - last_s.get(cycle.blame, -inf) > _ONE_STALL_S
-            last_s[cycle.blame] = cycle.t_s
-            if begins:
+            last_s, k = last.get(cycle.blame, (-inf, -1))
+            if cycle.t_s - 1e-6 * cycle.late_us - last_s > _ONE_STALL_S:
+                k = len(found)
                 found.append(cycle)
             else:
-                k = max(k for k, one in enumerate(found) if one.blame is cycle.blame)
                 found[k] = max(found[k], cycle, key=lambda one: one.late_us)
+            last[cycle.blame] = cycle.t_s, k
         return tuple(found)
 
     @property
