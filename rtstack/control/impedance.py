@@ -29,7 +29,7 @@ def task_inertia(work):
             work.Lambda_inverse[i, j] = s
             work.Lambda_inverse[j, i] = s
     V = work.vectors
-    symmetric_eigen(A, 6, V)
+    symmetric_eigen(A, V, work.turns)
     root = work.six
     for k in range(6):
         root[k] = 1.0 / math.sqrt(max(A[k, k], 1e-12))
@@ -37,7 +37,7 @@ def task_inertia(work):
         for j in range(i + 1):
             s = 0.0
             for k in range(6):
-                s += V[i, k] * root[k] * V[j, k]
+                s += V[k, i] * root[k] * V[k, j]
             work.sqrt_Lambda[i, j] = s
             work.sqrt_Lambda[j, i] = s
 

@@ -30,8 +30,7 @@ def observe(samples, workspaces, controls, model, parameters, memory):
         coriolis = 0.0
         for j in range(7):
             coriolis += model.C[i, j] * sample.dq[j]
-            m = model.M[i, j] if j >= i else model.M[j, i]
-            work.M[i, j] = m + p.B_theta[i] if i == j else m
+            work.M[i, j] = model.M[i, j] + p.B_theta[i] if i == j else model.M[i, j]
         work.coriolis[i] = coriolis
         work.gravity[i] = model.g[i]
     friction_torque(sample.dq, p.p1, p.p2, p.p3, p.friction_scale, work.friction)

@@ -17,8 +17,7 @@ def momentum_residual(work, M, C, tau_J, dq, gain, dt, control):
     for i in range(joints):
         p = 0.0
         for j in range(joints):
-            # Pinocchio fills the upper triangle only
-            p += (M[i, j] if j >= i else M[j, i]) * dq[j]
+            p += M[i, j] * dq[j]
         driven = tau_J[i] - work.gravity[i]
         for j in range(joints):
             driven += C[j, i] * dq[j]

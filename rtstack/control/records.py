@@ -84,6 +84,7 @@ WORKSPACE = np.dtype(
         ("rows", "f8", (6, 7)),
         ("symmetric", "f8", (6, 6)),
         ("vectors", "f8", (6, 6)),
+        ("turns", "f8", (3, 2)),
         ("six", "f8", 6),
         ("seven", "f8", 7),
         ("relative", "f8", (3, 3)),

@@ -7,6 +7,7 @@ import numpy as np
 import pinocchio as pin
 
 from hal.arrays import Array
+from hal.compilation import bound, compiled
 from hal.pad import Pad
 from hal.robots import RobotModel
 from rtstack.model.cell_description import ArmMounting, base_frame
@@ -57,10 +58,28 @@ class ModelArrays(NamedTuple):
     p7: Array
 
 
-class ArmModel:
-    """Dynamics of one arm at its last `update`. The arrays are views of Pinocchio's memory: read them, never write.
+@compiled
+def mass_and_gravity(J0, momenta, acceleration, M, g):
+    """Write M (7, 7), symmetric, and g (7,) of a chain: M_ij = J_i^T h_j for i <= j, g_j = -a^T h_j.
 
-    M (7, 7) mass matrix of the links (upper triangle), C (7, 7) Coriolis matrix, g (7,) gravity torque, J0 and dJ0
+    momenta (6, 7): h_j = Y_j J_j, the momentum, about the world's origin, of all links from joint j on where j alone
+    moves, at 1 rad/s. Y_j is their inertia: the composite rigid bodies of Featherstone, RBDA, 6.2. acceleration (3,):
+    a, of gravity, m/s^2.
+    """
+    for j in range(7):
+        g[j] = -(acceleration[0] * momenta[0, j] + acceleration[1] * momenta[1, j] + acceleration[2] * momenta[2, j])
+        for i in range(j + 1):
+            s = 0.0
+            for k in range(6):
+                s += J0[k, i] * momenta[k, j]
+            M[i, j] = s
+            M[j, i] = s
+
+
+class ArmModel:
+    """Dynamics of one arm at its last `update`. Most arrays are views of Pinocchio's memory: read them, never write.
+
+    M (7, 7) mass matrix of the links, C (7, 7) Coriolis matrix, g (7,) gravity torque, J0 and dJ0
     (6, 7) Jacobian and its time derivative at the world's origin along the world's axes (linear first), R7 (3, 3)
     and p7 (3,) pose of the last joint, face (3,) and R_joint_ee (3, 3) the pad's face in the last joint's frame.
 
@@ -78,14 +97,23 @@ class ArmModel:
         face = face_placement(mounting, pad, self.pin_model)
         self.face: Array = face.translation.copy()
         self.R_joint_ee: Array = np.ascontiguousarray(face.rotation)
-        self.update(np.array(mounting.home), np.zeros(7))
-        self.M: Array = self._data.M
+        self.M: Array = np.zeros((7, 7))
+        self.g: Array = np.zeros(7)
         self.C: Array = self._data.C
-        self.g: Array = self._data.g
         self.J0: Array = self._data.J
         self.dJ0: Array = self._data.dJ
         self.R7: Array = self._data.oMi[7].rotation
         self.p7: Array = self._data.oMi[7].translation
+        self._mass_and_gravity = bound(
+            mass_and_gravity, self.J0, self._data.Ag, self.pin_model.gravity.linear.copy(), self.M, self.g
+        )
+        home = np.array(mounting.home)
+        self.update(home, np.zeros(7))
+        M = pin.crba(self.pin_model, self.pin_model.createData(), home, pin.Convention.WORLD)
+        if not np.allclose(np.triu(self.M), np.triu(M), rtol=0.0, atol=1e-9):  # the momenta are nowhere promised
+            raise RuntimeError(
+                f"Pinocchio {pin.__version__} leaves no momenta in Ag: install the one of constraints.txt"
+            )
 
     @property
     def arrays(self) -> ModelArrays:
@@ -94,6 +122,7 @@ class ArmModel:
 
     def update(self, q: Array, dq: Array) -> None:
         """Compute everything at q (7,) rad and dq (7,) rad/s."""
-        pin.computeCoriolisMatrix(self.pin_model, self._data, q, dq)  # C, J, dJ and the joints' placements
-        pin.crba(self.pin_model, self._data, q, pin.Convention.WORLD)
-        pin.computeGeneralizedGravity(self.pin_model, self._data, q)
+        # C, J, dJ, the joints' placements, and in Ag the momenta of which M and g are one product each: Pinocchio's
+        # own calls for them would go through the links again
+        pin.computeCoriolisMatrix(self.pin_model, self._data, q, dq)
+        self._mass_and_gravity()

@@ -73,8 +73,7 @@ def _piece(model: ArmModel, q: Array, points: NDArray, period_s: float, posture_
 
 def arm_inertia(model: ArmModel) -> Array:
     """Return M + B_theta (7, 7) of an arm where the model is, with the reflected inertia of the torque loop."""
-    upper = np.triu(model.M)  # crba fills the upper triangle only
-    return upper + np.triu(upper, 1).T + np.diag(model.robot.B_theta)
+    return model.M + np.diag(model.robot.B_theta)
 
 
 def feedforward(motion: JointMotion, acceleration: Array, torque: Array, posture_joint: int) -> tuple[Array, Array]:

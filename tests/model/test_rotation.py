@@ -55,9 +55,27 @@ def test_dense_algebra_against_numpy(seed):
     solve_lower_transposed(L, 7, x)
     np.testing.assert_allclose(A @ x, b, atol=1e-8)
     B, V = A[:6, :6].copy(), np.empty((6, 6))
-    symmetric_eigen(B, 6, V)
-    np.testing.assert_allclose(V @ np.diag(np.diag(B)) @ V.T, A[:6, :6], atol=1e-10)
-    np.testing.assert_allclose(V.T @ V, np.eye(6), atol=1e-12)
+    symmetric_eigen(B, V, np.empty((3, 2)))
+    np.testing.assert_allclose(V.T @ np.diag(np.diag(B)) @ V, A[:6, :6], rtol=0.0, atol=1e-13 * np.trace(A))
+    np.testing.assert_allclose(np.sort(np.diag(B)), np.linalg.eigvalsh(A[:6, :6]), rtol=0.0, atol=1e-13 * np.trace(A))
+    np.testing.assert_allclose(V @ V.T, np.eye(6), rtol=0.0, atol=1e-13)
+
+
+@pytest.mark.parametrize("values", [np.zeros(6), np.ones(6), np.array([1e-9, 1e-9, 0.1, 0.1, 10.0, 10.0])])
+def test_eigenvectors_of_values_that_are_equal_or_far_apart(values):
+    for seed in range(20):
+        Q, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(6, 6)))
+        A = Q @ np.diag(values) @ Q.T
+        B, V = 0.5 * (A + A.T), np.empty((6, 6))
+        symmetric_eigen(B, V, np.empty((3, 2)))
+        np.testing.assert_allclose(V.T @ np.diag(np.diag(B)) @ V, A, rtol=0.0, atol=1e-13)
+        np.testing.assert_allclose(V @ V.T, np.eye(6), rtol=0.0, atol=1e-13)
+
+
+def test_eigenvectors_of_no_numbers_are_not_looked_for():
+    V = np.empty((6, 6))
+    symmetric_eigen(np.full((6, 6), np.nan), V, np.empty((3, 2)))
+    np.testing.assert_array_equal(V, np.eye(6))
 
 
 def test_cholesky_refuses_what_is_not_positive_definite():

@@ -165,7 +165,7 @@ def evaluate(recorder: Recorder, models: list[ArmModel], seed: int) -> Grab:
         for k in range(n):
             q, dq = states["q"][k], states["dq"][k]
             arm.update(q, dq)
-            M[k] = np.triu(arm.M) + np.triu(arm.M, 1).T
+            M[k] = arm.M
             bias[k] = arm.C @ dq + arm.g
         bodies = recorder.cell.sensors.kinematics[side : side + 1].copy()
         truth = [np.ascontiguousarray([row[i][own] for row in recorder.rows]) for i in (1, 2)]

@@ -104,7 +104,7 @@ def _points(
             near = q[k] = joints_at(model, near, x[k])
             J = face_jacobian(model, near)
             dq[k, IN_PLANE] = np.linalg.solve(J[np.ix_(AXES, IN_PLANE)], dx[k])
-            M = np.triu(model.M) + np.triu(model.M, 1).T + B_theta
+            M = model.M + B_theta
             acceleration = np.zeros(6)
             acceleration[AXES] = ddx[k]
             points["wrench_ff"][k] = np.linalg.solve(J @ np.linalg.solve(M, J.T), acceleration)
