@@ -24,6 +24,14 @@ class Strategy(IntEnum):
     CONTACT_COMPLETION = 4
 
 
+# looked up once: an enumeration's member costs 0.1 us
+_ANTE, _INTERIM, _POST = Mode.ANTE_IMPACT, Mode.INTERIM, Mode.POST_IMPACT
+_ON_THE_WAY = (_ANTE, _INTERIM, _POST)
+_REACTIONS = (Mode.HOLDING, Mode.RETREATING)
+_BY_TIME = (Strategy.NO_REFERENCE_SPREADING, Strategy.NO_VELOCITY_FEEDBACK)
+_NO_VELOCITY_FEEDBACK, _NO_INTERIM = Strategy.NO_VELOCITY_FEEDBACK, Strategy.NO_INTERIM
+
+
 @dataclass(slots=True)
 class ModeMachine:
     """Mode of the trial, shared by both arms. Times in s since the start of the reference.
@@ -80,25 +88,25 @@ class ModeMachine:
             self._on_time(t_s)
         else:
             self._on_impact(t_s, complete)
-        if self.strategy is Strategy.NO_VELOCITY_FEEDBACK:
+        if self.strategy is _NO_VELOCITY_FEEDBACK:
             around = abs(t_s - self.nominal_impact_s) <= self.parameters.interim_s
             self.velocity_weight = 0.0 if around else 1.0
 
     def _on_time(self, t_s: float) -> None:
-        if self.mode is Mode.ANTE_IMPACT and t_s >= self.nominal_impact_s:
+        if self.mode is _ANTE and t_s >= self.nominal_impact_s:
             self._enter_post()
 
     def _on_impact(self, t_s: float, complete: bool) -> None:
-        if self.mode is Mode.ANTE_IMPACT:
+        if self.mode is _ANTE:
             if self.impact_s < 0.0:
                 self.patience_over = t_s > self.nominal_impact_s + self.parameters.impact_patience_s
-            elif self.strategy is Strategy.NO_INTERIM:
+            elif self.strategy is _NO_INTERIM:
                 self._enter_post()
             else:
-                self.mode = Mode.INTERIM
+                self.mode = _INTERIM
                 self._ramp_s = self.impact_s
                 self.waiting = self.strategy is Strategy.CONTACT_COMPLETION
-        if self.mode is Mode.INTERIM:
+        if self.mode is _INTERIM:
             self.gamma = self._ramp_from + (t_s - self._ramp_s) / self.parameters.interim_s  # (29)
             if self.waiting:
                 self._wait(t_s, complete)
@@ -117,12 +125,6 @@ class ModeMachine:
             self._ramp_s, self._ramp_from = t_s, self.gamma
 
     def _enter_post(self) -> None:
-        self.mode = Mode.POST_IMPACT
+        self.mode = _POST
         self.gamma = 1.0
         self.velocity_weight = 1.0
-
-
-# looked up once: an enumeration's member costs 0.1 us
-_ON_THE_WAY = (Mode.ANTE_IMPACT, Mode.INTERIM, Mode.POST_IMPACT)
-_REACTIONS = (Mode.HOLDING, Mode.RETREATING)
-_BY_TIME = (Strategy.NO_REFERENCE_SPREADING, Strategy.NO_VELOCITY_FEEDBACK)
