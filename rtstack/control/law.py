@@ -68,6 +68,13 @@ def torque(workspaces, samples, limits):
 
 
 @compiled
+def remember_torque(applied, previous):
+    """Write the torque (7,) that was let through, Nm, to where the next one starts from."""
+    for i in range(7):
+        previous[i] = applied[i]
+
+
+@compiled
 def external_acceleration(work, control):
     """Write what the environment's torque accelerates the joints with to work.seven, rad/s^2: -M^-1 momentum_residual.
 

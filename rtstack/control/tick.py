@@ -13,7 +13,7 @@ from rtstack.control.completion import CompletionDetector
 from rtstack.control.controller import ArmLaw
 from rtstack.control.detector import ImpactDetector
 from rtstack.control.impedance import note_setpoints
-from rtstack.control.law import force_norm, observe, pose_problem, torque
+from rtstack.control.law import force_norm, observe, pose_problem, remember_torque, torque
 from rtstack.control.modes import ModeMachine
 from rtstack.control.parameters import (
     CompletionParameters,
@@ -129,6 +129,7 @@ class ArmController:
             p.weight_posture, p.regularisation, self.limits,
         )  # fmt: skip
         self._torque = bound(torque, self.workspace, self.sample, self.limits)
+        self._remember = bound(remember_torque, self._tau_applied, self._tau_previous)
 
     def observe(self) -> None:
         """Take the state in `sample`: kinematics, dynamics, external force, residual, impact."""
@@ -192,7 +193,7 @@ class ArmController:
 
     def applied(self) -> None:
         """Remember what the safety judge let through: the next torque starts from there."""
-        self._tau_previous[:] = self._tau_applied
+        self._remember()
 
 
 class DualArmController:
@@ -222,16 +223,17 @@ class DualArmController:
         self._tare_until_ns = round(until_s * 1e9) if until_s > 0.0 else NEVER_NS
         self._note = tuple(bound(note_setpoints, arm.setpoint, arm.control) for arm in self.arms)
         self._force_norm = bound(force_norm, left.control, right.control)
+        if monitor is not None:
+            for side, arm in enumerate(self.arms):
+                monitor.bind(side, arm.sample, arm.workspace, arm.control)
 
     def follow(self, ante: NDArray, post: NDArray, stiffness: NDArray) -> None:
-        """Look up where the references (2, n) and the monitor's records are, before a clock runs; see `pursue`."""
+        """Look up where the references (2, n) are, before a clock runs; see `pursue`."""
         for side, arm in enumerate(self.arms):
             arm.pursue(stiffness, arm.parameters.posture_gain)
             arm.follow(ante[side], post[side])
             if self.laws is not None:
                 self.laws[side].follow(ante[side], post[side])
-            if self.monitor is not None:
-                self.monitor.bind(side, arm.sample, arm.workspace, arm.control)
 
     def observe(self, side: int, elapsed_ns: int) -> None:
         """Take the state in an arm's sample, so long after its start."""
@@ -246,8 +248,7 @@ class DualArmController:
     def watch(self, side: int, elapsed_ns: int) -> None:
         """Let the monitor see what an arm has observed, so long after its start, unless the arms stop."""
         if self.monitor is not None and self.machine.mode is not _STOPPING:
-            arm = self.arms[side]
-            self.monitor.step(side, arm.sample, arm.workspace, arm.control, elapsed_ns)
+            self.monitor.watch[side](elapsed_ns)
 
     def decide(self, t_s: float) -> None:
         """Advance the shared mode after the observations of this tick. t_s: time since the start of the reference."""

@@ -22,7 +22,7 @@ from rtstack.monitor.pair import (
 from rtstack.monitor.records import Reason, Verdict, monitor_dtype
 
 FREE_AFTER_S = 0.4  # after the release the pads have let go, and feel nothing again
-_UNEXPECTED = int(Verdict.UNEXPECTED)  # numpy takes 5 us to compare its own with an IntEnum
+_UNEXPECTED = int(Verdict.UNEXPECTED)
 UNTIL_BEFORE_S = 0.2  # the nominal impact: where an object that is displaced cannot be met yet
 
 
@@ -52,10 +52,12 @@ class TrialMonitor:
         self._expected["phase"] = AFTER
         self._expected["phase"][: round(impact.set_down_s / period_s)] = IMPACT
         self._expected["phase"][: max(0, round((impact.t_d_s - UNTIL_BEFORE_S) / period_s))] = TARE
-        self._verdict, self._reason = self.pair["verdict"], self.pair["reason"]
+        # a number of numpy's own costs more to make, and to compare, than Python's
+        self._verdict, self._reason = self.pair["verdict"].data, self.pair["reason"]
         self._said = int(Verdict.NONE)
         self._watched: list[NDArray | None] = [None, None]
-        self._watch: list[Callable[[int], None]] = [_nobody, _nobody]
+        # of each arm: take the tick that it has just observed, so long after the start; see `bind`
+        self.watch: list[Callable[[int], None]] = [_nobody, _nobody]
         pair_expect(self.pair, self.arms, round(impact.t_d_s * 1e9), np.array(impact.q_d, dtype=np.float64))
 
     def _net_bounds(self, period_s: float) -> np.ndarray:
@@ -66,15 +68,15 @@ class TrialMonitor:
         return bounds
 
     def step(self, side: int, sample: NDArray, workspace: NDArray, control: NDArray, elapsed_ns: int) -> None:
-        """Take the tick that an arm has just observed, so long after the start, and write what its log keeps."""
+        """Take the tick of any arm, so long after the start, and write what its log keeps."""
         if sample is not self._watched[side]:
             self.bind(side, sample, workspace, control)
-        self._watch[side](elapsed_ns)
+        self.watch[side](elapsed_ns)
 
     def bind(self, side: int, sample: NDArray, workspace: NDArray, control: NDArray) -> None:
         """Look up where an arm's records (1,) are, before a clock runs: a loop shows the same ones every tick."""
         self._watched[side] = sample
-        self._watch[side] = bound(
+        self.watch[side] = bound(
             watch,
             self.pair, self.arms, side, self._record, self._times, self._expected, sample, workspace, control,
             later=(0,),
@@ -115,7 +117,7 @@ class TrialMonitor:
 
     def news(self) -> bool:
         """Whether the verdict is another one than at the last call."""
-        verdict = int(self._verdict[0])
+        verdict = self._verdict[0]
         changed, self._said = verdict != self._said, verdict
         return changed
 

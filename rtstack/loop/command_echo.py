@@ -4,6 +4,7 @@ import numpy as np
 
 from hal.compilation import bound, compiled
 from rtstack.control.controller import ObservedArm
+from rtstack.control.law import remember_torque
 from rtstack.safety.judge import SafetyJudge
 
 SAME_TORQUE_NM = 1e-3  # the wire rounds to float32: 4e-6 Nm at 87 Nm
@@ -28,13 +29,14 @@ class CommandEcho:
     def __init__(self, judge: SafetyJudge, arm: ObservedArm) -> None:
         sample = arm.sample[0]
         self._judged = judge.memory["tau_applied"][0]  # what the judge let through last
-        self._applied, self._tau_J_d = sample["tau_applied"], sample["tau_J_d"]
+        self._tau_J_d = sample["tau_J_d"]
         self._desired = sample["tau_desired"]
         self._previous = arm.workspace["tau_previous"][0]  # what the controller starts from
         self._differ = bound(largest_difference, self._tau_J_d, self._judged)
         # of the state that was judged last: a new one never has the same seven torques
         self._changes = bound(largest_difference, sample["tau_J"], judge.memory["tau_J"][0])
         self._desires = bound(largest_difference, self._tau_J_d, np.zeros(7))
+        self._remember = bound(remember_torque, sample["tau_applied"], self._previous)
         self.seen = False
         self.lost = 0
 
@@ -59,7 +61,7 @@ class CommandEcho:
 
     def sent(self) -> None:
         """Remember what the judge let through."""
-        self._previous[:] = self._applied
+        self._remember()
 
     def desire_nothing_new(self) -> None:
         """Desire the last torque: the controller is not called."""

@@ -152,7 +152,7 @@ class Session:
         self._records = tuple((a.sample, a.control) for a in controller.arms)
         self._residuals = tuple(a.control["momentum_residual"][0] for a in controller.arms)
         # views of single fields: what is looked up once costs a tick nothing
-        self._stopping = tuple(judge.memory["stopping"] for judge in judges)
+        self._stopping = tuple(judge.memory["stopping"].data for judge in judges)
         controller.follow(plan.ante, plan.post, plan.stiffness)
         for judge, (sample, _), residual in zip(judges, self._records, self._residuals, strict=True):
             judge.bind(sample, residual)

@@ -100,9 +100,10 @@ class SafetyJudge:
         self._no_residual = np.zeros(7)
         self._sample = self._residual = None
         self._judge: Callable[[int], tuple[int, int]] = lambda _demand: (0, 0)
-        self._stopping, self._reason = self.memory["stopping"], self.memory["reason"]
-        self._phase = self.memory["phase"]
-        self._stale_ns, self._gap_max_ns = self.memory["stale_ns"], int(self._rules["gap_max_ns"][0])
+        # what each tick looks at: a number of numpy's own costs more to make, and to compare, than Python's
+        self._stopping, self._stale_ns = self.memory["stopping"].data, self.memory["stale_ns"].data
+        self._reason, self._phase = self.memory["reason"], self.memory["phase"]
+        self._gap_max_ns = int(self._rules["gap_max_ns"][0])
         self.interventions = 0
         self.limited = 0
 
@@ -114,7 +115,7 @@ class SafetyJudge:
     @property
     def blind(self) -> bool:
         """Whether the state has not changed for longer than allowed: a stop by it pushes an arm that it cannot see."""
-        return bool(self._stale_ns[0] > self._gap_max_ns)
+        return self._stale_ns[0] > self._gap_max_ns
 
     @property
     def reason(self) -> Cause:
