@@ -45,12 +45,13 @@ def task_inertia(work):
 @compiled
 def impedance_feedback(work, setpoint, control):
     """Write feedforward + weight D (v_d - v) + K error; work.six holds the pose error."""
-    error = work.six
+    error, root_K = work.six, work.seven
     for i in range(6):
-        root_i = math.sqrt(setpoint.stiffness[i])
+        root_K[i] = math.sqrt(setpoint.stiffness[i])
+    for i in range(6):
         damping = 0.0
         for j in range(6):
-            d = work.sqrt_Lambda[i, j] * (root_i + math.sqrt(setpoint.stiffness[j]))
+            d = work.sqrt_Lambda[i, j] * (root_K[i] + root_K[j])
             work.D[i, j] = d
             damping += d * (setpoint.twist[j] - work.twist[j])
         control.wrench_desired[i] = (
