@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from scipy.stats import binomtest, t
+import scipy  # loads its functions when they are used: a worker needs none
 
 CONFIDENCE = 0.95
 
@@ -45,7 +45,7 @@ def stratified_mean(groups: Mapping[object, Sequence[float]]) -> Interval | None
     if variance == 0.0:
         return Interval(mean, mean, mean, n)
     freedom = variance**2 / float(np.sum(parts**2 / np.array([len(group) - 1 for group in values])))
-    half = float(t.ppf(0.5 + CONFIDENCE / 2, freedom)) * sqrt(variance)
+    half = float(scipy.special.stdtrit(freedom, 0.5 + CONFIDENCE / 2)) * sqrt(variance)
     return Interval(mean, mean - half, mean + half, n)
 
 
@@ -58,5 +58,8 @@ def proportion(successes: int, n: int) -> Interval | None:
     """Return a share and its Wilson interval (Wilson 1927), which stays within 0 and 1."""
     if n == 0:
         return None
-    low, high = binomtest(successes, n).proportion_ci(CONFIDENCE, "wilson")
-    return Interval(successes / n, float(low), float(high), n)
+    share, z = successes / n, float(scipy.special.ndtri(0.5 + 0.5 * CONFIDENCE))
+    divisor = 2 * (n + z**2)
+    middle = (2 * n * share + z**2) / divisor
+    half = z / divisor * sqrt(4 * n * share * (1 - share) + z**2)
+    return Interval(share, middle - half if successes else 0.0, middle + half if successes < n else 1.0, n)
