@@ -1,7 +1,7 @@
 """The paper's figures 5, 8, 10 and 11, from recordings, logs and results. Matplotlib without a display."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import matplotlib as mpl
@@ -23,18 +23,19 @@ from rtstack.papers.reference_spreading.names import COLOURS, MARKERS, NAMES, na
 from rtstack.references.recording import Recording
 from rtstack.references.spreading import ExtendedReference
 from rtstack.samples import Mode
-from rtstack.trials.review import log_columns
+from rtstack.topics import ARM_TOPICS, CONTROL_TOPICS, OBJECT_TOPIC, TIMING_TOPIC
 from rtstack.trials.scoring import FORCE_WINDOW_S
 
 BANDS = (Mode.ANTE_IMPACT, Mode.INTERIM, Mode.POST_IMPACT)
 BEFORE_S, AFTER_S = 0.2, 0.3
+MARGIN_S = 0.01  # more that is read: a velocity is taken over neighbouring ticks
 INWARD = (-1.0, 1.0)  # the sign of the world's y towards the object, of the left and the right arm
 SIDE = ("left", "right")
 
 
 @dataclass(frozen=True, slots=True)
 class LoggedTrial:
-    """A trial as its log has it."""
+    """A trial around its nominal impact, as its log has it. passage: without the gaps, t_s since the trial's start."""
 
     controller: str
     columns: Columns
@@ -42,13 +43,21 @@ class LoggedTrial:
     detected_s: float | None
 
 
-def logged_trial(path: Path, controller: str, object_name: str, description: CellDescription) -> LoggedTrial:
-    """Read a trial's log. Raises LogError."""
+def logged_trial(
+    path: Path, controller: str, object_name: str, description: CellDescription, nominal_s: float
+) -> LoggedTrial:
+    """Read of a trial's log what the figures show: 0.5 s of five or more. Raises LogError."""
     log = read_log(path)
-    columns = log_columns(log)
+    start_ns = log.first_ns(ARM_TOPICS[0]) or 0
+    from_s, to_s = nominal_s - BEFORE_S - MARGIN_S, nominal_s + AFTER_S + MARGIN_S
+    topics = (*ARM_TOPICS, *CONTROL_TOPICS, TIMING_TOPIC, OBJECT_TOPIC)
+    records = log.between(topics, start_ns + round(1e9 * from_s), start_ns + round(1e9 * to_s))
+    columns = Columns.read(records.__getitem__)
+    seen = passage(replace(columns, object=columns.object[:0]), description, object_name)
+    seen = replace(seen, t_s=(columns.arm[0]["t_ns"] - start_ns) * 1e-9)
     text = log.metadata.get("result", {}).get("detected_impact_time_s", "null")
     detected_s = None if text == "null" else float(text)
-    return LoggedTrial(controller, columns, passage(columns, description, object_name), detected_s)
+    return LoggedTrial(controller, columns, seen, detected_s)
 
 
 @mpl.rc_context(STYLE)

@@ -44,7 +44,7 @@ SIDE_BY_SIDE = (
     ("highest torque over its limit", "peak_torque_ratio", " %", 0, 100.0),
 )
 
-MOST_DRAWN = 50  # trials in a figure: a log has 10 MB, and its samples stay in memory
+MOST_DRAWN = 50  # trials in a figure
 
 
 def report(plan: Plan, bench: Bench, results: Results, unrecorded: Mapping[str, str]) -> Report:
@@ -166,7 +166,12 @@ def _single_trials(rows: list[Row], archive: Archive, description: CellDescripti
         parameters.control.period_s,
     )
     reference = extend(recording, parameters.control.exclusion_s)
-    logged = [logged_trial(archive.file(row["log"]), row["controller"], row["object"], description) for row in same]
+    logged = [
+        logged_trial(
+            archive.file(row["log"]), row["controller"], row["object"], description, reference.nominal_impact_s
+        )
+        for row in same
+    ]
     first = {trial.controller: trial for trial in reversed(logged)}
     papers = [trial for trial in logged if trial.controller in NAMES]
     name, of = example["reference"], f"{example['reference']}, {EXAMPLE_MM:+g} mm"
