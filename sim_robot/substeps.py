@@ -4,6 +4,7 @@ MuJoCo is called through its C symbol, so that no Python runs between two subste
 MuJoCo's memory and two records; nothing is allocated.
 """
 
+import ctypes
 from math import exp, isfinite
 from pathlib import Path
 
@@ -19,6 +20,8 @@ from sim_robot.near_geoms import look, look_at_all, note_motion
 
 _LIBRARY = next(Path(mujoco.__file__).parent.glob("libmujoco.so.*"))
 llvmlite.binding.load_library_permanently(str(_LIBRARY))
+# mujoco's package has each part of a step read the clock, 80 times a millisecond, for timers that nobody looks at
+ctypes.c_void_p.in_dll(ctypes.CDLL(str(_LIBRARY)), "mjcb_time").value = None
 _mj_step = types.ExternalFunction("mj_step", types.void(types.intp, types.intp))
 
 # rad/s or m/s that nothing here reaches: found before MuJoCo's own check, which would write a file
