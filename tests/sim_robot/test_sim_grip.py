@@ -54,10 +54,16 @@ def test_a_grip_that_is_too_weak_leaves_the_box_on_the_table() -> None:
     assert lifted[-1, 2] == pytest.approx(start[2], abs=1e-3)
 
 
-def gripped(jacobian: mujoco.mjtJacobian) -> np.ndarray:
-    """Return positions and velocities of a grip and a lift, ms by ms, with MuJoCo's solver on such a Jacobian."""
+def gripped(jacobian: mujoco.mjtJacobian, disturbance: int | None = None) -> np.ndarray:
+    """Return positions and velocities of a grip and a lift, ms by ms, with MuJoCo's solver on such a Jacobian.
+
+    disturbance: the seed of velocities of 1e-16 m/s and rad/s that it begins with, None for none.
+    """
     cell = simulated_cell("rice_box", -0.03, seed=3)
     cell.plant.model.opt.jacobian = jacobian
+    if disturbance is not None:
+        velocities = cell.plant.data.qvel
+        velocities += 1e-16 * np.random.default_rng(disturbance).standard_normal(len(velocities))
     grip, data = SpringGrip(cell, press_n=35.0), cell.plant.data
     states = []
     for _ in range(2000):
@@ -76,9 +82,12 @@ def test_no_scene_uses_a_sparse_jacobian(scene: str) -> None:
 
 
 def test_a_dense_jacobian_is_what_mujoco_chose_and_a_sparse_one_gives_the_same_grip() -> None:
-    """Contacts slide, stick and are lost again on the way; 1e-9 m, rad, m/s and rad/s are rounding that has grown."""
+    """Contacts slide, stick and are lost again on the way, and rounding grows: how far differs from CPU to CPU, so
+    what the last bits of the start become is measured beside it."""
     dense = gripped(mujoco.mjtJacobian.mjJAC_DENSE)
     assert np.array_equal(gripped(mujoco.mjtJacobian.mjJAC_AUTO), dense)
     sparse = gripped(mujoco.mjtJacobian.mjJAC_SPARSE)
     assert not np.array_equal(sparse, dense)  # it is another solver
-    assert np.abs(sparse - dense).max() < 1e-9
+    rounding = max(np.abs(gripped(mujoco.mjtJacobian.mjJAC_DENSE, seed) - dense).max() for seed in range(3))
+    assert rounding < 1e-7  # m, rad, m/s and rad/s
+    assert np.abs(sparse - dense).max() < 10.0 * rounding
