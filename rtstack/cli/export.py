@@ -13,12 +13,15 @@ from rtstack.datasets.hdf5 import Hdf5
 from rtstack.datasets.lerobot import LeRobot
 from rtstack.datasets.lerobot_import import import_episode
 from rtstack.datasets.zarr import Zarr
+from rtstack.log.errors import LogError
 from rtstack.log.writer import check_log_path
 
 
-def run(kind: str, logs: list[Path], out: Path, fps: int, json: bool) -> None:
+def run(kind: str, logs: list[Path], out: Path, fps: int, ticks: bool, json: bool) -> None:
     """Write the data set, and say how large it is."""
-    form: Format = Hdf5() if kind == "hdf5" else {"lerobot": LeRobot, "zarr": Zarr}[kind](fps)
+    if kind == "hdf5" and not ticks:
+        raise LogError("--no-ticks is of lerobot and zarr: hdf5 has every sample")
+    form: Format = Hdf5() if kind == "hdf5" else {"lerobot": LeRobot, "zarr": Zarr}[kind](fps, ticks)
     began_s = time.perf_counter()
     with progress_bar("exporting", not json) as progress:
         done = export(logs, out, form, progress)

@@ -48,10 +48,11 @@ def span_of(episode: Episode) -> tuple[int, int]:
     return max(int(t_ns[0]) for t_ns in arms), min(int(t_ns[-1]) for t_ns in arms)
 
 
-def frames_of(episode: Episode, fps: int) -> dict[str, Feature]:
+def frames_of(episode: Episode, fps: int, ticks: bool = True) -> dict[str, Feature]:
     """Return what the frames of an episode have, by name: (n, ...) each. Raises LogError where it has none.
 
-    The samples of a tick are those of its time, or the newest before it where the log has none of that time.
+    The samples of a tick are those of its time, or the newest before it where the log has none of that time. ticks:
+    these samples too.
     """
     step = TICKS // fps
     first_ns, last_ns = span_of(episode)
@@ -84,7 +85,7 @@ def frames_of(episode: Episode, fps: int) -> dict[str, Feature]:
         ("x", "y", "z", "qw", "qx", "qy", "qz", "seen"),
         {"unit": "m", "frame": "world", "description": "The object's pose as the tracker saw it; seen: whether."},
     )
-    for name, feature in _ticks(at):
+    for name, feature in _ticks(at) if ticks else ():
         found[name] = Feature(feature.values.reshape(frames, step, -1), feature.names, feature.attributes)
     ended = np.arange(frames) == frames - 1
     for name, values in (("next.done", ended), ("next.success", ended & (episode.labels["success"] == "true"))):

@@ -19,25 +19,26 @@ VERSION = "v3.0"
 _FILE_BYTES, _FILES = 100_000_000, 1000  # of a data file, and how many a folder has: LeRobot's defaults
 DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 IMAGES, PICTURE_TIMES = "observation.images.", "timing.picture_t_ns."
+_LOOKED_AT, _EVERY = 10, 4  # statistics of pictures: so many frames of an episode, and of them every 4th row and column
 _QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 _DTYPES = {"f": "float64", "i": "int64", "b": "bool"}
 
 
 class LeRobot:
-    """A folder with data and meta. fps: frames in a second."""
+    """A folder with data and meta. fps: frames in a second; ticks: with the 1 kHz samples."""
 
     needs: tuple[str, ...] = ("pyarrow",)
 
-    def __init__(self, fps: int = 50) -> None:
+    def __init__(self, fps: int = 50, ticks: bool = True) -> None:
         check_fps(fps)
-        self.fps, self.settings = fps, f"lerobot-{fps}"
+        self.fps, self.ticks, self.settings = fps, ticks, f"lerobot-{fps}" + ("" if ticks else "-frames")
 
     def write(self, episode: Episode, path: Path) -> None:
         """See Format."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        features = frames_of(episode, self.fps)
+        features = frames_of(episode, self.fps, self.ticks)
         count = len(next(iter(features.values())).values)
         said = {
             "task": episode.task,
@@ -83,7 +84,7 @@ class LeRobot:
             for name, values in counted.items():
                 table = table.append_column(name, _column(values))
             chunk, file = files.write(table)
-            values = {name: plain(table, name) for name, each in _features(said).items() if len(each["shape"]) == 1}
+            values = {name: _shown(table, name, each) for name, each in _features(said).items() if _counted(each)}
             shown.append(values)
             rows.append({
                 "episode_index": number, "tasks": [said["task"]], "length": length,
@@ -212,11 +213,28 @@ def _piece(path: Path) -> tuple[Any, dict[str, Any]]:
 
 
 def _statistics(values: NDArray) -> dict[str, list[Any]]:
-    """Return LeRobot's statistics of values (n, m), m each but for the count."""
+    """Return LeRobot's statistics of values (n, m) or (n, 3, 1, 1), of all n, and the count."""
     found = values.astype(np.float64)
     reduced = {"min": found.min(axis=0), "max": found.max(axis=0), "mean": found.mean(axis=0), "std": found.std(axis=0)}
     reduced |= dict(zip(_QUANTILES, np.quantile(found, list(_QUANTILES.values()), axis=0), strict=True))
     return {name: each.tolist() for name, each in reduced.items()} | {"count": [len(values)]}
+
+
+def _counted(feature: Mapping[str, Any]) -> bool:
+    """Whether a feature has statistics: numbers of a frame and pictures; not the 1 kHz samples."""
+    return len(feature["shape"]) == 1 or feature["dtype"] == "image"
+
+
+def _shown(table: Any, name: str, feature: Mapping[str, Any]) -> NDArray:
+    """Return the values (n, m) that statistics are made of; of pictures some (n, 3, 1, 1) of some frames, 0 to 1."""
+    if feature["dtype"] != "image":
+        return plain(table, name)
+    from PIL import Image
+
+    rows = np.unique(np.linspace(0, len(table) - 1, _LOOKED_AT).astype(int))
+    some = [Image.open(io.BytesIO(each["bytes"])) for each in table[name].take(rows).to_pylist()]
+    pixels = [np.asarray(each.convert("RGB"))[::_EVERY, ::_EVERY].reshape(-1, 3) for each in some]
+    return np.concatenate(pixels)[:, :, None, None] / 255.0
 
 
 def _task_table(tasks: Mapping[str, int]) -> Any:

@@ -86,6 +86,8 @@ def _episode(folder: Path, number: int) -> tuple[dict[str, Any], Any]:
         raise ValueError(f"its version is {info.get('codebase_version')}, read is {VERSION}")
     if not 0 <= number < info["total_episodes"]:
         raise LogError(f"{folder}: there is no episode {number}; it has {info['total_episodes']}, from 0")
+    if not any(name in info["features"] for name, _, _ in tick_features()):
+        raise LogError(f"{folder} was exported with --no-ticks: a log is made of the 1 kHz samples")
     about = [("episode_index", "=", number)]
     rows = pq.read_table(folder / "meta" / "episodes", filters=about).to_pylist()
     row = rows[0]

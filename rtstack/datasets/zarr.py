@@ -22,17 +22,17 @@ _SAID = "said"
 
 
 class Zarr:
-    """A folder. fps: frames in a second."""
+    """A folder. fps: frames in a second; ticks: with the 1 kHz samples."""
 
     needs: tuple[str, ...] = ("zarr",)
 
-    def __init__(self, fps: int = 50) -> None:
+    def __init__(self, fps: int = 50, ticks: bool = True) -> None:
         check_fps(fps)
-        self.fps, self.settings = fps, f"zarr-{fps}"
+        self.fps, self.ticks, self.settings = fps, ticks, f"zarr-{fps}" + ("" if ticks else "-frames")
 
     def write(self, episode: Episode, path: Path) -> None:
         """See Format."""
-        features = frames_of(episode, self.fps)
+        features = frames_of(episode, self.fps, self.ticks)
         arrays = {name: feature.values for name, feature in features.items()}
         attributes = {name: {**each.attributes, "names": each.names} for name, each in features.items()}
         count = len(arrays["action"])

@@ -1,5 +1,6 @@
 """The LeRobot export: frames of the log's own bits, and back. tests/foreign asks lerobot's loader."""
 
+import io
 import json
 import shutil
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from PIL import Image
 
 from rtstack.datasets.export import export
 from rtstack.datasets.lerobot import LeRobot, plain
@@ -109,6 +111,29 @@ def test_pictures_are_in_the_frames_as_the_camera_gave_them_and_come_back(logs: 
     assert read_log(source).messages(camera.topics[1]) == list(camera.about(begin_ns)[camera.topics[1]])
 
 
+def test_statistics_of_pictures_are_by_channel_as_lerobots_training_asks(logs: Logs, tmp_path: Path) -> None:
+    write_seen_log(logs[0].path, tmp_path / "seen.mcap")
+    export([tmp_path / "seen.mcap"], tmp_path / "grabs", LeRobot())
+    frames = _frames(tmp_path / "grabs", 0)["observation.images.front"].to_pylist()
+    pixels = np.stack([np.asarray(Image.open(io.BytesIO(each["bytes"]))) for each in frames]).reshape(-1, 3) / 255.0
+    stats = json.loads((tmp_path / "grabs" / "meta" / "stats.json").read_text())["observation.images.front"]
+    episode = pq.read_table(tmp_path / "grabs" / "meta" / "episodes").to_pylist()[0]
+    for name, expected in (("mean", pixels.mean(axis=0)), ("std", pixels.std(axis=0)), ("max", pixels.max(axis=0))):
+        assert np.shape(stats[name]) == (3, 1, 1)
+        assert np.ravel(stats[name]) == pytest.approx(expected, abs=0.02)
+        assert np.ravel(episode[f"stats/observation.images.front/{name}"]) == pytest.approx(expected, abs=0.02)
+
+
+def test_without_the_ticks_a_data_set_has_the_frames_alone(data: Path, logs: Logs, tmp_path: Path) -> None:
+    export([log.path for log in logs], tmp_path / "frames", LeRobot(ticks=False))
+    whole, frames = pq.read_table(data / "data"), pq.read_table(tmp_path / "frames" / "data")
+    assert frames.column_names == [name for name in whole.column_names if not name.endswith("_1khz")]
+    assert frames.equals(whole.select(frames.column_names))
+    assert set(json.loads((tmp_path / "frames/meta/info.json").read_text())["features"]) == set(frames.column_names)
+    with pytest.raises(LogError, match="--no-ticks: a log is made of the 1 kHz samples"):
+        import_episode(tmp_path / "frames", 0, tmp_path / "back.mcap")
+
+
 def test_an_imported_episode_is_a_log_that_can_be_played(demonstration, tmp_path: Path) -> None:
     source = read_log(demonstration.path)
     export([demonstration.path], tmp_path / "grabs", LeRobot())
@@ -185,5 +210,12 @@ def test_a_data_set_whose_episode_says_something_else_is_one_line(data: Path, tm
 def test_the_commands_export_and_import(logs: Logs, tmp_path: Path, command_line) -> None:
     done = command_line("export", "--to", "lerobot", "--fps", "100", logs[0].path, "grabs", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
+    for kind, code, name in (("lerobot", 0, "frames"), ("hdf5", 2, "frames.h5")):
+        done = command_line("export", "--to", kind, "--no-ticks", logs[0].path, name, cwd=tmp_path)
+        assert done.returncode == code, done.stderr
+    assert done.stderr == "rtstack: --no-ticks is of lerobot and zarr: hdf5 has every sample\n"
+    names = pq.read_schema(next((tmp_path / "frames" / "data").rglob("*.parquet"))).names
+    assert "action" in names
+    assert "observation.q_1khz" not in names
     back = command_line("import", "grabs", "back.mcap", cwd=tmp_path)
     assert back.stdout == "wrote back.mcap: episode 0 of grabs, 0.43 s\n", back.stderr

@@ -102,12 +102,13 @@ def export(
     ],
     to: Annotated[DatasetKind, typer.Option("--to", help="The form of the data set.")],
     fps: Annotated[int, typer.Option(help="lerobot, zarr: frames in a second, a divisor of 1000.")] = 50,
+    no_ticks: Annotated[bool, typer.Option("--no-ticks", help="lerobot, zarr: without the 1 kHz samples.")] = False,
     json: Json = False,
 ) -> None:
     """Make a data set of logs, for learning code. An export that was interrupted goes on where it ended."""
     from rtstack.cli.export import run
 
-    run(to, logs, out, fps, json)
+    run(to, logs, out, fps, not no_ticks, json)
 
 
 @commands.command("import")
