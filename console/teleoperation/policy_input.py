@@ -13,7 +13,7 @@ from rtstack.log.ring import Rings
 from rtstack.loop.mailbox import Mailbox
 from rtstack.model.arm_model import ArmModel
 from rtstack.model.cell_description import CellDescription, base_frame
-from rtstack.samples import SIDES
+from rtstack.samples import SIDES, Mode
 from rtstack.teleoperation.policy import Chunk, Observation
 from rtstack.trials.assembly import cell_parameters
 
@@ -42,7 +42,8 @@ class PolicyInput:
         return self._teleop.lease(self._name) is not None
 
     def observe(self) -> Observation | None:
-        """Return what the arms say now, None without a lease or before both have spoken."""
+        """Return what the arms say now, None without a lease and outside of a teleoperation: before its first sample
+        the newest one is of another time."""
         lease = self._teleop.lease(self._name)
         arms, controls = ([reader.latest() for reader in readers] for readers in (self._arms, self._controls))
         thing = self._object.latest()
@@ -50,6 +51,8 @@ class PolicyInput:
         if lease is None or any(record is None for record in (*arms, *controls)):
             return None
         arms, controls = ([record[0] for record in records if record is not None] for records in (arms, controls))
+        if any(control["mode"] != Mode.TELEOPERATION for control in controls):
+            return None
         t_ns = int(arms[0]["t_ns"])
         if lease != self._lease:
             self._lease, self._began_ns = lease, t_ns

@@ -31,9 +31,9 @@ def running(served):
         yield served, client, headers, token
 
 
-def push(served, t_ns):
+def push(served, t_ns, mode=Mode.TELEOPERATION):
     sample, control = np.zeros(1, ARM_SAMPLE), np.zeros(1, CONTROL_SAMPLE)
-    sample["O_T_EE"], sample["t_ns"], control["mode"] = np.eye(4), t_ns, Mode.TELEOPERATION
+    sample["O_T_EE"], sample["t_ns"], control["mode"] = np.eye(4), t_ns, mode
     for side, pose in zip(SIDES, POSES, strict=True):
         control["pose_ref"] = pose
         served.rings.pusher(f"/{side}/arm").push(sample)
@@ -96,6 +96,18 @@ def test_a_policy_with_a_lease_is_shown_the_arms_and_its_answer_reaches_the_loop
         assert lend(client, headers).status_code == 200
         assert target(served)["policy"] > lease
         assert target(served)["clutch_ns"] == 0
+
+
+def test_a_policy_is_shown_nothing_before_the_run_has_a_sample(running):
+    """What the arms said while nothing ran is of another time, and nothing was asked of them."""
+    served, client, headers, token = running
+    push(served, 10_243_000_000, Mode.IDLE)
+    with policy(served, token) as (take, _):
+        assert lend(client, headers).json()["policy"] == "grabber"
+        for _ in range(3):
+            take("waiting")
+        push(served, 1_000_000)
+        assert take("observation")["observation"]["t_ns"] == 1_000_000
 
 
 def test_a_policy_is_shown_the_newest_picture_of_each_camera_of_the_run(running):
