@@ -1,6 +1,7 @@
 """What tests of several packages share: the cell, one recorded demonstration, and a runner of trials on it."""
 
 import gc
+import runpy
 import signal
 import subprocess
 import sys
@@ -9,6 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from unittest.mock import MagicMock
 
 import pytest
 from hypothesis import settings
@@ -160,3 +162,13 @@ def command_line(
     yield run
     for number, handler in handlers.items():
         signal.signal(number, handler)
+
+
+@pytest.fixture
+def lerobot_policy(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """What `examples/13_lerobot_policy.py` defines, where neither torch nor lerobot is: `tests/foreign` runs it beside
+    both."""
+    for name in ("", ".configs", ".configs.policies", ".policies", ".policies.factory", ".policies.utils"):
+        monkeypatch.setitem(sys.modules, f"lerobot{name}", MagicMock())
+    monkeypatch.setitem(sys.modules, "torch", MagicMock())
+    return runpy.run_path(str(Path(__file__).parents[1] / "examples" / "13_lerobot_policy.py"))

@@ -1,7 +1,9 @@
 """A policy through the console: what it is shown, which of its answers reach the mailbox, and who gives the lease."""
 
+import asyncio
 import json
 from base64 import b64encode
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 
 import numpy as np
@@ -150,6 +152,29 @@ def test_a_policy_that_is_done_or_gone_has_no_lease_any_more(running):
         assert lend(client, headers).status_code == 200
         take("observation")
     wait_for(lambda: target(served)["policy"] == 0 and served.parts.teleop.view.policies == ())
+
+
+class Holds:
+    """What the example of LeRobot asks: the pads are to stay, by quaternions that are too long."""
+
+    rate_hz = 50
+
+    def actions(self, shown):
+        return (np.array(shown["pose_ref"]) * [1, 1, 1, 2, 2, 2, 2]).reshape(1, 14)
+
+
+def test_the_example_of_lerobot_leads_until_its_lease_is_over(running, lerobot_policy, capsys):
+    served, client, headers, token = running
+    with ThreadPoolExecutor(1) as pool:
+        leads = pool.submit(asyncio.run, lerobot_policy["lead"](Holds(), served.base, token))
+        wait_for(lambda: served.parts.teleop.view.policies == ("grabber",))
+        assert lend(client, headers).status_code == 200
+        wait_for(lambda: served.mailbox.chunk_sequence > 4)
+        np.testing.assert_allclose(chunk(served)["pose"][0], POSES)
+        assert lend(client, headers, None).status_code == 200
+        assert leads.result(60) > 1
+    assert "refused" not in capsys.readouterr().out
+    wait_for(lambda: served.parts.teleop.view.policies == ())
 
 
 def test_only_the_operator_who_has_control_gives_a_lease(running):

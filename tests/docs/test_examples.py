@@ -1,5 +1,7 @@
 """The examples run, in the order of their numbers, in one folder, with warnings as errors."""
 
+import base64
+import io
 import json
 import runpy
 import signal
@@ -10,8 +12,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
+from rtstack.datasets.episode import read_episode
+from rtstack.datasets.frames import frames_of
 from rtstack.log.reader import read_log
+from rtstack.samples import SIDES
+from rtstack.teleoperation.policy import Chunk
 from tests.support.docs.run import BIN, PATIENCE_S, environment
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
@@ -133,6 +140,37 @@ def test_twelve_finds_the_box_in_a_picture_and_grabs_it(folder):
     assert came.startswith("success: lifted by 2"), came
 
 
+def test_thirteen_makes_of_an_observation_the_frame_that_the_data_set_has(demonstration, lerobot_policy):
+    frames = frames_of(read_episode(demonstration.path, ""), 50)
+    log, k = read_log(demonstration.path), 70
+    samples = [{name: log.topic(f"/{side}/{name}")[20 * (k + 1) - 1] for name in ("arm", "control")} for side in SIDES]
+    poses = log.topic("/object/pose")
+    seen = poses[poses["t_ns"] <= samples[0]["arm"]["t_ns"]][-1]
+    picture = io.BytesIO()
+    Image.effect_noise((40, 30), 50).convert("RGB").save(picture, "jpeg")
+    shown = {
+        "number": 7, "t_ns": int(samples[0]["arm"]["t_ns"]), "t_s": 0.0, "force": np.zeros((2, 3)).tolist(),
+        **{name: [side["arm"][name].tolist() for side in samples] for name in ("q", "dq")},
+        **{name: [side["control"]["pose_ref"].tolist() for side in samples] for name in ("pose", "pose_ref")},
+        "object_pose": [*seen["position"].tolist(), *seen["orientation_wxyz"].tolist()],
+        "pictures": {"front": {"t_ns": 0, "jpeg": base64.b64encode(picture.getvalue()).decode()}},
+    }  # fmt: skip
+    names = ("observation.state", "observation.environment_state")
+    made = lerobot_policy["frame_of"](shown, (*names, "observation.images.front"))
+    for name in names:
+        assert made[name].tobytes() == frames[name].values[k].astype(np.float32).tobytes()
+    assert (made["observation.images.front"] == np.asarray(Image.open(picture))).all()
+    unseen = lerobot_policy["frame_of"](shown | {"object_pose": None}, names[1:])
+    assert unseen[names[1]].tolist() == [0.0] * 8
+
+    actions = frames["action"].values[k : k + 3]
+    longer = actions.reshape(3, 2, 7) * [1, 1, 1, 1.2, 1.2, 1.2, 1.2]
+    answer = lerobot_policy["answer_to"](shown, longer.reshape(3, 14))
+    assert (answer["to"], answer["step_s"]) == (7, 0.02)
+    np.testing.assert_allclose(np.reshape(answer["poses"], (3, 14)), actions, atol=1e-12)
+    assert Chunk(answer["step_s"], np.array(answer["poses"])).problem() is None
+
+
 @pytest.mark.long
 def test_the_notebook_runs_from_top_to_bottom(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -151,4 +189,4 @@ def test_the_notebook_runs_from_top_to_bottom(tmp_path, monkeypatch):
 
 def test_every_example_is_run_here():
     numbers = sorted(path.name[:2] for path in EXAMPLES.glob("*.py"))
-    assert numbers == [f"{n:02d}" for n in range(1, 13)]
+    assert numbers == [f"{n:02d}" for n in range(1, 14)]
