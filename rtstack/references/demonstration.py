@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from hal.arrays import Array
 from rtstack.control.records import POINT
@@ -82,7 +83,12 @@ def scripted_targets(
     table: Table,
     period_s: float,
 ) -> NDArray:
-    """Return the operator's target frames, (2, n) of POINT, one a tick, for arms that start at `homes` (2, 7) rad."""
+    """Return the operator's target frames, (2, n) of POINT, one a tick, for arms that start at `homes` (2, 7) rad.
+
+    On the way to the object the pads turn until their faces are parallel to its sides in the world, as a person who
+    looks at it holds them: at home they look where the bases, as they stand by now, have turned them. A pad that
+    meets a side at an angle of some degrees turns the object, which a trial does in another way each time.
+    """
     n = round(duration_s(script) / period_s)
     targets = np.zeros((2, n), POINT)
     centre_z = table.top_z + thing.size[2] / 2
@@ -126,9 +132,19 @@ def scripted_targets(
         )
         for axis, points in enumerate(paths):
             targets[arm]["position"][:, axis], targets[arm]["twist"][:, axis] = quintic_path(points, t)
-        targets[arm]["rotation"] = rotation
+        turn = _turn_to(rotation[:, 2], np.array([0.0, inward, 0.0]))
+        share, rate = quintic_path([ViaPoint(script.rest_s, 0.0), ViaPoint(steady, 1.0)], t)
+        targets[arm]["rotation"] = Rotation.from_rotvec(share[:, None] * turn).as_matrix() @ rotation
+        targets[arm]["twist"][:, 3:] = rate[:, None] * turn
         targets[arm]["xi"] = homes[arm, 0]
     return targets
+
+
+def _turn_to(a: Array, b: Array) -> Array:
+    """Return the shortest turn of the direction a (3,) to b (3,): a rotation vector (3,), rad."""
+    axis = np.cross(a, b)
+    sine = float(np.linalg.norm(axis))
+    return axis * (np.arctan2(sine, a @ b) / sine if sine > 0.0 else 1.0)
 
 
 def end_effector_pose(model: ArmModel, q: Array) -> tuple[Array, Array]:
