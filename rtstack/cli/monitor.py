@@ -13,6 +13,7 @@ from hal.configuration import toml_text
 from rtstack.cells import load_description
 from rtstack.cli.progress import progress_bar
 from rtstack.log.reader import read_log
+from rtstack.model.cell_description import CellDescription, base_poses
 from rtstack.monitor.expected import ExpectedImpact
 from rtstack.monitor.pair import PairParameters
 from rtstack.references.recording import ReferenceError
@@ -28,8 +29,11 @@ FAILED = 1
 FEWEST = 6
 
 
-def tune_monitor(logs: Sequence[Path], out: Path, sensitivity: float, json_output: bool) -> None:
-    """Tune on two thirds of the logs, check on the others, write the TOML `out`, which must not exist yet."""
+def tune_monitor(
+    logs: Sequence[Path], out: Path, sensitivity: float, json_output: bool, cell_file: Path | None = None
+) -> None:
+    """Tune on two thirds of the logs, check on the others, write the TOML `out`, which must not exist yet. cell_file:
+    of the cell that the logs are of."""
     if out.exists():
         raise TrialError(f"{out} exists already: choose another name")
     if out.parent == tuning_folder():
@@ -39,7 +43,7 @@ def tune_monitor(logs: Sequence[Path], out: Path, sensitivity: float, json_outpu
     if len(logs) < FEWEST:
         raise TrialError(f"{len(logs)} logs are too few to tune on and to check on: give at least {FEWEST}")
     with progress_bar("reading", not json_output) as progress:
-        runs = _good_runs(sorted(logs), progress)
+        runs = _good_runs(sorted(logs), load_description(cell_file)[0], progress)
     used, held_out = split(runs)
     parameters = tune([record.run for record in used], sensitivity)
     found = check([record.run for record in held_out], parameters)
@@ -77,8 +81,7 @@ def split(records: Sequence[Recorded]) -> tuple[list[Recorded], list[Recorded]]:
     return used, held_out
 
 
-def _good_runs(paths: Sequence[Path], progress) -> list[Recorded]:
-    description, _ = load_description(None)
+def _good_runs(paths: Sequence[Path], description: CellDescription, progress) -> list[Recorded]:
     parameters = cell_parameters(description)
     arms = arm_controllers(description, parameters)
     expected: dict[str, ExpectedImpact] = {}
@@ -103,7 +106,7 @@ def _good_runs(paths: Sequence[Path], progress) -> list[Recorded]:
             if impact is None:
                 raise TrialError(f"{path}: it follows a push or an older plan, whose impact is not known")
             expected[digest] = impact
-        good = GoodRun(path.name, log_columns(log), expected[digest])
+        good = GoodRun(path.name, log_columns(log), expected[digest], base_poses(description))
         place = float(specification["displacement_mm"])
         name = Path(specification["reference"]).stem
         runs.append(Recorded(good, thing, name, place, int(specification["seed"])))

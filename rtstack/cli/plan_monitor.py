@@ -15,7 +15,7 @@ from rtstack.cli.interrupt import interruptible
 from rtstack.cli.monitor import Recorded, split, tuning_toml
 from rtstack.cli.progress import progress_bar
 from rtstack.loop.watchdogs import Parent
-from rtstack.model.cell_description import CellDescription
+from rtstack.model.cell_description import CellDescription, base_poses
 from rtstack.planning import PlanError, PlannedMotion
 from rtstack.references.motion import Motion
 from rtstack.trials.assembly import cell_parameters
@@ -92,4 +92,4 @@ def _run(
             f"--watch: the plan fails in simulation with the object at {place_mm:+g} mm (seed {seed}): "
             f"{result.failure_reason}; change the plan"
         )
-    return GoodRun(f"{place_mm:+g} mm, seed {seed}", log.columns, reference.impact)
+    return GoodRun(f"{place_mm:+g} mm, seed {seed}", log.columns, reference.impact, base_poses(description))

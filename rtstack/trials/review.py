@@ -67,7 +67,8 @@ def review_log(path: Path) -> Review:
             SuccessCriterion(),
             Motion(trial.get("motion", Motion.GRAB)),
             logged_urdfs(log.attachments),
-            _bases(log) if recorded.get("object_observed") == "false" else None,
+            _bases(log),
+            recorded.get("object_observed") == "false",
         )
     return Review(
         path=Path(path),

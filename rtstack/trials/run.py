@@ -16,7 +16,7 @@ from rtstack.loop.history import History
 from rtstack.loop.publisher import Publisher
 from rtstack.loop.session import Session, SessionOutcome, SessionPlan
 from rtstack.loop.watchdogs import WatchdogTrip
-from rtstack.model.cell_description import CellDescription
+from rtstack.model.cell_description import CellDescription, base_poses
 from rtstack.safety.limits import ForcePhase, PairLimits
 from rtstack.samples import Level
 from rtstack.trials.assembly import ControllerFactory, Parameters, Watched, dual_arm_controller, safety_judges
@@ -140,7 +140,8 @@ class Run:
         if outcome.end.is_fault:
             self.monitor.stopped_by_fault()
         way, period_s = self._plan.ante["position"], self._plan.period_s
-        self.kind = classify(self.monitor, columns, outcome.start_t_ns, way, period_s)
+        bases = base_poses(self._description)
+        self.kind = classify(self.monitor, columns, bases, outcome.start_t_ns, way, period_s)
         if self.kind is not None:
             t_ns = int(columns.arm[0]["t_ns"][-1])
             self._publisher.event(t_ns, Level.WARNING, "verdict", f"probably: {self.kind}")

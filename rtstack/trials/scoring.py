@@ -13,6 +13,7 @@ from rtstack.loop.end import End
 from rtstack.loop.history import Columns
 from rtstack.references.motion import Motion
 from rtstack.samples import Mode
+from rtstack.trials.world import UPRIGHT, Bases, pad_places
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,11 +66,12 @@ FORCE_WINDOW_S = 0.1  # on each side of the nominal impact time: the 200 ms of t
 def score(
     columns: Columns, start_t_ns: int, nominal_impact_s: float, release_s: float,
     detected_impact_s: float | None, criterion: SuccessCriterion, motion: Motion = Motion.GRAB,
-    urdfs: tuple[str, str] = (FR3.urdf, FR3.urdf), bases: tuple[Array, Array] | None = None,
+    urdfs: tuple[str, str] = (FR3.urdf, FR3.urdf), bases: Bases | None = None, unobserved: bool = False,
 ) -> Score:  # fmt: skip
     """Score a trial that began at the robot's time start_t_ns. urdfs: of the left and of the right arm.
 
-    bases: T_world_base (4, 4) of both arms, where the cell has no tracker: what the object did is told from the pads.
+    bases: where they stand; None: not known, they are taken for upright. unobserved: the cell has no tracker, what the
+    object did is told from the pads, where it is known how these stand to each other.
     """
     ratings = np.stack([_ratings(urdf) for urdf in urdfs])
     t_s = (columns.arm[0]["t_ns"] - start_t_ns) * 1e-9
@@ -82,12 +84,13 @@ def score(
     followed = _held if motion is Motion.GRAB else _pushed
     end_s = release_s - criterion.release_margin_s
     seen = bool(np.any(columns.object["t_ns"] > start_t_ns))  # what waited in the socket before is no evidence
-    held, by_pads = False, bases is not None and not seen and motion is Motion.GRAB
+    held, by_pads = False, unobserved and bases is not None and not seen and motion is Motion.GRAB
+    pads = pad_places(columns, UPRIGHT if bases is None else bases)
     if detected_impact_s is not None and t_s[-1] >= end_s:
-        if by_pads and bases is not None:
-            held = _squeezed(columns, bases, t_s, detected_impact_s, end_s, criterion)
+        if by_pads:
+            held = _squeezed(columns, pads, t_s, detected_impact_s, end_s, criterion)
         elif seen:
-            held = followed(columns, start_t_ns, t_s, detected_impact_s, end_s, criterion)
+            held = followed(columns, pads, start_t_ns, t_s, detected_impact_s, end_s, criterion)
     return Score(
         seen=seen,
         by_pads=by_pads,
@@ -122,22 +125,20 @@ def _max_lift_mm(poses: NDArray) -> float:
     return float(height.max() - np.median(height[: min(20, len(height))])) * 1e3
 
 
-def _risen(columns: Columns, t_s: Array, impact_s: float) -> Array:
-    """How far the pads are above where they were at the impact, m: so that the mounting drops out."""
-    pad_z = columns.arm["O_T_EE"][:, :, 2, 3].mean(axis=0)
+def _risen(pads: Array, t_s: Array, impact_s: float) -> Array:
+    """How far the pads (2, n, 3) are above where they were at the impact, m: so that where the bases stand drops
+    out."""
+    pad_z = pads[:, :, 2].mean(axis=0)
     return pad_z - pad_z[min(int(np.searchsorted(t_s, impact_s)), len(pad_z) - 1)]
 
 
 def _squeezed(
-    columns: Columns, bases: tuple[Array, Array], t_s: Array, impact_s: float, end_s: float, criterion: SuccessCriterion
+    columns: Columns, pads: Array, t_s: Array, impact_s: float, end_s: float, criterion: SuccessCriterion
 ) -> bool:
     """Whether the pads had something between them from the lift to the release."""
-    pads = [
-        arm["O_T_EE"][:, :3, 3] @ base[:3, :3].T + base[:3, 3] for arm, base in zip(columns.arm, bases, strict=True)
-    ]
     gap = np.linalg.norm(pads[0] - pads[1], axis=1)
     force = np.linalg.norm(columns.arm["O_F_ext_hat_K"][:, :, :3], axis=2)
-    carried = (t_s > impact_s) & (t_s < end_s) & (_risen(columns, t_s, impact_s) > criterion.lifted_m)
+    carried = (t_s > impact_s) & (t_s < end_s) & (_risen(pads, t_s, impact_s) > criterion.lifted_m)
     if np.count_nonzero(carried) < _MEAN_TICKS:
         return False
     means = [np.convolve(side[carried], np.full(_MEAN_TICKS, 1.0 / _MEAN_TICKS), "valid") for side in force]
@@ -146,11 +147,12 @@ def _squeezed(
 
 
 def _held(
-    columns: Columns, start_t_ns: int, t_s: Array, impact_s: float, end_s: float, criterion: SuccessCriterion
-) -> bool:
+    columns: Columns, pads: Array, start_t_ns: int, t_s: Array, impact_s: float, end_s: float,
+    criterion: SuccessCriterion,
+) -> bool:  # fmt: skip
     """Whether the object followed the pads from the lift to the release, between impact_s and end_s."""
     poses = columns.object
-    pad_rise = _risen(columns, t_s, impact_s)
+    pad_rise = _risen(pads, t_s, impact_s)
     pose_t_s = (poses["t_ns"] - start_t_ns) * 1e-9
     height = poses["position"][:, 2]
     lift = height - np.median(height[: min(20, len(height))])
@@ -161,12 +163,13 @@ def _held(
 
 
 def _pushed(
-    columns: Columns, start_t_ns: int, t_s: Array, impact_s: float, end_s: float, criterion: SuccessCriterion
-) -> bool:
+    columns: Columns, pads: Array, start_t_ns: int, t_s: Array, impact_s: float, end_s: float,
+    criterion: SuccessCriterion,
+) -> bool:  # fmt: skip
     """Whether the object went with the left pad, along the pad's way, between impact_s and end_s."""
     poses = columns.object
-    # how far each has gone over the table: the mounting drops out
-    pad = columns.arm[0]["O_T_EE"][:, :2, 3]
+    # how far each has gone over the table: where the base stands drops out
+    pad = pads[0, :, :2]
     at_impact = min(int(np.searchsorted(t_s, impact_s)), len(pad) - 1)
     way = np.linalg.norm(pad - pad[at_impact], axis=1)
     pose_t_s = (poses["t_ns"] - start_t_ns) * 1e-9

@@ -154,7 +154,7 @@ def run_trial(
             run.history.columns(), outcome.start_t_ns, reference.nominal_impact_s, reference.release_s,
             run.first_impact_s, criterion or SuccessCriterion(), reference.motion,
             (prepared.description.left.robot.urdf, prepared.description.right.robot.urdf),
-            base_poses(prepared.description) if prepared.description.tracker.kind == NO_TRACKER else None,
+            base_poses(prepared.description), prepared.description.tracker.kind == NO_TRACKER,
         )  # fmt: skip
         return run.finished(_result(prepared, cell.name, outcome, values, run))
 

@@ -24,6 +24,7 @@ from rtstack.monitor.pair import TARE_FROM_NS, NetForceParameters, PairParameter
 from rtstack.monitor.parameters import MonitorParameters
 from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE
 from rtstack.trials.errors import TrialError
+from rtstack.trials.world import Bases, pad_forces
 
 PERIOD_S = 1e-3
 WINDOW, DECAY_1_S, HORIZON_S, SPACING_S = 13, 19.0, 0.1, 0.1  # Table 2 of the collision-monitoring paper
@@ -41,11 +42,13 @@ HELD_OUT = 3  # every third demonstration is kept for the check
 
 @dataclass(frozen=True, slots=True)
 class GoodRun:
-    """A trial in which all was as meant. name: its log; columns from its first tick on; impact: what was expected."""
+    """A trial in which all was as meant. name: its log; columns from its first tick on; impact: what was expected;
+    bases: where the arms stood."""
 
     name: str
     columns: Columns
     impact: ExpectedImpact
+    bases: Bases
 
     @property
     def t_s(self) -> Array:
@@ -55,8 +58,8 @@ class GoodRun:
 
     @property
     def force(self) -> Array:
-        """Force of each pad on its surroundings (2, n, 3), N, along the axes of the bases, which are the world's."""
-        return self.columns.arm["O_F_ext_hat_K"][:, :, :3]
+        """Force of each pad on its surroundings (2, n, 3), N, along the world's axes."""
+        return pad_forces(self.columns, self.bases)
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from hal.arrays import Array
 from rtstack.control.watch import TrialMonitor
 from rtstack.loop.history import Columns
 from rtstack.monitor.records import Reason, Verdict
+from rtstack.trials.world import Bases, pad_forces, pad_places
 
 ALONG_APPROACH = 0.8  # cosine: what stands in the way pushes against the motion
 AHEAD_S = 0.35  # a verdict that comes so long after the nominal impact is not of the impact
@@ -42,25 +43,26 @@ class Unexpected(StrEnum):
 
 
 def classify(
-    monitor: TrialMonitor, columns: Columns, start_t_ns: int, way: Array, period_s: float
+    monitor: TrialMonitor, columns: Columns, bases: Bases, start_t_ns: int, way: Array, period_s: float
 ) -> Unexpected | None:
     """Return what an unexpected impact was, None where it was none. columns: the trial's samples from start_t_ns on;
-    way (2, n, 3): where the pads are to go, m, one place each period.
+    way (2, n, 3): where the pads are to go in the world, m, one place each period.
     """
     if monitor.verdict is not Verdict.UNEXPECTED:
         return None
-    return _Case(monitor, columns, start_t_ns, way, period_s).kind()
+    return _Case(monitor, columns, bases, start_t_ns, way, period_s).kind()
 
 
 class _Case:
-    def __init__(self, monitor: TrialMonitor, columns: Columns, start_t_ns: int, way: Array, period_s: float) -> None:
+    def __init__(
+        self, monitor: TrialMonitor, columns: Columns, bases: Bases, start_t_ns: int, way: Array, period_s: float
+    ) -> None:
         self._monitor = monitor
         self._way, self._period_s = way, period_s
         self._t_s = (columns.arm[0]["t_ns"] - start_t_ns) * 1e-9
-        wrench = columns.arm["O_F_ext_hat_K"]  # of each pad on its surroundings, along the axes of base and world
-        self._force = wrench[:, :, :3] - monitor.pair[0]["tare"][:, None, :]
-        self._wrench = wrench
-        self._position = columns.arm["O_T_EE"][:, :, :3, 3]
+        self._force = pad_forces(columns, bases) - monitor.pair[0]["tare"][:, None, :]
+        self._wrench = columns.arm["O_F_ext_hat_K"]  # along the axes of the bases: only its sizes count
+        self._position = pad_places(columns, bases)
         self._first = [
             float(state["t_first_ns"]) * 1e-9 if state["impacts"] > 0 else None for state in monitor.arms
         ]  # by arm, s

@@ -11,6 +11,7 @@ from console.log_rows import log_row
 from rtstack.cells import default_cell_file, open_cell
 from rtstack.log.catalogue import Catalogue
 from rtstack.log.reader import read_log
+from rtstack.model.cell_description import base_poses
 from rtstack.monitor.records import Verdict
 from rtstack.references.demonstration import Grab
 from rtstack.samples import Level, Mode, Reaction
@@ -65,7 +66,7 @@ def test_a_good_grab_is_expected_and_its_log_says_so_again(trial) -> None:
     (text,) = said(log)
     assert text.startswith("expected, margin 0.")
     columns = log_columns(log)
-    run = GoodRun("trial", columns, prepared.reference.impact)
+    run = GoodRun("trial", columns, prepared.reference.impact, base_poses(prepared.description))
     monitor = replay(run, tuning_of("rice_box").monitor)
     assert monitor.verdict is Verdict.EXPECTED
     assert float(monitor.pair[0]["t_verdict_ns"]) * 1e-9 == result.impact_verdict_time_s

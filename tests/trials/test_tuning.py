@@ -14,6 +14,7 @@ from rtstack.samples import ARM_SAMPLE, CONTROL_SAMPLE, TIMING_SAMPLE
 from rtstack.trials.errors import TrialError
 from rtstack.trials.monitoring import load_tuning, tuning_folder, tuning_of
 from rtstack.trials.tuning import Check, GoodRun, check, replay, tune
+from rtstack.trials.world import UPRIGHT
 
 TICKS, T_D = 1500, 0.5
 WEIGHT_N = 12.0
@@ -33,9 +34,8 @@ def run(seed: int, hits_s: tuple[float, float], weight: float = 1.0) -> GoodRun:
     for side, hit_s in enumerate(hits_s):
         residual[side, round(hit_s * 1e3) :] += 5.0
     control["momentum_residual"] = residual
-    return GoodRun(
-        f"run {seed}", Columns(arm, control, np.zeros(TICKS, TIMING_SAMPLE), np.zeros(0, OBJECT_POSE)), IMPACT
-    )
+    columns = Columns(arm, control, np.zeros(TICKS, TIMING_SAMPLE), np.zeros(0, OBJECT_POSE))
+    return GoodRun(f"run {seed}", columns, IMPACT, UPRIGHT)
 
 
 GOOD = [run(1, (0.48, 0.505)), run(2, (0.51, 0.47)), run(3, (0.502, 0.504)), run(4, (0.5, 0.5))]

@@ -42,9 +42,12 @@ def test_the_pads_tell_what_the_tracker_would(plant, held, tmp_path, command_lin
     unseen = replace(columns, object=columns.object[:0])
     impact_s, trial = result["detected_impact_time_s"], log.metadata["trial"]
     arguments = (int(columns.arm[0]["t_ns"][0]), float(trial["nominal_impact_s"]), float(trial["release_s"]), impact_s)
-    told = score(unseen, *arguments, SuccessCriterion(), bases=base_poses(load_cell_description(file)))
+    bases = base_poses(load_cell_description(file))
+    told = score(unseen, *arguments, SuccessCriterion(), bases=bases, unobserved=True)
     assert (told.seen, told.by_pads, told.held, told.max_lift_mm) == (False, True, held, None)
-    assert score(unseen, *arguments, SuccessCriterion()).held is False  # a tracker that sees nothing is no excuse
+    assert (
+        score(unseen, *arguments, SuccessCriterion(), bases=bases).held is False
+    )  # a tracker that sees nothing is no excuse
 
 
 def test_a_cell_says_that_it_has_none(tmp_path):

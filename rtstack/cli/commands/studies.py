@@ -46,12 +46,13 @@ def tune_monitor(
         float,
         typer.Option(help="How many times the worst good run's deviation is unexpected.", min=1.0, max=10.0),
     ] = 1.3,
+    cell_file: CellFile = None,
     json: Json = False,
 ) -> None:
     """Find the aim-aware monitor's parameters from good runs of one object; a third is held out, and checked."""
     from rtstack.cli.monitor import tune_monitor as run
 
-    run(logs, out, sensitivity, json)
+    run(logs, out, sensitivity, json, cell_file)
 
 
 @commands.command("impact-map")
