@@ -2,6 +2,7 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from hal.arrays import Array
 from rtstack.impact_map import SceneError
@@ -22,7 +23,7 @@ from rtstack.planning.joints import arm_inertia
 from rtstack.planning.path import Approach, ArmPath, coast, common_touch_s, points_along
 from rtstack.planning.planned import PlannedMotion, Timing, assemble
 from rtstack.planning.request import GrabPlan, PlanError
-from rtstack.references.demonstration import end_effector_pose
+from rtstack.references.demonstration import end_effector_pose, turn_to_object
 from rtstack.references.quintic import ViaPoint
 from rtstack.trials.assembly import cell_parameters
 
@@ -60,12 +61,14 @@ def grab_motion(description: CellDescription, object_name: str, plan: GrabPlan) 
     place = np.array([0.0, 0.0, top + thing.size[2] / 2])
     approaches, rotations, inward = [], np.empty((2, 3, 3)), np.empty(2)
     for arm, mounting in enumerate((description.left, description.right)):
-        start, rotations[arm] = end_effector_pose(ArmModel(mounting, description.pad), np.array(mounting.home))
+        start, rotation = end_effector_pose(ArmModel(mounting, description.pad), np.array(mounting.home))
         inward[arm] = -np.sign(start[1])
+        turning = turn_to_object(rotation, float(inward[arm]))
+        rotations[arm] = Rotation.from_rotvec(turning).as_matrix() @ rotation
         contact = place + (0.0, -inward[arm] * thing.size[1] / 2, plan.height)
         velocity = np.array([0.0, inward[arm] * plan.speed, plan.rise])
         xi = mounting.home[control.posture_joint]
-        approaches.append(Approach(start, contact, velocity, xi, xi - inward[arm] * plan.posture))
+        approaches.append(Approach(start, contact, velocity, xi, xi - inward[arm] * plan.posture, turning))
     touch = common_touch_s(approaches, plan.rest_s, plan.steady_s, period_s)
     ante = tuple(approach.path(touch, plan.steady_s) for approach in approaches)
     meeting = np.array(

@@ -59,13 +59,15 @@ def points_along(path: ArmPath, rotation: Array, t_s: Array, period_s: float) ->
 @dataclass(frozen=True, slots=True)
 class Approach:
     """The way of one pad from rest to where it meets the object: positions (3,) m, velocity there (3,) m/s, the
-    posture's joint at the start and there, rad."""
+    posture's joint at the start and there, rad. turning (3,): the rotation vector by which the pad turns on the way,
+    along the world's axes, rad."""
 
     start: Array
     contact: Array
     velocity: Array
     xi_start: float
     xi_contact: float
+    turning: Array = field(default_factory=lambda: np.zeros(3))
 
     def least_s(self, steady_s: float) -> float:
         """Return how long it takes, s, with steady_s at constant velocity at its end.
@@ -76,7 +78,10 @@ class Approach:
         return max(steady_s + self._gathering_s(axis, steady_s) for axis in range(3))
 
     def path(self, touch_s: float, steady_s: float) -> ArmPath:
-        """Return the path that arrives at the time touch_s, and goes straight on at constant velocity."""
+        """Return the path that arrives at the time touch_s, and goes straight on at constant velocity.
+
+        Its `turn` counts from the rotation at the object.
+        """
         axes = []
         for axis in range(3):
             v, contact = float(self.velocity[axis]), float(self.contact[axis])
@@ -90,7 +95,8 @@ class Approach:
                 ]
             )
         posture = [ViaPoint(0.0, self.xi_start), ViaPoint(touch_s - steady_s, self.xi_contact)]
-        return ArmPath(*axes, xi=posture)
+        turn = [ViaPoint(0.0, -1.0), ViaPoint(touch_s - steady_s, 0.0)]
+        return ArmPath(*axes, xi=posture, turn=turn, turning=self.turning)
 
     def _gathering_s(self, axis: int, steady_s: float) -> float:
         v = float(self.velocity[axis])

@@ -92,7 +92,7 @@ def assemble(
 ) -> PlannedMotion:  # fmt: skip
     """Put a plan together: points, joints, feedforward. Raises PlanError where an arm cannot follow.
 
-    rotations (2, 3, 3): of the pads all the way; object_start (3,): where the object stands, m.
+    rotations (2, 3, 3): of the pads that the paths turn from; object_start (3,): where the object stands, m.
     """
     control = cell_parameters(description).control
     period_s, posture_joint = control.period_s, control.posture_joint

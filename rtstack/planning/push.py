@@ -2,6 +2,7 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from hal.arrays import Array, seven
 from rtstack.impact_map import Arm, Box, Contact, ImpactMap, Plane, Scene, SceneError, impact_map
@@ -21,7 +22,7 @@ from rtstack.planning.feasibility import (
 from rtstack.planning.path import Approach, ArmPath, coast, common_touch_s, points_along
 from rtstack.planning.planned import PlannedMotion, Timing, assemble
 from rtstack.planning.request import PlanError, PushPlan
-from rtstack.references.demonstration import end_effector_pose
+from rtstack.references.demonstration import end_effector_pose, turn_to_object
 from rtstack.references.quintic import ViaPoint
 from rtstack.trials.assembly import cell_parameters
 
@@ -60,9 +61,12 @@ def push_motion(description: CellDescription, object_name: str, plan: PushPlan) 
     ]
     start, rotation = poses[0]
     inward = -float(np.sign(start[1]))
+    turning = turn_to_object(rotation, inward)
+    rotation = Rotation.from_rotvec(turning).as_matrix() @ rotation
     xi = description.left.home[joint]
     contact = place + (0.0, -inward * thing.size[1] / 2, plan.height)
-    approach = Approach(start, contact, np.array([0.0, inward * plan.speed, 0.0]), xi, xi - inward * plan.posture)
+    velocity = np.array([0.0, inward * plan.speed, 0.0])
+    approach = Approach(start, contact, velocity, xi, xi - inward * plan.posture, turning)
     touch = max(common_touch_s([approach], plan.rest_s, plan.steady_s, period_s), GIVING_WAY_S)
     ante = approach.path(touch, plan.steady_s)
     meeting = points_along(ante, rotation, np.array([touch]), period_s)[0][0]

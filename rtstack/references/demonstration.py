@@ -132,7 +132,7 @@ def scripted_targets(
         )
         for axis, points in enumerate(paths):
             targets[arm]["position"][:, axis], targets[arm]["twist"][:, axis] = quintic_path(points, t)
-        turn = _turn_to(rotation[:, 2], np.array([0.0, inward, 0.0]))
+        turn = turn_to_object(rotation, inward)
         share, rate = quintic_path([ViaPoint(script.rest_s, 0.0), ViaPoint(steady, 1.0)], t)
         targets[arm]["rotation"] = Rotation.from_rotvec(share[:, None] * turn).as_matrix() @ rotation
         targets[arm]["twist"][:, 3:] = rate[:, None] * turn
@@ -140,11 +140,13 @@ def scripted_targets(
     return targets
 
 
-def _turn_to(a: Array, b: Array) -> Array:
-    """Return the shortest turn of the direction a (3,) to b (3,): a rotation vector (3,), rad."""
-    axis = np.cross(a, b)
+def turn_to_object(rotation: Array, inward: float) -> Array:
+    """Return by what a pad of this rotation (3, 3) has to turn for its face, its z, to look along the world's y
+    (inward 1) or against it (-1): the shortest such rotation vector (3,) along the world's axes, rad."""
+    towards = np.array([0.0, inward, 0.0])
+    axis = np.cross(rotation[:, 2], towards)
     sine = float(np.linalg.norm(axis))
-    return axis * (np.arctan2(sine, a @ b) / sine if sine > 0.0 else 1.0)
+    return axis * (np.arctan2(sine, rotation[:, 2] @ towards) / sine if sine > 0.0 else 1.0)
 
 
 def end_effector_pose(model: ArmModel, q: Array) -> tuple[Array, Array]:

@@ -59,9 +59,13 @@ def test_a_plan_begins_at_home_at_rest_and_ends_at_rest(cell, grabbed, pushed):
         for arm, mounting in enumerate((cell.left, cell.right)):
             position, rotation = end_effector_pose(arms[arm].model, np.array(mounting.home))
             np.testing.assert_allclose(points[arm, 0]["position"], position, atol=1e-12)
+            np.testing.assert_allclose(points[arm, 0]["rotation"], rotation, atol=1e-12)
+            # the turn that makes the faces parallel to the object's is what home, to six digits, is off by
+            off = float(np.linalg.norm(rotation[:, 2] - (0.0, -np.sign(position[1]), 0.0))) + 1e-12
             before = points[arm]["rotation"][: planned.recording.impact]
-            np.testing.assert_allclose(before, np.broadcast_to(rotation, before.shape))
-            np.testing.assert_allclose(points[arm, -1]["rotation"], rotation, atol=1e-12)
+            np.testing.assert_allclose(before, np.broadcast_to(rotation, before.shape), rtol=0.0, atol=off)
+            np.testing.assert_allclose(points[arm, -1]["rotation"], rotation, rtol=0.0, atol=off)
+            assert off < 2e-6
             np.testing.assert_allclose(planned.joints[arm].q[0], mounting.home, atol=1e-6)
         for point in (points[:, 0], points[:, -1]):
             np.testing.assert_allclose(point["twist"], 0.0, atol=1e-9)
@@ -218,3 +222,26 @@ def test_a_pad_that_gives_way_is_asked_to_be_where_its_force_puts_it(cell, grabb
         np.testing.assert_allclose(before[: impact + 1], after[: impact + 1], atol=1e-9)
         assert before[release] - after[release] == pytest.approx(gives, rel=0.05)  # the left arm pushes along -y
         np.testing.assert_allclose(plan.velocities, rigid.velocities, atol=1e-9)
+
+
+@pytest.mark.parametrize("plan", [plan_grab, plan_push])
+def test_the_pads_meet_the_object_flat_however_home_has_them(cell, plan):
+    """Bases that are turned turn the pads at home with them."""
+    half = np.radians(3.0) / 2.0
+    turned = replace(
+        cell,
+        left=replace(cell.left, base_orientation_wxyz=(float(np.cos(half)), 0.0, 0.0, float(np.sin(half)))),
+        right=replace(cell.right, base_orientation_wxyz=(float(np.cos(half)), float(np.sin(half)), 0.0, 0.0)),
+    )
+    planned = plan(turned, "rice_box")
+    arms = arm_controllers(turned, default_parameters())
+    points, k = planned.recording.points, planned.recording.impact
+    steady = k - round(1e3 * planned.request.steady_s)
+    for arm, mounting in enumerate((turned.left, turned.right)):
+        _, rotation = end_effector_pose(arms[arm].model, np.array(mounting.home))
+        np.testing.assert_allclose(points[arm, 0]["rotation"], rotation, atol=1e-12)
+        np.testing.assert_allclose(planned.joints[arm].q[0], mounting.home, atol=1e-6)
+        if arm == 1 and plan is plan_push:
+            continue  # it gives way
+        face = points[arm, steady:k]["rotation"][:, :, 2]
+        np.testing.assert_allclose(face, np.broadcast_to((0.0, (-1.0, 1.0)[arm], 0.0), face.shape), atol=1e-12)
