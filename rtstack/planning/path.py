@@ -95,7 +95,7 @@ class Approach:
                 ]
             )
         posture = [ViaPoint(0.0, self.xi_start), ViaPoint(touch_s - steady_s, self.xi_contact)]
-        turn = [ViaPoint(0.0, -1.0), ViaPoint(touch_s - steady_s, 0.0)]
+        turn = [ViaPoint(0.0, -1.0), ViaPoint(touch_s - steady_s, 0.0)] if self.turning.any() else []
         return ArmPath(*axes, xi=posture, turn=turn, turning=self.turning)
 
     def _gathering_s(self, axis: int, steady_s: float) -> float:

@@ -16,6 +16,7 @@ from rtstack.model.cell_description import ObjectDescription, Table
 from rtstack.references.quintic import ViaPoint, quintic_path
 
 LEAST_RISE_M = 0.05  # room to gather the upward speed in
+FLAT_RAD = 1e-5  # a face that is off by less is not turned: home has six digits
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,21 +133,25 @@ def scripted_targets(
         )
         for axis, points in enumerate(paths):
             targets[arm]["position"][:, axis], targets[arm]["twist"][:, axis] = quintic_path(points, t)
+        targets[arm]["rotation"] = rotation
         turn = turn_to_object(rotation, inward)
-        share, rate = quintic_path([ViaPoint(script.rest_s, 0.0), ViaPoint(steady, 1.0)], t)
-        targets[arm]["rotation"] = Rotation.from_rotvec(share[:, None] * turn).as_matrix() @ rotation
-        targets[arm]["twist"][:, 3:] = rate[:, None] * turn
+        if turn.any():
+            share, rate = quintic_path([ViaPoint(script.rest_s, 0.0), ViaPoint(steady, 1.0)], t)
+            targets[arm]["rotation"] = Rotation.from_rotvec(share[:, None] * turn).as_matrix() @ rotation
+            targets[arm]["twist"][:, 3:] = rate[:, None] * turn
         targets[arm]["xi"] = homes[arm, 0]
     return targets
 
 
 def turn_to_object(rotation: Array, inward: float) -> Array:
     """Return by what a pad of this rotation (3, 3) has to turn for its face, its z, to look along the world's y
-    (inward 1) or against it (-1): the shortest such rotation vector (3,) along the world's axes, rad."""
+    (inward 1) or against it (-1): the shortest such rotation vector (3,) along the world's axes, rad. Zero where it
+    does to within FLAT_RAD."""
     towards = np.array([0.0, inward, 0.0])
     axis = np.cross(rotation[:, 2], towards)
     sine = float(np.linalg.norm(axis))
-    return axis * (np.arctan2(sine, rotation[:, 2] @ towards) / sine if sine > 0.0 else 1.0)
+    angle = np.arctan2(sine, rotation[:, 2] @ towards)
+    return axis * (angle / sine) if sine > FLAT_RAD else np.zeros(3)
 
 
 def end_effector_pose(model: ArmModel, q: Array) -> tuple[Array, Array]:

@@ -59,13 +59,9 @@ def test_a_plan_begins_at_home_at_rest_and_ends_at_rest(cell, grabbed, pushed):
         for arm, mounting in enumerate((cell.left, cell.right)):
             position, rotation = end_effector_pose(arms[arm].model, np.array(mounting.home))
             np.testing.assert_allclose(points[arm, 0]["position"], position, atol=1e-12)
-            np.testing.assert_allclose(points[arm, 0]["rotation"], rotation, atol=1e-12)
-            # the turn that makes the faces parallel to the object's is what home, to six digits, is off by
-            off = float(np.linalg.norm(rotation[:, 2] - (0.0, -np.sign(position[1]), 0.0))) + 1e-12
             before = points[arm]["rotation"][: planned.recording.impact]
-            np.testing.assert_allclose(before, np.broadcast_to(rotation, before.shape), rtol=0.0, atol=off)
-            np.testing.assert_allclose(points[arm, -1]["rotation"], rotation, rtol=0.0, atol=off)
-            assert off < 2e-6
+            np.testing.assert_allclose(before, np.broadcast_to(rotation, before.shape))
+            np.testing.assert_allclose(points[arm, -1]["rotation"], rotation, atol=1e-12)
             np.testing.assert_allclose(planned.joints[arm].q[0], mounting.home, atol=1e-6)
         for point in (points[:, 0], points[:, -1]):
             np.testing.assert_allclose(point["twist"], 0.0, atol=1e-9)

@@ -35,8 +35,9 @@ def test_the_pads_reach_the_surface_at_the_speed_that_was_asked_for(cell, speed_
 def test_hands_hold_the_pads_to_the_object_however_home_has_them(cell):
     """Bases that are turned turn the pads at home with them: the faces meet the object's flat all the same."""
     half = np.radians(4.0) / 2.0
-    turned = replace(cell.left, base_orientation_wxyz=(float(np.cos(half)), 0.0, 0.0, float(np.sin(half))))
-    models = ArmModel(turned, cell.pad), ArmModel(cell.right, cell.pad)
+    left = replace(cell.left, base_orientation_wxyz=(float(np.cos(half)), 0.0, 0.0, float(np.sin(half))))
+    right = replace(cell.right, base_orientation_wxyz=(float(np.cos(half)), float(np.sin(half)), 0.0, 0.0))
+    models = ArmModel(left, cell.pad), ArmModel(right, cell.pad)
     homes = np.array([cell.left.home, cell.right.home])
     script = grab(3)
     targets = scripted_targets(script, models, homes, cell.objects["rice_box"], cell.table, 1e-3)
