@@ -21,7 +21,7 @@ from rtstack.log.pictures import camera_topics
 from rtstack.log.reader import Log, read_log
 from rtstack.topics import ARM_TOPICS, TOPICS
 
-_PICTURES = re.compile(r"/camera/(\w+)/image")
+PICTURES = re.compile(r"/camera/(\w+)/image")
 _STAMP = re.compile(r"(\d{8})-(\d{6})-")  # of the logs of `rtstack up`: UTC
 NONE = "none"  # a label that the log does not have
 
@@ -119,7 +119,7 @@ def read_episode(path: Path, digest: str) -> Episode:
         for name, part in batch.records.items():
             parts[name].append(part)
     records = {name: np.concatenate(each) for name, each in parts.items()}
-    cameras = (found[1] for topic in log.topics if (found := _PICTURES.fullmatch(topic)))
+    cameras = (found[1] for topic in log.topics if (found := PICTURES.fullmatch(topic)))
     pictures = {name: shown for name in cameras if (shown := _pictures(log, name)).t_ns}
     return Episode(path, digest, log.start_ns, log.metadata, log.attachments, records, pictures)
 

@@ -27,6 +27,7 @@ class Hdf5:
     """One HDF5 file."""
 
     needs: tuple[str, ...] = ("h5py",)
+    alike = False
     settings: str = "hdf5"
 
     def write(self, episode: Episode, path: Path) -> None:

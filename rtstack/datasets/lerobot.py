@@ -28,6 +28,7 @@ class LeRobot:
     """A folder with data and meta. fps: frames in a second; ticks: with the 1 kHz samples."""
 
     needs: tuple[str, ...] = ("pyarrow",)
+    alike = True
 
     def __init__(self, fps: int = 50, ticks: bool = True) -> None:
         check_fps(fps)

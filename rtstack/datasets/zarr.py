@@ -25,6 +25,7 @@ class Zarr:
     """A folder. fps: frames in a second; ticks: with the 1 kHz samples."""
 
     needs: tuple[str, ...] = ("zarr",)
+    alike = True
 
     def __init__(self, fps: int = 50, ticks: bool = True) -> None:
         check_fps(fps)

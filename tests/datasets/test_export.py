@@ -7,10 +7,13 @@ from pathlib import Path
 import h5py
 import pytest
 
-from rtstack.datasets.export import export
+from rtstack.datasets.export import Format, export
 from rtstack.datasets.hdf5 import Hdf5
+from rtstack.datasets.lerobot import LeRobot
+from rtstack.datasets.zarr import Zarr
 from rtstack.log.errors import LogError
 from tests.support.log.samples import WrittenLog
+from tests.support.log.seen import write_seen_log
 
 Logs = tuple[WrittenLog, WrittenLog]
 
@@ -68,14 +71,19 @@ def test_a_log_that_changed_is_exported_again(logs: Logs, tmp_path: Path) -> Non
 def test_what_is_wrong_is_said_before_anything_is_written(
     logs: Logs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    cut, taken = tmp_path / "cut.mcap", tmp_path / "taken.h5"
+    cut, taken, copied = tmp_path / "cut.mcap", tmp_path / "taken.h5", tmp_path / "copied.mcap"
     whole = logs[0].path
     cut.write_bytes(whole.read_bytes()[:-1000])
+    copied.write_bytes(whole.read_bytes())
+    (tmp_path / "mine.h5.partial").mkdir()
+    (tmp_path / "mine.h5.partial" / "thesis.tex").write_text("mine")
     taken.write_text("mine")
     for paths, out, words in (
         ([whole, tmp_path / "none.mcap"], "data.h5", "none.mcap"),
         ([whole, cut], "data.h5", "rtstack recover"),
         ([whole, whole], "data.h5", "named twice"),
+        ([whole, copied], "data.h5", "named twice"),
+        ([whole], "mine.h5", "not what an export has left"),
         ([whole], "taken.h5", "exists already"),
         ([whole], "none/data.h5", "the folder"),
     ):
@@ -84,7 +92,28 @@ def test_what_is_wrong_is_said_before_anything_is_written(
     monkeypatch.setattr(Hdf5, "needs", ("h5py_is_not_here",))
     with pytest.raises(LogError, match=r"h5py_is_not_here is not installed: pip install 'rtstack\[export\]'"):
         export([whole], tmp_path / "data.h5", Hdf5())
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["cut.mcap", "taken.h5"]
+    names = ["copied.mcap", "cut.mcap", "mine.h5.partial", "taken.h5"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == names
+
+
+@pytest.mark.parametrize("form", [LeRobot(), Zarr()], ids=["lerobot", "zarr"])
+def test_logs_whose_frames_are_not_alike_are_refused_before_anything_is_written(
+    form: Format, logs: Logs, tmp_path: Path
+) -> None:
+    write_seen_log(logs[0].path, tmp_path / "seen.mcap", count=3)
+    with pytest.raises(LogError, match=r"not both it and .* have /camera/front/image: export it by itself"):
+        export([logs[1].path, tmp_path / "seen.mcap"], tmp_path / "data", form)
+    assert [path.name for path in tmp_path.iterdir()] == ["seen.mcap"]
+
+
+def test_a_log_that_is_damaged_inside_leaves_nothing(logs: Logs, tmp_path: Path) -> None:
+    damaged = bytearray(logs[0].path.read_bytes())
+    middle = len(damaged) // 2
+    damaged[middle : middle + 64] = bytes(64)
+    (tmp_path / "damaged.mcap").write_bytes(damaged)
+    with pytest.raises(LogError, match="damaged"):
+        export([tmp_path / "damaged.mcap"], tmp_path / "data.h5", Hdf5())
+    assert [path.name for path in tmp_path.iterdir()] == ["damaged.mcap"]
 
 
 def test_the_command_says_what_it_wrote(logs: Logs, tmp_path: Path, command_line) -> None:
