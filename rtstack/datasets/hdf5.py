@@ -4,8 +4,10 @@ The names in capitals, `datalog`, `transforms` and their attributes are those th
 for (docs/howto/dataset.md says which parts are known).
 """
 
+import io
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -32,9 +34,7 @@ class Hdf5:
 
     def write(self, episode: Episode, path: Path) -> None:
         """See Format."""
-        import h5py
-
-        with h5py.File(path, "w") as file:
+        with _new_file(path) as file:
             recording = file.create_group(f"Rec_{episode.recorded:%Y%m%dT%H%M%SZ}")
             recording.attrs["recording_timestamp"] = f"{episode.recorded:%Y-%m-%dT%H:%M:%SZ}"
             recording.attrs["note"] = f"{episode.facts['kind']}: {episode.task}"
@@ -53,7 +53,7 @@ class Hdf5:
         """See Format. Compressed chunks are copied as they are."""
         import h5py
 
-        with h5py.File(whole, "w") as target:
+        with _new_file(whole) as target:
             target.attrs["note"] = "Trials of a dual-arm cell, made by rtstack export --to hdf5"
             for path in episodes:
                 with h5py.File(path, "r") as source:
@@ -100,6 +100,43 @@ class Hdf5:
             )
             transforms = processed.create_dataset("transforms", data=_transforms(poses), **_FILTERS)
             transforms.attrs["note"] = "T_world_object, (n, 4, 4), row-major, m: of the rows whose `seen` is not 0"
+
+
+class _Disk(io.FileIO):
+    """A file that seems to be written where it could not be, and has the first error. The HDF5 library crashes the
+    program when it is closed after a write that has failed, as on a full disk."""
+
+    error: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        left = memoryview(data).cast("B")
+        while len(left) and self.error is None:
+            try:
+                left = left[super().write(left) :]
+            except OSError as error:
+                self.error = error
+        return len(data)
+
+    def truncate(self, size: int | None = None) -> int:
+        try:
+            return super().truncate(size)
+        except OSError as error:
+            self.error = self.error or error
+            return self.tell() if size is None else size
+
+
+@contextmanager
+def _new_file(path: Path) -> Iterator[Any]:
+    """Yield a new file of h5py. Raises OSError at the end where something of it could not be written."""
+    import h5py
+
+    with _Disk(path, "w+") as disk:
+        try:
+            with h5py.File(disk, "w") as file:
+                yield file
+        finally:
+            if disk.error is not None:
+                raise disk.error
 
 
 def _transforms(poses: NDArray) -> NDArray[np.float64]:

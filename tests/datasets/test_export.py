@@ -1,7 +1,9 @@
 """An export goes on where it ended, is never half there under its name, and says in one line what is wrong."""
 
 import itertools
-from collections.abc import Callable
+import resource
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import h5py
@@ -114,6 +116,28 @@ def test_a_log_that_is_damaged_inside_leaves_nothing(logs: Logs, tmp_path: Path)
     with pytest.raises(LogError, match="damaged"):
         export([tmp_path / "damaged.mcap"], tmp_path / "data.h5", Hdf5())
     assert [path.name for path in tmp_path.iterdir()] == ["damaged.mcap"]
+
+
+@contextmanager
+def _no_file_larger_than(size: int) -> Iterator[None]:
+    """As a full disk, for this process: a write that goes beyond fails."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.parametrize("form", [Hdf5(), LeRobot(), Zarr()], ids=["hdf5", "lerobot", "zarr"])
+def test_a_disk_that_takes_no_more_is_said_in_one_line_and_the_export_goes_on_later(
+    form: Format, logs: Logs, tmp_path: Path
+) -> None:
+    for size in (1_000, 50_000):
+        with _no_file_larger_than(size), pytest.raises(LogError, match=r"File too large.*goes on where"):
+            export([logs[0].path], tmp_path / "data", form)
+        assert not (tmp_path / "data").exists()
+    assert export([logs[0].path], tmp_path / "data", form).episodes == 1
 
 
 def test_the_command_says_what_it_wrote(logs: Logs, tmp_path: Path, command_line) -> None:
