@@ -156,6 +156,8 @@ class TrackerLink:
             exposed_ns, steps = t_ns, 0
             if self._times.clock == "own":
                 self.tracker_clock.update(t_ns, now_ns)
+                if not self.tracker_clock.sure:
+                    return  # seen, but when?
                 exposed_ns, steps = self.tracker_clock.b_of(t_ns), self.tracker_clock.resets
             if not now_ns - _LATEST_NS <= exposed_ns <= now_ns + _EARLY_NS:
                 return  # of another time

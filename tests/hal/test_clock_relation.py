@@ -60,3 +60,20 @@ def test_messages_that_were_held_up_change_nothing():
     told(relation, rng, start_s=10.8, end_s=12, hz=240, offset_ns=0, jitter_ms=2.0)
     assert relation.resets == 0
     assert abs(relation.b_of(10_000_000_000) - before) < 1e5
+
+
+@pytest.mark.parametrize("step_ms", [-3600e3, -40.0, -10.0, 0.0, 10.0, 40.0, 1000.0, 3600e3])
+def test_a_time_that_is_off_is_hardly_ever_sure(step_ms):
+    relation, rng = ClockRelation(), np.random.default_rng(3)
+    sure = off = 0
+    for k in range(10 * 240):
+        a_ns = round(k * 1e9 / 240)
+        delay_ns = LEAST_NS + round(20e6 * rng.random())
+        carried_ns = a_ns + (round(1e6 * step_ms) if k >= 5 * 240 else 0)
+        relation.update(carried_ns, a_ns + delay_ns)
+        if relation.sure:
+            sure += 1
+            off += abs(relation.b_of(carried_ns) - a_ns - LEAST_NS) > 5e6
+    # a step back looks like a delay until all of the last messages came late
+    assert off <= (20 if step_ms < 0.0 else 8)
+    assert sure > 8.5 * 240

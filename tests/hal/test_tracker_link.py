@@ -1,10 +1,12 @@
 """Object poses over UDP."""
 
 import socket
+import time
 
 import numpy as np
 
-from hal.tracker import OBJECT_POSE, ObjectPose
+from hal.clock_relation import ClockRelation
+from hal.tracker import OBJECT_POSE, ObjectPose, TrackerTimes
 from hal.tracker_link import DATAGRAM, TrackerLink
 from sim_robot.fci.tracker_feed import TrackerFeed
 
@@ -64,3 +66,22 @@ def test_a_feed_without_a_listener_goes_on():
 
 def test_a_datagram_is_one_record():
     assert DATAGRAM.itemsize == OBJECT_POSE.itemsize == 72
+
+
+def test_a_pose_whose_time_cannot_be_told_is_not_used():
+    robot_clock = ClockRelation()
+    robot_clock.update(time.monotonic_ns(), time.monotonic_ns())
+    link = TrackerLink(times=TrackerTimes("own"), robot_clock=robot_clock)
+    record = np.zeros(1, DATAGRAM)
+    record["seen"], record["orientation_wxyz"] = 1, (1.0, 0.0, 0.0, 0.0)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+
+        def seen(t_ns: int) -> bool:
+            record["t_ns"] = t_ns
+            sender.sendto(record.tobytes(), link.address)
+            return bool(link.latest().record["seen"][0])
+
+        # one alone may have been held up for long
+        assert not seen(0)
+        assert any(seen(1_000_000 * k) for k in range(1, 40))
+    link.close()
