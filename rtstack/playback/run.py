@@ -24,6 +24,7 @@ from rtstack.safety.limits import ForcePhase, PairLimits
 from rtstack.samples import SIDES
 from rtstack.trials.assembly import Parameters, arm_controllers, cell_parameters, following
 from rtstack.trials.errors import TrialError
+from rtstack.trials.look import object_before
 from rtstack.trials.result import PlaybackResult
 from rtstack.trials.run import Run
 from rtstack.trials.run_context import NO_CONTEXT, RunContext
@@ -115,7 +116,7 @@ def way_to_start(prepared: PreparedPlayback, cell: Cell) -> StartMotion | None:
 
 
 def _look_for_objects(prepared: PreparedPlayback, cell: Cell) -> None:
-    pose = cell.tracker.latest()
+    pose = object_before(cell, prepared.description)
     if not pose.record["seen"][0]:
         return
     description = prepared.description

@@ -17,6 +17,7 @@ from rtstack.teleoperation.mover import Home, Mover
 from rtstack.teleoperation.reach import Reach
 from rtstack.trials.assembly import Parameters, arm_controllers, cell_parameters, following
 from rtstack.trials.errors import TrialError
+from rtstack.trials.look import object_before
 from rtstack.trials.result import MoveResult
 from rtstack.trials.run import Run
 from rtstack.trials.run_context import NO_CONTEXT, RunContext
@@ -102,7 +103,7 @@ def _held(cell: Cell, description: CellDescription) -> bool:
 
 def _above_table(cell: Cell, description: CellDescription, name: str) -> float | None:
     """Return how far above the table the object's lower face is, m; None where it is not seen."""
-    thing, pose = description.objects.get(name), cell.tracker.latest()
+    thing, pose = description.objects.get(name), object_before(cell, description)
     if thing is None or not pose.record["seen"][0]:
         return None
     return float(pose.position[2]) - thing.size[2] / 2.0 - description.table.top_z

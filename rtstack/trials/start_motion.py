@@ -19,6 +19,7 @@ from rtstack.model.rotation import log_so3
 from rtstack.samples import SIDES
 from rtstack.trials.assembly import arm_controllers, cell_parameters
 from rtstack.trials.errors import TrialError
+from rtstack.trials.look import object_before
 
 CLEAR_OF_TABLE_M = 0.005  # at home the pads are 10 mm above it
 CLEAR_OF_OBJECT_M = 0.01
@@ -57,8 +58,7 @@ def start_motion(
     limits = description.start_motion
     displacement = Displacement.of(displacement)
     place = _object_place(description, object_name, displacement)
-    pose = cell.tracker.latest()
-    if place is not None and pose.record["seen"][0]:
+    if place is not None and (pose := object_before(cell, description)).record["seen"][0]:
         away = pose.position - place
         if np.linalg.norm(away) > description.tracker.place_tolerance_m:
             x, y, z = (round(1e3 * metres) for metres in away.tolist())

@@ -1,19 +1,24 @@
 """Both arms to where a trial begins, against the real server in lockstep."""
 
 import contextlib
+import socket
+import time
 from collections.abc import Iterator
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from hal.cell import Cell
+from hal.clock_relation import ClockRelation
 from hal.errors import CommandRejected
 from hal.fci import FciPair, open_pair
 from hal.joint_path import JointSpeed
 from hal.state import RobotMode
-from hal.tracker import ObjectPose
-from hal.tracker_link import NoTracker
+from hal.tracker import ObjectPose, TrackerTimes
+from hal.tracker_link import DATAGRAM, NoTracker, TrackerLink
+from rtstack.cells.robot_clock import RobotClock
 from rtstack.cells.simulator import Simulator
 from rtstack.trials.errors import TrialError
 from rtstack.trials.start_motion import start_motion
@@ -27,6 +32,26 @@ def pair(simulator: Simulator) -> Iterator[FciPair]:
     pair = open_pair(simulator.left, simulator.right, shared_clock=True)
     yield pair
     pair.close()
+
+
+class SeenByTheHostsClock(TrackerLink):
+    """A tracker that stamps by the host's clock, and whose poses arrive all the time."""
+
+    def __init__(self, position: tuple[float, float, float]) -> None:
+        self.robot_clock = ClockRelation()
+        super().__init__(times=TrackerTimes("host", largest_age_ms=100.0), robot_clock=self.robot_clock)
+        self._record, self._sender = np.zeros(1, DATAGRAM), socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._record["seen"], self._record["orientation_wxyz"] = 1, (1.0, 0.0, 0.0, 0.0)
+        self._record["position"] = position
+
+    def latest(self) -> ObjectPose:
+        self._record["t_ns"] = time.monotonic_ns()
+        self._sender.sendto(self._record.tobytes(), self.address)
+        return super().latest()
+
+    def close(self) -> None:
+        self._sender.close()
+        super().close()
 
 
 class Seen:
@@ -135,3 +160,11 @@ def test_a_reflex_after_lost_answers_is_told_with_them(tmp_path):
             assert "joint_motion_generator_acceleration_discontinuity" in refused.value.errors
     finally:
         simulator.close()
+
+
+def test_an_object_that_a_tracker_of_another_clock_sees_elsewhere_is_refused(pair: FciPair, cell):
+    with contextlib.closing(SeenByTheHostsClock((0.5, 0.0, 0.3))) as tracker:
+        clock = RobotClock(pair, tracker.robot_clock)
+        opened = Cell("fci", pair.left, pair.right, tracker, SimpleNamespace(wait=clock.wait), own_clocks=True)
+        with pytest.raises(TrialError, match="the object is not in its place"):
+            start_motion(opened, cell, "rice_box")
