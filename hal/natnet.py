@@ -1,6 +1,6 @@
 """OptiTrack's Motive over NatNet 3 and 4: a process that asks for the stream and passes one rigid body's poses on.
 
-`python -m hal.natnet HOST PORT BODY TO_HOST TO_PORT [--multicast GROUP]`: to a hal.tracker_link.TrackerLink, in
+`python -m hal.natnet IP PORT BODY TO_HOST TO_PORT [--multicast GROUP]`: to a hal.tracker_link.TrackerLink, in
 Motive's frame and with Motive's time stamps. A process of its own: what comes from the network is taken apart outside
 the loop.
 
@@ -29,6 +29,7 @@ _RIGID_BODY = struct.Struct("<i3f4ffh")  # id, position, quaternion xyzw, mean e
 _TRACKED = 1  # of its parameters
 _LABELED_MARKER_BYTES = 26  # id, position, size, parameters, residual
 _AGAIN_S = 1.0
+_SILENT_S = 3.0  # a server that has sent nothing for so long does not know this client, or not any more
 
 
 class NatNetError(ValueError):
@@ -103,7 +104,8 @@ def version_in(message: bytes) -> tuple[int, int]:
 
 def frame_of(message: bytes, version: tuple[int, int]) -> tuple[float, dict[int, tuple[float, ...]]]:
     """Return the time stamp of a frame of data, s since Motive has begun, and the bodies that are tracked in it: of
-    each number the position, m, and the quaternion xyzw, in Motive's frame. Raises NatNetError."""
+    each number the position, m, and the quaternion xyzw, in Motive's frame. A number that two bodies have is none.
+    Raises NatNetError."""
     reader = _Reader(message, version)
     reader.skip(4 + 4)  # message, size; the frame's number
     if not reader.skip_list():
@@ -112,11 +114,15 @@ def frame_of(message: bytes, version: tuple[int, int]) -> tuple[float, dict[int,
             reader.skip(12 * reader.count())
     if not reader.skip_list():
         reader.skip(12 * reader.begin())  # markers without a name
-    bodies = {}
+    bodies: dict[int, tuple[float, ...]] = {}
+    numbers: set[int] = set()
     for _ in reader.listed():
         number, *pose, _error, parameters = reader.take(_RIGID_BODY)
-        if parameters & _TRACKED:
+        if number in numbers:
+            bodies.pop(number, None)
+        elif parameters & _TRACKED:
             bodies[number] = tuple(pose)
+        numbers.add(number)
     if not reader.skip_list():
         for _ in reader.listed():  # skeletons
             reader.skip(4)
@@ -142,6 +148,7 @@ class _Client:
     def __init__(self, server: tuple[str, int], body: int, listener: tuple[str, int], multicast: str) -> None:
         self._server, self._body, self._listener = server, body, listener
         self._version: tuple[int, int] | None = None
+        self._heard_s = 0.0
         self._asking = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._out = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._sockets = [self._asking]
@@ -149,7 +156,10 @@ class _Client:
             group = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
             group.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             group.bind((multicast, DATA_PORT))
-            member = socket.inet_aton(multicast) + socket.inet_aton("0.0.0.0")
+            # at the interface through which the server is reached: another one may be the default
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as way:
+                way.connect(server)
+                member = socket.inet_aton(multicast) + socket.inet_aton(way.getsockname()[0])
             group.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
             self._sockets.append(group)
         self._datagram = np.zeros(1, DATAGRAM)
@@ -163,10 +173,16 @@ class _Client:
                 self._ask()
             for filled in select.select(self._sockets, [], [], _AGAIN_S / 2)[0]:
                 with contextlib.suppress(OSError, NatNetError):
-                    self._take(filled.recv(65536))
+                    message, (host, _) = filled.recvfrom(65536)
+                    if host == self._server[0]:  # a second Motive sends to the same group
+                        self._heard_s = time.monotonic()
+                        self._take(message)
 
     def _ask(self) -> None:
-        """Connect; once connected, say regularly that this client is there: a server ends a silent one."""
+        """Connect; once connected, say regularly that this client is there: a server ends a silent one. One that was
+        started again does not know it, and may be of another version."""
+        if time.monotonic() - self._heard_s > _SILENT_S:
+            self._version = None
         message, text = (CONNECT, b"Ping\0") if self._version is None else (KEEP_ALIVE, b"\0")
         with contextlib.suppress(OSError):
             self._asking.sendto(struct.pack("<HH", message, len(text)) + text, self._server)
@@ -196,24 +212,26 @@ class NatNetTracker(TrackerProcess):
     """A hal.tracker.ClosableTracker: one rigid body of Motive."""
 
     def __init__(self, request: TrackerRequest) -> None:
-        """Start the process. Raises OSError, ValueError for a request without the body's number."""
+        """Start the process. Raises OSError, also for a name that nobody knows, and ValueError for a request without
+        the body's number."""
         if request.body is None:
             raise ValueError("NatNet needs the number of the object's rigid body: [tracker.bodies.OBJECT] id")
         options = ("--multicast", request.multicast) if request.multicast else ()
-        super().__init__(request, "hal.natnet", request.host, str(request.port), str(request.body), options=options)
+        host = socket.gethostbyname(request.host)
+        super().__init__(request, "hal.natnet", host, str(request.port), str(request.body), options=options)
 
 
 def main() -> None:
     """Pass poses on until the process that has asked for them ends."""
     parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("host")
+    parser.add_argument("ip")
     parser.add_argument("port", type=int)
     parser.add_argument("body", type=int)
     parser.add_argument("to_host")
     parser.add_argument("to_port", type=int)
     parser.add_argument("--multicast", default="")
     options = parser.parse_args()
-    server, listener = (options.host, options.port), (options.to_host, options.to_port)
+    server, listener = (options.ip, options.port), (options.to_host, options.to_port)
     client = _Client(server, options.body, listener, options.multicast)
     ready()
     client.run()

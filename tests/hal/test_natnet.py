@@ -1,6 +1,8 @@
 """NatNet 3 and 4: frames taken apart, and a tracker that follows a body over the wire."""
 
+import contextlib
 import math
+import socket
 import struct
 import time
 
@@ -40,6 +42,12 @@ def test_the_bodies_that_are_tracked_are_found_among_all_that_a_frame_has(versio
     assert bodies.keys() == {3, 4}
     for number, position, xyzw, _ in BODIES[:2]:
         assert np.allclose(bodies[number], (*position, *xyzw), atol=1e-7)
+
+
+def test_a_number_that_two_bodies_have_is_none():
+    twice = [(4, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), tracked) for tracked in (True, False)]
+    for bodies in ([*BODIES[:2], twice[0]], [*BODIES[:2], twice[1]], [*twice, BODIES[0]]):
+        assert frame_of(frame((4, 1), 1, 12.5, bodies), (4, 1))[1].keys() == {3}
 
 
 def test_a_frame_that_was_written_by_hand_is_read():
@@ -116,6 +124,58 @@ def test_a_body_is_followed_in_the_world_and_in_the_robots_time(version):
     finally:
         tracker.close()
         motive.close()
+
+
+@contextlib.contextmanager
+def followed(motive, multicast=""):
+    """Give what sends where body 42 is, and returns where the tracker sees it; None for nowhere."""
+    robot_clock = ClockRelation()
+    robot_clock.update(time.monotonic_ns(), time.monotonic_ns())
+    times = TrackerTimes("own", largest_age_ms=300.0)
+    request = TrackerRequest(*motive.address, TrackerFrames(), times, robot_clock, 42, multicast)
+
+    def see(x: float, send=motive.send_raw) -> float | None:
+        send(frame(motive.version, 1, time.monotonic(), [(42, (x, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), True)]))
+        time.sleep(5e-3)
+        pose = tracker.latest()
+        return round(float(pose.position[0]), 6) if pose.record["seen"][0] else None
+
+    with contextlib.closing(NatNetTracker(request)) as tracker:
+        yield see
+
+
+def becomes(x, see, longest_s=30.0):
+    end_s = time.monotonic() + longest_s
+    while see(x) != x:
+        assert time.monotonic() < end_s
+
+
+def test_a_server_that_is_started_again_in_another_version_is_connected_to_again():
+    with contextlib.closing(Motive((3, 1))) as motive, followed(motive) as see:
+        motive.wait_for_client()
+        becomes(0.25, see)
+        motive.start_again((4, 1))
+        motive.wait_for_client()
+        becomes(0.5, see)
+
+
+def test_frames_of_another_host_are_not_followed():
+    with (
+        contextlib.closing(Motive((4, 1))) as motive, followed(motive) as see,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
+    ):  # fmt: skip
+        other.bind(("127.0.0.2", 0))
+        motive.wait_for_client()
+        becomes(0.25, see)
+        for _ in range(100):
+            assert see(0.5, lambda message: other.sendto(message, motive.client)) in (0.25, None)
+
+
+def test_what_is_sent_to_all_is_received_at_the_interface_that_leads_to_the_server():
+    with contextlib.closing(Motive((4, 1))) as motive, followed(motive, "239.255.42.99") as see:
+        motive.wait_for_client()
+        motive.send_to_all("239.255.42.99")
+        becomes(0.25, see)
 
 
 def test_without_the_bodys_number_it_is_refused():

@@ -91,7 +91,6 @@ class Motive:
             (kind,) = struct.unpack_from("<H", message)
             if kind == 0:
                 self._socket.sendto(server_info(self.version), sender)
-            if kind in (0, 10):
                 self.client = sender
 
     def wait_for_client(self, longest_s: float = 30.0) -> None:
@@ -110,6 +109,15 @@ class Motive:
         """Send any bytes to the client."""
         if self.client is not None:
             self._socket.sendto(message, self.client)
+
+    def start_again(self, version: tuple[int, int]) -> None:
+        """Be another Motive at the same address, which knows no client."""
+        self.version, self.client = version, None
+
+    def send_to_all(self, group: str) -> None:
+        """Send to a group, through the interface of the server's address."""
+        self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(self.address[0]))
+        self.client = (group, 1511)
 
     def close(self) -> None:
         """End."""
