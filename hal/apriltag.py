@@ -38,7 +38,8 @@ _ACROSS_PX, _POINTS, _LEAST_STEP = 3.0, 48, 20.0
 
 
 def detector(camera: TagCamera) -> Callable[[NDArray[np.uint8]], dict[int, Array]]:
-    """Return what finds tags in a grey picture (height, width): T_camera_tag (4, 4), m, by the tags' numbers.
+    """Return what finds tags in a grey picture (height, width): T_camera_tag (4, 4), m, by the tags' numbers;
+    none of a number that is seen twice.
 
     Raises ImportError where OpenCV is not installed.
     """
@@ -53,9 +54,12 @@ def detector(camera: TagCamera) -> Callable[[NDArray[np.uint8]], dict[int, Array
     corners_of_tag = np.array([(-half, half, 0.0), (half, half, 0.0), (half, -half, 0.0), (-half, -half, 0.0)])
 
     def find(picture: NDArray[np.uint8]) -> dict[int, Array]:
-        corners, numbers, _ = finder.detectMarkers(picture)
+        corners, ids, _ = finder.detectMarkers(picture)
+        numbers = [] if ids is None else ids.ravel().tolist()
         found: dict[int, Array] = {}
-        for number, four in zip(() if numbers is None else map(int, numbers.ravel()), corners, strict=True):
+        for number, four in zip(numbers, corners, strict=True):
+            if numbers.count(number) > 1:
+                continue  # which of them is on the object?
             seen = _met(picture, four.reshape(4, 2).astype(float), cv2.remap)
             if seen is None:
                 continue

@@ -49,6 +49,17 @@ def test_two_objects_are_found_within_two_millimetres():
     assert np.max(off_deg) < 0.5
 
 
+def test_a_number_that_is_seen_twice_is_not_found():
+    find, T = detector(CAMERA), np.eye(4)
+    T[:3, :3], T[:3, 3] = np.diag([1.0, -1.0, -1.0]), (-0.2, 0.0, 0.8)
+    other = T.copy()
+    other[0, 3] = 0.2
+    left, right = picture(CAMERA, {42: T, 7: other}), picture(CAMERA, {42: other})
+    assert sorted(find(left)) == [7, 42]
+    half = CAMERA.size[0] // 2
+    assert find(np.hstack([left[:, :half], right[:, half:]])) == {}
+
+
 def test_nothing_is_found_where_no_tag_is():
     rng, find = np.random.default_rng(1), detector(CAMERA)
     assert find(rng.integers(0, 255, CAMERA.size[::-1], np.uint8)) == {}
