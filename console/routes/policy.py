@@ -86,8 +86,12 @@ async def stream(websocket: WebSocket, rate_hz: float = 20.0) -> None:
         while (session := session_now(websocket)) is not None and session.operator == name:
             observation = policy.observe()
             if observation is None:
-                await websocket.send_json({"waiting": f"the operator who has control has given no lease to {name}"})
-                await asyncio.sleep(_WAIT_S)
+                leads = policy.leads
+                lacks = (
+                    "the teleoperation has not begun" if leads else f"the operator in control has given {name} no lease"
+                )
+                await websocket.send_json({"waiting": lacks})
+                await asyncio.sleep(1.0 / rate_hz if leads else _WAIT_S)
                 continue
             began_s = time.monotonic()
             await websocket.send_json({"observation": _plain(observation), "refused": refused})
@@ -98,7 +102,7 @@ async def stream(websocket: WebSocket, rate_hz: float = 20.0) -> None:
     finally:
         parts.teleop.end_lease(name)
         parts.teleop.policy_connected(name, -1)
-    with suppress(RuntimeError):
+    with suppress(RuntimeError, WebSocketDisconnect):
         await websocket.close(1008, "not signed in any more")
 
 

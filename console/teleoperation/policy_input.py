@@ -42,8 +42,7 @@ class PolicyInput:
         return self._teleop.lease(self._name) is not None
 
     def observe(self) -> Observation | None:
-        """Return what the arms say now, None without a lease and outside of a teleoperation: before its first sample
-        the newest one is of another time."""
+        """Return what the arms say now, None without a lease or before the teleoperation says where they are to be."""
         lease = self._teleop.lease(self._name)
         arms, controls = ([reader.latest() for reader in readers] for readers in (self._arms, self._controls))
         thing = self._object.latest()
@@ -52,7 +51,7 @@ class PolicyInput:
             return None
         arms, controls = ([record[0] for record in records if record is not None] for records in (arms, controls))
         if any(control["mode"] != Mode.TELEOPERATION for control in controls):
-            return None
+            return None  # what an idle cell says has no reference
         t_ns = int(arms[0]["t_ns"])
         if lease != self._lease:
             self._lease, self._began_ns = lease, t_ns
