@@ -212,7 +212,7 @@ class NatNetTracker(TrackerProcess):
     """A hal.tracker.ClosableTracker: one rigid body of Motive."""
 
     def __init__(self, request: TrackerRequest) -> None:
-        """Start the process. Raises OSError, also for a name that nobody knows, and ValueError for a request without
+        """Start the process. Raises OSError, also where the host's name is not known; ValueError for a request without
         the body's number."""
         if request.body is None:
             raise ValueError("NatNet needs the number of the object's rigid body: [tracker.bodies.OBJECT] id")
