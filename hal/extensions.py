@@ -48,6 +48,10 @@ class ExtensionPoint(Generic[T]):
         try:
             found = entry.load()
         except Exception as error:  # whatever the module of another author raises
+            from hal.extras import advice  # which brings more than a name costs to look up
+
+            if isinstance(error, ModuleNotFoundError) and (lacking := advice(error.name)):
+                raise ExtensionError(f"{self.what} {name!r}: {lacking}") from error
             reason = " ".join(f"{type(error).__name__}: {error}".split())
             raise ExtensionError(self._refusal(entry, f"cannot be loaded: {reason}")) from error
         if not isinstance(found, self.kind):

@@ -1,4 +1,4 @@
-"""What of the package's extras is not installed, and how to install it."""
+"""What of the package's extras, or of what not every Python has, is not installed, and how to install it."""
 
 import re
 from importlib.metadata import requires
@@ -15,9 +15,18 @@ def require(extra: str) -> None:
 
 
 def advice(module: str | None) -> str | None:
-    """Return what to install for a module that could not be imported; None where no extra brings it."""
-    extras = [extra for name, extra in _modules() if name == module]
-    return _advice(str(module), extras[0]) if extras else None
+    """Return what to install for a module that could not be imported; None where neither an extra brings it nor a
+    package of some Pythons only."""
+    if extras := [extra for name, extra in _modules() if name == module]:
+        return _advice(str(module), extras[0])
+    pythons = published_for(module)
+    return f"{module} is not installed: that needs a Python for which it is published ({pythons})" if pythons else None
+
+
+def published_for(module: str | None) -> str | None:
+    """Return for which versions of Python rtstack brings a module, as pip spells it; None for one that all have."""
+    found = [re.match(r"([\w.-]+)[^;]*;\s*(python_version[^;]*)$", line) for line in requires("rtstack") or ()]
+    return next((match[2] for match in found if match and match[1].replace("-", "_") == module), None)
 
 
 def _advice(module: str, extra: str) -> str:

@@ -2,19 +2,23 @@
 
 import sys
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from hal.cell import Cell
 from hal.clock_relation import ClockRelation
 from hal.extras import require
-from hal.fci import FciPair, open_pair
 from hal.tracker import TrackerFrames
-from rtstack.cells.fci import approach_collisions, pad_tools
 from rtstack.cells.kinds import CellKind, CellRequest
-from rtstack.cells.robot_clock import RobotClock
 from rtstack.cells.simulator import Simulator
 from rtstack.model.cell_description import CellDescription
 from rtstack.trials.errors import TrialError
+
+# hal.fci brings pylibfranka, which not every Python has, and which a plant in this process does without
+if TYPE_CHECKING:
+    from hal.fci import FciPair
+    from rtstack.cells.robot_clock import RobotClock
 
 
 def plant_difference(cell_file: Path | None, object_name: str) -> str:
@@ -40,6 +44,11 @@ def _check(argument: str, _description: CellDescription, cell_file: Path | None)
 
     _profile(argument)
     plant_difference(cell_file, NO_OBJECT)  # a bad key of the plant's, of any object
+
+
+def _check_served(argument: str, description: CellDescription, cell_file: Path | None) -> None:
+    import_module("hal.fci")
+    _check(argument, description, cell_file)
 
 
 def _profile(argument: str) -> str:
@@ -101,7 +110,7 @@ def _tracker_frames(request: CellRequest) -> TrackerFrames:
 class _SimulatorLink:
     """Both arms of a simulator of our own: it ends with them."""
 
-    def __init__(self, pair: FciPair, simulator: Simulator, clock: RobotClock | None) -> None:
+    def __init__(self, pair: "FciPair", simulator: Simulator, clock: "RobotClock | None") -> None:
         self._pair = pair
         self._simulator = simulator
         self.start, self.move = pair.start, pair.move
@@ -119,6 +128,10 @@ class _SimulatorLink:
 
 def _served_cell(kind: str, simulator: Simulator, description: CellDescription, lockstep: bool) -> Cell:
     try:
+        from hal.fci import open_pair
+        from rtstack.cells.fci import approach_collisions, pad_tools
+        from rtstack.cells.robot_clock import RobotClock
+
         pair = open_pair(
             simulator.left, simulator.right, pad_tools(description), approach_collisions(description),
             shared_clock=lockstep,
@@ -142,4 +155,4 @@ def _served_cell(kind: str, simulator: Simulator, description: CellDescription, 
 
 
 direct = CellKind(_open_direct, _check, _simulated)
-served = CellKind(_open_served, _check, _simulated)
+served = CellKind(_open_served, _check_served, _simulated)

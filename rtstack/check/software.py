@@ -9,6 +9,7 @@ from pathlib import Path
 
 from packaging.requirements import Requirement
 
+from hal.extras import published_for
 from rtstack.check.finding import Finding, finding
 
 _LOG_BYTES = 1e6  # a second of a log, and a trial has some ten of them
@@ -55,6 +56,9 @@ def _tested(name: str) -> Finding:
         now = version(name)
     except PackageNotFoundError:
         now = "missing"
+        if pythons := published_for(name):
+            return Finding(name, now, "warn", f"install rtstack into a Python for which there is one ({pythons})",
+                           "no real arms, and no cells behind their protocol")  # fmt: skip
     return finding(name, now, now == tested, f"tested with {tested}: results may differ",
                    f"`pip install {name}=={tested}`")  # fmt: skip
 

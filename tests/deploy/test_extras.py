@@ -77,6 +77,22 @@ def test_a_page_needs_no_simulator_and_a_simulator_no_page(tmp_path: Path) -> No
     assert ended.returncode == 0, ended.stderr
 
 
+@pytest.mark.parametrize("cell", ["fci:127.0.0.1,127.0.0.2", "lockstep"])
+def test_a_python_without_the_vendors_client_is_told_of_one_that_has_it(cell: str, tmp_path: Path) -> None:
+    ended = run_without(["pylibfranka"], tmp_path, "up", "--port", "0", "--cell", cell)
+    assert ended.returncode == 2, ended.stderr
+    (line,) = ended.stderr.splitlines()
+    assert line.endswith(
+        'pylibfranka is not installed: that needs a Python for which it is published (python_version < "3.13")'
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_plant_in_the_process_does_without_the_vendors_client(tmp_path: Path) -> None:
+    ended = run_without(["pylibfranka"], tmp_path, "teach", "ref.mcap")
+    assert ended.returncode == 0, ended.stderr
+
+
 def test_a_module_of_no_extra_has_no_advice() -> None:
     assert advice("os") is None
     assert advice(None) is None
