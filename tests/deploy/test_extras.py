@@ -82,9 +82,8 @@ def test_a_python_without_the_vendors_client_is_told_of_one_that_has_it(cell: st
     ended = run_without(["pylibfranka"], tmp_path, "up", "--port", "0", "--cell", cell)
     assert ended.returncode == 2, ended.stderr
     (line,) = ended.stderr.splitlines()
-    assert line.endswith(
-        'pylibfranka is not installed: that needs a Python for which it is published (python_version < "3.13")'
-    )
+    assert "pylibfranka is not installed: that needs a Python for which it is published" in line
+    assert "3.13" in line
     assert list(tmp_path.iterdir()) == []
 
 
