@@ -1,11 +1,14 @@
 """The real server in a process of its own, in lockstep: nothing here depends on how busy the machine is."""
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import pytest
 
-from hal.fci import FciPair, open_pair
 from rtstack.cells.simulator import Simulator
+
+if TYPE_CHECKING:  # it brings pylibfranka, which not every Python has
+    from hal.fci import FciPair
 
 
 @pytest.fixture
@@ -17,8 +20,10 @@ def simulator() -> Iterator[Simulator]:
 
 
 @pytest.fixture
-def pair(simulator: Simulator) -> Iterator[FciPair]:
+def pair(simulator: Simulator) -> Iterator["FciPair"]:
     """Both arms of that server, idle."""
+    from hal.fci import open_pair
+
     pair = open_pair(simulator.left, simulator.right, shared_clock=True)
     yield pair
     pair.close()
