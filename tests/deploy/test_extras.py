@@ -79,7 +79,7 @@ def test_a_page_needs_no_simulator_and_a_simulator_no_page(tmp_path: Path) -> No
 
 @pytest.mark.parametrize("cell", ["fci:127.0.0.1,127.0.0.2", "lockstep"])
 def test_a_python_without_the_vendors_client_is_told_of_one_that_has_it(cell: str, tmp_path: Path) -> None:
-    ended = run_without(["pylibfranka"], tmp_path, "up", "--port", "0", "--cell", cell)
+    ended = run_without(["pylibfranka"], tmp_path, "up", "--port", "0", "--cell-kind", cell)
     assert ended.returncode == 2, ended.stderr
     (line,) = ended.stderr.splitlines()
     assert "pylibfranka is not installed: that needs a Python for which it is published" in line
