@@ -46,7 +46,11 @@ for package in sys.argv[1:]:
     if MODULES:
         for found in pkgutil.walk_packages(sys.modules[package].__path__, f"{package}."):
             if not found.name.endswith("__main__"):
-                importlib.import_module(found.name)
+                try:
+                    importlib.import_module(found.name)
+                except ModuleNotFoundError as error:  # the vendor's client is not published for every Python
+                    if error.name != "pylibfranka" or sys.version_info < (3, 13):
+                        raise
 after = state()
 print(json.dumps({name: [str(before[name]), str(after[name])] for name in before if before[name] != after[name]}))
 """

@@ -1,13 +1,16 @@
 """How the robot's time is the host's and Unix time, from the states' arrival: a topic of the log."""
 
 import time
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hal.clock_relation import ClockRelation
-from hal.fci import FciPair
 from rtstack.topics import CLOCK_TOPIC
+
+if TYPE_CHECKING:
+    from hal.fci import FciPair
 
 EVERY_NS = 100_000_000
 
@@ -17,7 +20,7 @@ class RobotClock:
 
     topic = CLOCK_TOPIC
 
-    def __init__(self, pair: FciPair, relation: ClockRelation) -> None:
+    def __init__(self, pair: "FciPair", relation: ClockRelation) -> None:
         """relation: of the robot's time (a) and time.monotonic_ns (b)."""
         self._pair, self._relation = pair, relation
         self._t_ns, self._said_ns = pair.left.t_ns, -EVERY_NS

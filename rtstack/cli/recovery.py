@@ -6,8 +6,6 @@ from pathlib import Path
 import typer
 
 from hal.errors import RecoveryRefused
-from hal.fci import open_pair
-from rtstack.cells.fci import fci_addresses
 from rtstack.live.client import RobotClient, RobotRefused, RobotUnreachable, running_stacks
 from rtstack.trials.errors import TrialError
 
@@ -44,6 +42,11 @@ def _recover_stack(socket: Path) -> None:
 
 
 def _recover_pair(kind: str) -> None:
+    from hal.fci import (
+        open_pair,
+    )  # and with it pylibfranka, which not every Python has, and a stack's recovery does without
+    from rtstack.cells.fci import fci_addresses
+
     pair = open_pair(*fci_addresses(kind))
     try:
         for arm in (pair.left, pair.right):

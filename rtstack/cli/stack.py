@@ -9,7 +9,6 @@ import typer
 
 from hal.extras import require
 from rtstack.cells import load_description, with_profile
-from rtstack.cells.fci import fci_addresses
 from rtstack.live.source import described_as
 from rtstack.live.stack import LOOPBACK, StackError, StackSettings, listen, run_stack
 from rtstack.live.standalone import MAILBOX, find_rings
@@ -62,6 +61,8 @@ def chosen_kind(kind: str | None, left: str | None, right: str | None, profile: 
         raise TrialError("two arms have two addresses: give --left and --right, or neither for the simulated cell")
     if left is None:
         return with_profile("direct", profile)
+    from rtstack.cells.fci import fci_addresses  # and with it pylibfranka, which not every Python has
+
     fci_addresses(kind := f"fci:{left},{right}")
     return with_profile(kind, profile)
 

@@ -92,6 +92,25 @@ def test_a_plant_in_the_process_does_without_the_vendors_client(tmp_path: Path) 
     assert ended.returncode == 0, ended.stderr
 
 
+def test_only_the_wire_needs_the_vendors_client(tmp_path: Path) -> None:
+    program = """
+import sys
+sys.modules["pylibfranka"] = None
+import importlib, pkgutil, console, hal, rtstack, sim_robot
+for package in (console, hal, rtstack, sim_robot):
+    for found in pkgutil.walk_packages(package.__path__, package.__name__ + ".", onerror=lambda name: None):
+        try:
+            found.name.endswith("__main__") or importlib.import_module(found.name)
+        except ModuleNotFoundError as error:
+            assert error.name == "pylibfranka", error
+            print(found.name)
+"""
+    said = subprocess.run(
+        [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True, timeout=120.0
+    )
+    assert said.stdout.split() == ["hal.fci", "rtstack.cells.fci"]
+
+
 def test_a_module_of_no_extra_has_no_advice() -> None:
     assert advice("os") is None
     assert advice(None) is None
