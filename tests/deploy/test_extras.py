@@ -111,6 +111,23 @@ for package in (console, hal, rtstack, sim_robot):
     assert said.stdout.split() == ["hal.fci", "rtstack.cells.fci"]
 
 
+def test_a_system_without_libgomp_is_told_the_package(tmp_path: Path) -> None:
+    program = """
+import sys
+class Linker:
+    def find_spec(self, name, path=None, target=None):
+        if name == "proxsuite":
+            raise ImportError("libgomp.so.1: cannot open shared object file: No such file or directory")
+sys.meta_path.insert(0, Linker())
+sys.argv = ["rtstack", "teach", "ref.mcap"]
+from rtstack.cli import main
+main()
+"""
+    ended = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=120.0)
+    assert (ended.returncode, ended.stderr.count("\n")) == (2, 1)
+    assert ended.stderr.endswith("apt-get install libgomp1\n")
+
+
 def test_a_module_of_no_extra_has_no_advice() -> None:
     assert advice("os") is None
     assert advice(None) is None
