@@ -5,6 +5,8 @@ import os
 import socket
 import subprocess
 import sys
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 
 import pytest
@@ -74,8 +76,24 @@ def test_a_package_that_is_not_the_tested_one_is_told(monkeypatch, tmp_path):
     monkeypatch.setattr(software, "version", lambda name: "0.0.1")
     found = {finding.name: finding for finding in software_findings(tmp_path)}
     assert found["mujoco"].verdict == "warn"
+    import_module("pylibfranka")  # the one whose version is pinned; not every Python has it
     assert found["packages"].verdict == "fail"
     assert "pylibfranka 0.0.1 is not ==" in found["packages"].value
+
+
+def test_what_is_not_published_for_this_python_is_told_with_what_it_costs(monkeypatch, tmp_path):
+    from rtstack.check import software
+
+    def version(name: str) -> str:
+        if name == "pylibfranka":
+            raise PackageNotFoundError(name)
+        return versions_tested()[name]
+
+    monkeypatch.setattr(software, "version", version)
+    found = next(finding for finding in software_findings(tmp_path) if finding.name == "pylibfranka")
+    assert (found.value, found.verdict) == ("missing", "warn")
+    assert "no real arms" in found.cost
+    assert 'python_version < "3.13"' in found.advice
 
 
 def test_a_file_is_no_folder_of_logs(tmp_path):

@@ -30,7 +30,6 @@ from rtstack.loop.watchdogs import (
     FirstTorque,
     Heartbeat,
     TickOverrun,
-    WatchdogTrip,
 )
 from rtstack.safety.judge import Judgement
 from rtstack.samples import Level, QpStatus
@@ -373,7 +372,9 @@ def test_a_disk_that_is_full_stops_the_arms(stage, log):
 def test_a_log_that_says_that_it_failed_is_seen_at_once(log):
     assert log[0].trip() is None
     log[0].rings.fail("No space left on device")
-    assert log[0].trip() == WatchdogTrip(End.LOG_FAILED, "No space left on device")
+    trip = log[0].trip()
+    assert trip is not None  # not compared whole: since Python 3.13 a NaN in it makes it differ from its equal
+    assert (trip.end, trip.detail) == (End.LOG_FAILED, "No space left on device")
 
 
 @dataclass
