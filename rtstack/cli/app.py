@@ -69,9 +69,8 @@ def _explain(error: Exception) -> int:
         return _say(f"{usage()} (see --help)", BAD_INPUT)
     if isinstance(error, ModuleNotFoundError) and (lacking := advice(error.name)):
         return _say(lacking, BAD_INPUT)
-    if isinstance(error, ImportError) and "libgomp.so.1" in str(
-        error
-    ):  # proxsuite and Pinocchio link it: a bare system may have none
+    # proxsuite and Pinocchio link it, and a bare system may have none
+    if isinstance(error, ImportError) and "libgomp.so.1" in str(error):
         return _say("the system's package of libgomp.so.1 is missing: apt-get install libgomp1", BAD_INPUT)
     if isinstance(error, TrialError | LogError | ConfigurationError | HardwareError | ExtensionError):
         return _say(str(error), BAD_INPUT)

@@ -42,9 +42,8 @@ def _recover_stack(socket: Path) -> None:
 
 
 def _recover_pair(kind: str) -> None:
-    from hal.fci import (
-        open_pair,
-    )  # and with it pylibfranka, which not every Python has, and a stack's recovery does without
+    # and with it pylibfranka, which not every Python has, and a stack's recovery does without
+    from hal.fci import open_pair
     from rtstack.cells.fci import fci_addresses
 
     pair = open_pair(*fci_addresses(kind))
