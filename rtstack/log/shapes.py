@@ -4,6 +4,8 @@ The solids hang in the frames of /tf and move with them, so that they are said o
 late; only the arrows are new at each instant.
 """
 
+import math
+
 import numpy as np
 from foxglove.messages import (
     ArrowPrimitive,
@@ -98,7 +100,7 @@ class Forces:
             face = known.records["O_T_EE"][:, :3, 3] @ T[:3, :3].T + T[:3, 3]
             force = known.records["O_F_ext_hat_K"][:, :3] @ T[:3, :3].T
             for row, p, F in zip(known.rows.tolist(), face, force, strict=True):
-                newton = float(np.linalg.norm(F))
+                newton = math.hypot(*F)
                 shown = newton >= LEAST_N
                 arrows = [_arrow(side, p, F, newton)] if shown else []
                 entities[row].append(
@@ -115,8 +117,9 @@ def _arrow(side: str, start: NDArray[np.float64], force: NDArray[np.float64], ne
     x, y, z = (force / newton).tolist()
     # the shortest turn from +x, along which an arrow points, to the force; from -x half a turn about z
     w, turned = 1.0 + x, (0.0, -z, y)
-    q = np.array((w, *turned)) if w > 1e-9 else np.array((0.0, 0.0, 0.0, 1.0))
-    qw, qx, qy, qz = (q / np.linalg.norm(q)).tolist()
+    q = (w, *turned) if w > 1e-9 else (0.0, 0.0, 0.0, 1.0)
+    norm = math.sqrt(sum(part * part for part in q))  # not by BLAS, whose last bit is the processor's
+    qw, qx, qy, qz = (part / norm for part in q)
     px, py, pz = start.tolist()
     pose = Pose(position=Vector3(x=px, y=py, z=pz), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
     red, green, blue = _FORCE_COLOURS[side]

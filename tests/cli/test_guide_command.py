@@ -34,6 +34,7 @@ def run(*words: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_a_hand_leads_an_arm_back_over_the_wire(tmp_path):
+    pytest.importorskip("pylibfranka")  # not every Python has it
     # home has joint 1 of the left arm at -0.302 rad: this cell begins at -0.25
     narrow = "q_lower = [-0.25, -1.7, -2.9, -3.0, -2.8, 0.55, -3.0]\n[tracker]"
     (tmp_path / "narrow.toml").write_text(default_cell_file().read_text().replace("[tracker]", narrow, 1))
