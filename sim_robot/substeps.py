@@ -20,7 +20,7 @@ from sim_robot.near_geoms import look, look_at_all, note_motion
 
 _LIBRARY = next(Path(mujoco.__file__).parent.glob("libmujoco.so.*"))
 llvmlite.binding.load_library_permanently(str(_LIBRARY))
-# mujoco's package has each part of a step read the clock, 80 times a millisecond, for timers that nobody looks at
+# mujoco's package has each part of a step read the clock, 80 times a millisecond, for timers that are not used here
 ctypes.c_void_p.in_dll(ctypes.CDLL(str(_LIBRARY)), "mjcb_time").value = None
 _mj_step = types.ExternalFunction("mj_step", types.void(types.intp, types.intp))
 
