@@ -55,7 +55,7 @@ def detector(camera: TagCamera) -> Callable[[NDArray[np.uint8]], dict[int, Array
 
     def find(picture: NDArray[np.uint8]) -> dict[int, Array]:
         corners, ids, _ = finder.detectMarkers(picture)
-        numbers = [] if ids is None else ids.ravel().tolist()
+        numbers: list[int] = [] if ids is None else [int(number) for number in ids.ravel()]
         found: dict[int, Array] = {}
         for number, four in zip(numbers, corners, strict=True):
             if numbers.count(number) > 1:
