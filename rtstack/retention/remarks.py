@@ -5,7 +5,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import Field, StrictBool, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
 
 from hal.configuration import STRICT
@@ -23,7 +23,7 @@ Tag = Annotated[str, Field(min_length=1, max_length=32, pattern=r"^[^\p{C}\p{Z},
 class Remarks:
     """starred: it stays, whatever is pruned. tags: words that group logs; note: a few lines of text."""
 
-    starred: bool = False
+    starred: StrictBool = False
     tags: Annotated[tuple[Tag, ...], Field(max_length=MOST_TAGS)] = ()
     note: Annotated[str, Field(max_length=2000)] = ""
 

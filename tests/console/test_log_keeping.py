@@ -69,7 +69,7 @@ def test_a_star_tags_and_a_note_stand_beside_the_log_and_are_found(keeper):
     log = keeper.served.logs / "log1.mcap"
     mark_reviewed(log, "anna")
     assert not may_go(log)  # a star keeps it
-    for wrong in ({"tags": ["two words"]}, {"tags": ["x"] * 17}, {"note": "n" * 2001}, {"stars": 3}):
+    for wrong in ({"tags": ["two words"]}, {"tags": ["x"] * 17}, {"note": "n" * 2001}, {"stars": 3}, {"starred": 0}):
         assert keeper.post(f"logs/{log_id}/remarks", **wrong).status_code == 422, wrong
     assert keeper.post(f"logs/{log_id}/remarks").json()["starred"] is False
     assert not beside.exists()  # nothing to say is no file
