@@ -10,7 +10,6 @@ import httpx
 import numpy as np
 import typer
 from websockets.exceptions import WebSocketException
-from websockets.sync.client import connect
 
 from console.authority import Authority
 from hal.displacement import Displacement
@@ -18,6 +17,7 @@ from hal.extensions import ExtensionError
 from rtstack.cameras.newest import Picture
 from rtstack.cells import load_description, open_cell
 from rtstack.cli.interrupt import interruptible
+from rtstack.cli.stream import Stream, open_stream
 from rtstack.log.writer import check_log_path
 from rtstack.loop.watchdogs import Parent
 from rtstack.teleoperation.policy import FASTEST_HZ, POLICIES, SLOWEST_HZ, Chunk, Observation, Policy
@@ -83,9 +83,7 @@ def run_at_console(name: str, rate_hz: float, address: str, token: str) -> None:
     url = address.replace("http", "ws", 1).rstrip("/") + f"/api/policy?rate_hz={rate_hz:g}"
     with closing(open_policy(name, rate_hz)) as policy, interruptible() as stop:
         try:
-            with connect(
-                url, additional_headers=headers, proxy=None, ssl=tls if url.startswith("wss") else None
-            ) as stream:
+            with open_stream(url, headers, tls) as stream:
                 said = ""
                 while not stop.stop_requested:
                     message = json.loads(stream.recv(_TIMEOUT_S))
@@ -99,7 +97,7 @@ def run_at_console(name: str, rate_hz: float, address: str, token: str) -> None:
             raise TrialError(f"the connection to {address} has broken: {error}") from None
 
 
-def answer(stream: Any, policy: Policy, shown: dict[str, Any]) -> None:
+def answer(stream: Stream, policy: Policy, shown: dict[str, Any]) -> None:
     """Have the policy answer one observation; where it has no answer, the console is sent one that it refuses."""
     arrays = {key: np.array(shown[key]) for key in _ARRAYS}
     pose = None if shown["object_pose"] is None else np.array(shown["object_pose"])

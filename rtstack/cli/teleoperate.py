@@ -10,12 +10,11 @@ from typing import Any
 import httpx
 import typer
 from websockets.exceptions import WebSocketException
-from websockets.sync.client import connect
-from websockets.sync.connection import Connection
 
 from console.authority import Authority
 from hal.extensions import ExtensionError
 from rtstack.cli.interrupt import interruptible
+from rtstack.cli.stream import Stream, open_stream
 from rtstack.live.protocol import JobState
 from rtstack.teleoperation.device import DEVICES, InputDevice
 from rtstack.teleoperation.stamp import Sender
@@ -53,12 +52,11 @@ class Operator:
         return answer.json()
 
     @contextmanager
-    def hand(self) -> Iterator[Connection]:
+    def hand(self) -> Iterator[Stream]:
         """Give the stream of hand messages; closing it lets go."""
         address = self._address.replace("http", "ws", 1).rstrip("/") + "/api/teleoperation/hand"
         try:
-            tls = self._tls if address.startswith("wss") else None
-            with connect(address, additional_headers=self._headers, proxy=None, ssl=tls) as stream:
+            with open_stream(address, self._headers, self._tls) as stream:
                 yield stream
         except (WebSocketException, OSError) as error:
             raise TrialError(f"the connection to {self._address} has broken: {error}") from None
@@ -99,7 +97,7 @@ def teleoperate(name: str, address: str, token: str, object_name: str, recorded:
         raise typer.Exit(FAILED)
 
 
-def hold(operator: Operator, stream: Connection, sender: Sender) -> None:
+def hold(operator: Operator, stream: Stream, sender: Sender) -> None:
     """Hold the clutch as soon as the arms have said where they are: what a device says before that would be lost."""
     until_s = time.monotonic() + TIMEOUT_S
     _told(stream, sender, {})  # nothing asked: the answer is the first picture
@@ -109,12 +107,12 @@ def hold(operator: Operator, stream: Connection, sender: Sender) -> None:
         time.sleep(PERIOD_S)
 
 
-def _told(stream: Connection, sender: Sender, message: dict[str, Any]) -> dict[str, Any]:
+def _told(stream: Stream, sender: Sender, message: dict[str, Any]) -> dict[str, Any]:
     stream.send(json.dumps(sender.stamped(message)))
     return sender.saw(json.loads(stream.recv(TIMEOUT_S)))
 
 
-def lead(operator: Operator, device: InputDevice, stream: Connection, sender: Sender, stop: Any) -> dict[str, Any]:
+def lead(operator: Operator, device: InputDevice, stream: Stream, sender: Sender, stop: Any) -> dict[str, Any]:
     """Pass on what the device says, 50 times a second, until it has finished. Returns the job."""
     beat_s, refused, beaten = -BEAT_S, "", None
     with ThreadPoolExecutor(1) as beside:  # a robot process that answers late must not hold the clutch up

@@ -14,7 +14,6 @@ from pathlib import Path
 import httpx
 import pytest
 from websockets.exceptions import InvalidStatus
-from websockets.sync.client import connect
 
 import console.sign_in
 from console.address import Address
@@ -22,6 +21,7 @@ from console.authority import Authority
 from console.sign_in import CODE_DIGITS, MAX_GUESSES, PAIRING_S, SignIn
 from console.tokens import Scope, Tokens
 from hal.configuration import ConfigurationError
+from rtstack.cli.stream import open_stream
 from rtstack.live.audit import AuditTrail
 
 COMMAND = Path(sys.executable).with_name("rtstack")
@@ -81,20 +81,22 @@ def test_a_client_that_trusts_the_authority_signs_in_and_is_told_of_it_in_the_te
         downgraded = headers | {"origin": secured.base.replace("https", "http")}
         assert client.post("/api/take", json={"operator": "anna"}, headers=downgraded).status_code == 403
         cookies = "; ".join(f"{name}={value}" for name, value in client.cookies.items())
-        with connect(
-            secured.base.replace("https", "wss") + "/live", ssl=secured.trusting, proxy=None,
-            additional_headers={"cookie": cookies}, origin=secured.base,  # pyright: ignore[reportArgumentType]
-        ) as live:  # fmt: skip
-            assert live.recv(timeout=60.0)
+        with open_stream(
+            secured.base.replace("https", "wss") + "/live",
+            {"cookie": cookies, "origin": secured.base},
+            secured.trusting,
+        ) as live:
+            assert live.recv(60.0)
         headset = client.get("/headset")  # no other site frames it, or gets a headset by it
         assert "frame-ancestors 'none'" in headset.headers["content-security-policy"]
         assert "xr-spatial-tracking=(self)" in headset.headers["permissions-policy"]
         for site in ("https://webxr.example", secured.base.replace("https", "http"), "null"):
-            with pytest.raises(InvalidStatus, match="403"):
-                connect(
-                    secured.base.replace("https", "wss") + "/api/teleoperation/hand", ssl=secured.trusting, proxy=None,
-                    additional_headers={"cookie": cookies}, origin=site,  # pyright: ignore[reportArgumentType]
-                )  # fmt: skip
+            hand = secured.base.replace("https", "wss") + "/api/teleoperation/hand"
+            with (
+                pytest.raises(InvalidStatus, match="403"),
+                open_stream(hand, {"cookie": cookies, "origin": site}, secured.trusting),
+            ):
+                pass
         invited = client.post("/api/invitations", json={"scope": "view"}, headers=headers).json()["address"]
         assert invited.startswith(f"{secured.base}/?token=")
         paired = client.post("/api/pairings", json={"scope": "view"}, headers=headers).json()
@@ -105,6 +107,16 @@ def test_a_client_that_trusts_the_authority_signs_in_and_is_told_of_it_in_the_te
     with secured.client() as late:
         assert late.get("/", params={"code": paired["code"]}).status_code == 403
         assert late.get("/api/me").status_code == 401
+
+
+def test_a_program_loses_no_connection_as_it_opens(secured: Secured) -> None:
+    """A client that reads and writes one TLS connection in two threads loses one of twenty, on a busy machine."""
+    for _ in range(100):
+        with (
+            pytest.raises(InvalidStatus, match="403"),
+            open_stream(secured.base.replace("https", "wss") + "/live", {}, secured.trusting),
+        ):
+            pass
 
 
 def test_a_connection_is_not_downgraded(secured: Secured) -> None:
