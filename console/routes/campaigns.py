@@ -31,7 +31,7 @@ from rtstack.messages import MESSAGE, NUMBER, StrictBool
 from rtstack.trials.controllers import ControllerName
 from rtstack.trials.errors import TrialError
 
-router = APIRouter(prefix="/api/campaigns", tags=["campaigns"], responses=problems(404, 409))
+router = APIRouter(prefix="/api", tags=["campaigns"], responses=problems(404, 409))
 
 _MOST_ROWS = 10_000
 # a report is a page of its own: its style and pictures are inside, and it may do nothing at all; of our origin, so that
@@ -117,13 +117,13 @@ class Adopted:
     log: str
 
 
-@router.get("")
+@router.get("/campaigns")
 def campaigns(parts: NeedsParts) -> CampaignsView:
     """Return the plans that can be started, and the campaigns that were, the newest first."""
     return CampaignsView(_plans(), tuple(parts.campaigns.views()), str(plan_folder()))
 
 
-@router.post("", status_code=201, responses=problems(503))
+@router.post("/campaigns", status_code=201, responses=problems(503))
 def start(order: CampaignOrder, session: NeedsSession, parts: NeedsParts) -> CampaignView:
     """Start a campaign here. Refused while another operator has control, or, without `nice`, with armed arms."""
     known = {plan.name: plan for plan in _plans()}
@@ -157,26 +157,26 @@ def keep(order: PlanOrder, parts: NeedsParts) -> PlanView:
     return _read(order.name, path, own=True)
 
 
-@router.get("/{campaign_id}")
+@router.get("/campaigns/{campaign_id}")
 def campaign(campaign_id: Id, parts: NeedsParts) -> CampaignView:
     """Return a campaign's state, progress, figures and claims."""
     return parts.campaigns.view(campaign_id)
 
 
-@router.post("/{campaign_id}/resume", responses=problems(503))
+@router.post("/campaigns/{campaign_id}/resume", responses=problems(503))
 def resume(campaign_id: Id, order: RunOrder, session: NeedsSession, parts: NeedsParts) -> CampaignView:
     """Run what is missing, under the same rules as a start."""
     _check(order.nice, session, parts)
     return parts.campaigns.resume(campaign_id, order.workers, NICEST if order.nice else NICENESS)
 
 
-@router.post("/{campaign_id}/cancel")
+@router.post("/campaigns/{campaign_id}/cancel")
 def cancel(campaign_id: Id, parts: NeedsParts) -> CampaignView:
     """End a campaign as at Ctrl-C: what it has stays, and it can be resumed. Everybody who is signed in."""
     return parts.campaigns.cancel(campaign_id)
 
 
-@router.get("/{campaign_id}/results")
+@router.get("/campaigns/{campaign_id}/results")
 def results(
     campaign_id: Id, parts: NeedsParts, limit: Annotated[int, Query(ge=1, le=_MOST_ROWS)] = 1000
 ) -> ResultsView:
@@ -189,7 +189,7 @@ def results(
     )
 
 
-@router.get("/{campaign_id}/csv", response_class=Response, responses=file_of("text/csv"))
+@router.get("/campaigns/{campaign_id}/csv", response_class=Response, responses=file_of("text/csv"))
 def table(campaign_id: Id, parts: NeedsParts) -> Response:
     """Send all results as CSV."""
     columns, rows = parts.campaigns.folder(campaign_id).rows(_MOST_ROWS)
@@ -204,7 +204,7 @@ def table(campaign_id: Id, parts: NeedsParts) -> Response:
     )
 
 
-@router.get("/{campaign_id}/report", response_class=FileResponse, responses=file_of("text/html"))
+@router.get("/campaigns/{campaign_id}/report", response_class=FileResponse, responses=file_of("text/html"))
 def report(campaign_id: Id, parts: NeedsParts) -> FileResponse:
     """Send the report, a page that may do nothing."""
     path = parts.campaigns.folder(campaign_id).report
@@ -213,7 +213,7 @@ def report(campaign_id: Id, parts: NeedsParts) -> FileResponse:
     return FileResponse(path, media_type="text/html", headers={"content-security-policy": REPORT_POLICY})
 
 
-@router.get("/{campaign_id}/figures/{figure_id}", response_class=FileResponse, responses=file_of("image/png"))
+@router.get("/campaigns/{campaign_id}/figures/{figure_id}", response_class=FileResponse, responses=file_of("image/png"))
 def figure(campaign_id: Id, figure_id: Id, parts: NeedsParts) -> FileResponse:
     """Send a figure as PNG."""
     path = parts.campaigns.folder(campaign_id).figures().get(figure_id)
@@ -222,7 +222,7 @@ def figure(campaign_id: Id, figure_id: Id, parts: NeedsParts) -> FileResponse:
     return FileResponse(path, media_type="image/png")
 
 
-@router.post("/{campaign_id}/logs/{row_id}")
+@router.post("/campaigns/{campaign_id}/logs/{row_id}")
 def adopt(campaign_id: Id, row_id: Id, parts: NeedsParts) -> Adopted:
     """Put the log behind a result among the logs, where it can be reviewed."""
     folder = parts.campaigns.folder(campaign_id)

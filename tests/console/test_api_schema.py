@@ -40,7 +40,7 @@ reference = {{ dictionary = "logs", probability = 0.7 }}
 signals = {{ dictionary = "signals", probability = 0.7 }}
 object = {{ dictionary = "objects", probability = 0.7 }}
 [[operations]]
-include-path-regex = "/api/(logs/.*|layouts/.*|queue/sweep.*|campaigns/plans)"
+include-path-regex = "/api/(logs/.*|layouts/.*|queue/sweep.*|plans)"
 [operations.checks]
 positive_data_acceptance.expected-statuses = ["2xx", 401, 403, 404, 409, 422]
 [[operations]]

@@ -207,7 +207,7 @@ def test_a_plan_of_the_users_own_is_kept_offered_and_run_by_its_name_as_on_the_c
     with served.signed_in() as (client, headers):
 
         def keep(**change):
-            return client.post("/api/campaigns/plans", json={**order, **change}, headers=headers)
+            return client.post("/api/plans", json={**order, **change}, headers=headers)
 
         for change, status, says in (
             ({"name": "../etc"}, 422, "name"), ({"name": "reference-spreading"}, 409, "name: reference"),

@@ -88,7 +88,7 @@ class Page {
 
   async keepPlan(form) {
     try {
-      const plan = await post("/api/campaigns/plans", valuesOf(form, ["controllers", "objects"]));
+      const plan = await post("/api/plans", valuesOf(form, ["controllers", "objects"]));
       showRefusal(form, null);
       await this.refresh();
       this.form.elements.name.value = plan.name;
