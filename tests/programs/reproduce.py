@@ -15,13 +15,14 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
 from hal.files import write_whole
+from rtstack.experiments.claims import ClaimStatus
 from rtstack.experiments.report import NUMBERS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -41,6 +42,7 @@ CAMPAIGNS = {  # in the order of the papers
 # what takes longer than the rest together, sampled as it may be
 NOT_IN_THE_SAMPLE = ("reference-spreading", "reference-spreading-sensitivity", "impact-map-sensitivity")
 DOCUMENTS = "documents"
+NOMINAL = "nominal"  # the condition of which the others of a sensitivity campaign are departures
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,13 +127,34 @@ def page(options: argparse.Namespace, ended: Mapping[str, Step]) -> str:
 
 
 def _claims(report: Mapping) -> list[str]:
+    """Return a table of claims; of conditions that differ from the one named nominal on purpose, only the verdicts."""
+    conditions, beside = report["conditions"], []
+    if len(conditions) > 1 and conditions[0]["name"] == NOMINAL:
+        conditions, beside = conditions[:1], conditions[1:]
     lines = ["| where | claimed | came out | | why |", "|---|---|---|---|---|"]
-    for condition in report["conditions"]:
+    for condition in conditions:
         for claim in condition["claims"]:
-            where = f"{condition['name']}: {claim['where']}" if len(report["conditions"]) > 1 else claim["where"]
-            words = (where, claim["claim"], claim["figures"], claim["verdict"], claim["why"])
-            lines.append("| " + " | ".join(str(word).replace("|", "\\|").replace("\n", " ") for word in words) + " |")
-    return lines if len(lines) > 2 else ["Its report has tables and figures, and no claim of the paper's."]
+            where = f"{condition['name']}: {claim['where']}" if len(conditions) > 1 else claim["where"]
+            why = "" if claim["verdict"] == ClaimStatus.HOLDS else claim["why"]
+            lines.append(_line(where, claim["claim"], claim["figures"], claim["verdict"], why))
+    if len(lines) == 2:
+        return ["Its report has tables and figures, and no claim of the paper's."]
+    return lines + (["", *_verdicts(beside)] if beside else [])
+
+
+def _verdicts(conditions: Sequence[Mapping]) -> list[str]:
+    """Return for each condition how many claims hold, and which do not."""
+    lines = ["| beside it, on purpose | claims that hold | that do not, or cannot be told |", "|---|---|---|"]
+    for condition in conditions:
+        claims = condition["claims"]
+        others = [claim for claim in claims if claim["verdict"] not in (ClaimStatus.HOLDS, ClaimStatus.WITHIN)]
+        words = "; ".join(f"{claim['where']}: {claim['claim']} ({claim['verdict']})" for claim in others)
+        lines.append(_line(condition["name"], f"{len(claims) - len(others)} of {len(claims)}", words))
+    return lines
+
+
+def _line(*words: str) -> str:
+    return "| " + " | ".join(str(word).replace("|", "\\|").replace("\n", " ") for word in words) + " |"
 
 
 def main() -> int:

@@ -16,13 +16,13 @@ def judge(run: ArmRun, rows: Sequence[Row]) -> list[Claim]:
     found = {name: bands(rows, name) for name in run.study.tunings}
     claims: list[Claim] = []
     for name, column in run.columns.items():
-        claims += _of_tuning(run, f"Figure 8({name})", column, found[name])
+        claims += _of_tuning(run, f"Figure 8({name})", column, found[name], _at_angles(rows, name, found[name]))
     last = list(found)[-1]
     return [
         *claims,
         growing("IV-B", found),
         _one_sided(run, f"Figure 8({last})", found[last]),
-        *(_asymmetric(run, f"Figure 8({name})", each) for name, each in found.items()),
+        *(_asymmetric(run, f"Figure 8({name})", each, _at_angles(rows, name, each)) for name, each in found.items()),
     ]
 
 
@@ -32,7 +32,22 @@ def difference_deg(found: Bands) -> float | None:
     return None if below is None or above is None else abs(abs(below) - abs(above))
 
 
-def _of_tuning(run: ArmRun, where: str, column: ArmColumn, found: Bands) -> list[Claim]:
+def _at_angles(rows: Sequence[Row], tuning: str, found: Bands) -> str:
+    """Say which approach angles disagree at the inclinations that are neither always nor never expected."""
+    words = []
+    for inclination, share in found.shares.items():
+        if not 0.0 < share < 1.0:
+            continue
+        here = [row for row in rows if row["inclination_deg"] == inclination]
+        counts = []
+        for angle in sorted({row["approach_deg"] for row in here}):
+            said = [row[f"verdict_{tuning}"] == "expected" for row in here if row["approach_deg"] == angle]
+            counts.append(f"{sum(said)} of {len(said)} at {angle:g} deg")
+        words.append(f"at {inclination:g} deg {', '.join(counts)}")
+    return f"The approach angle decides. Expected {'; '.join(words)}." if words else ""
+
+
+def _of_tuning(run: ArmRun, where: str, column: ArmColumn, found: Bands, why: str) -> list[Claim]:
     limits, always = run.study.claims, found.always
     near = always is not None and all(
         abs(edge - wanted) <= limits.within_deg for edge, wanted in zip(always, column.band, strict=True)
@@ -45,6 +60,7 @@ def _of_tuning(run: ArmRun, where: str, column: ArmColumn, found: Bands) -> list
             f"{band_words(column.band)} always expected (within {limits.within_deg:g} deg)",
             band_words(always),
             verdict_of(near),
+            why,
         ),
         Claim(
             where,
@@ -52,6 +68,7 @@ def _of_tuning(run: ArmRun, where: str, column: ArmColumn, found: Bands) -> list
             f"{width_words(widths[0])} and {width_words(widths[1])}; sometimes expected are {sometimes}"
             + "; nothing is always expected" * (always is None),
             verdict_of(max(widths) <= limits.ambiguity_deg) if always is not None else ClaimStatus.UNDECIDED,
+            why,
         ),
         Claim(
             where,
@@ -72,11 +89,11 @@ def _one_sided(run: ArmRun, where: str, found: Bands) -> Claim:
     return Claim(where, says, band_words(found.always), verdict_of(holds))
 
 
-def _asymmetric(run: ArmRun, where: str, found: Bands) -> Claim:
+def _asymmetric(run: ArmRun, where: str, found: Bands, why: str) -> Claim:
     says = "what is neither always nor never expected reaches further on one side than on the other"
     by = difference_deg(found)
     if by is None:
         return Claim(where, says, "it has no end on one side", ClaimStatus.UNDECIDED)
     below, above = found.never
     ours = f"never from {edge_words(below)} and from {edge_words(above)} deg on: {by:g} deg further on one side"
-    return Claim(where, says, ours, verdict_of(by >= run.study.claims.asymmetry_deg))
+    return Claim(where, says, ours, verdict_of(by >= run.study.claims.asymmetry_deg), why)

@@ -149,7 +149,14 @@ def _claims(summary: Summary) -> list[Claim]:
     unknown = ClaimStatus.UNDECIDED
     return [
         Claim("mark", f"at least {100.0 * WANTED_FOUND:g} % of the faults are found", _share(found),
-              unknown if found is None else verdict_of(found.mean >= WANTED_FOUND)),
+              unknown if found is None else verdict_of(found.mean >= WANTED_FOUND), _missed(summary)),
         Claim("mark", f"at most {100.0 * WANTED_FALSE:g} % of the good grabs are false alarms", _share(alarms),
               unknown if alarms is None else verdict_of(alarms.mean <= WANTED_FALSE)),
     ]  # fmt: skip
+
+
+def _missed(summary: Summary) -> str:
+    """Say which faults of the mark were not found, and whether the grab succeeded all the same."""
+    missed = [finding for finding in summary.wrong if finding.fault is not None and finding.fault not in FURTHER]
+    grabs = "; ".join(f"{each.fault}, a grab that {'succeeded' if each.success else 'failed'}" for each in missed)
+    return f"Not found: {grabs}." if missed else ""
