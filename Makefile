@@ -14,10 +14,11 @@ SAFETY_TESTS := $(filter-out %_plant.py,$(wildcard tests/safety/test_*.py))
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-12s %s\n", $$1, $$2}'
 
+# --no-compile: what is used compiles itself as it is used
 $(STAMP): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or newer is needed: make run PYTHON=/path/to/python3.11" >&2; exit 2; }
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[all,dev,docs,meshes]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt -e '.[all,dev,docs,meshes]'
 	@touch $@
 
 setup: $(STAMP)  ## install everything into .venv
@@ -27,7 +28,7 @@ run: setup  ## install, then start the whole stack with the simulated cell
 
 # those against the clock after the others, whatever came of these
 test: setup  ## all tests, in a real Chromium too (Debian: apt-get install chromium)
-	@status=0; $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --durations 8 -m 'not realtime and not long and not alone' || status=$$?; \
+	@status=0; $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder --durations 8 -m 'not realtime and not long and not alone' || status=$$?; \
 	    $(BIN)/python -m pytest --durations 8 -m 'alone and not realtime and not long' $(ALONE) || status=$$?; exit $$status
 
 long: setup  ## the tests that take minutes: campaigns killed and cut off, a sample of the fault matrix, more widths of the pages

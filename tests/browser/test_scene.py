@@ -110,6 +110,7 @@ def test_what_was_chosen_stays_chosen(console):
     page.select_option("#trial select[name=object]", index=0)
 
 
+@pytest.mark.long
 def test_the_camera_goes_where_it_is_sent_and_the_scene_grows_without_covering_stop(console):
     page = console.page
     first = in_scene(page, CAMERA)

@@ -33,6 +33,7 @@ def run(*words: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.long
 def test_a_hand_leads_an_arm_back_over_the_wire(tmp_path):
     pytest.importorskip("pylibfranka")  # not every Python has it
     # home has joint 1 of the left arm at -0.302 rad: this cell begins at -0.25

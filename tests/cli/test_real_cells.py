@@ -149,6 +149,7 @@ def test_they_move_while_the_space_bar_is_held_and_stop_when_it_is_let_go(real, 
 
 
 @pytest.mark.alone
+@pytest.mark.long
 def test_check_holds_them_while_the_space_bar_is_held(real):
     path, kind = real
     left, right = kind.removeprefix("fci:").split(",")

@@ -255,6 +255,7 @@ def test_a_lost_arm_is_said_and_a_recovery_opens_the_cell_again(robot):
     assert len(robot.opened) == 2
 
 
+@pytest.mark.long  # tests/browser/test_operate does both by the page
 def test_a_demonstration_then_a_trial_in_a_fresh_cell_each(robot):
     robot.order(replace(DEMONSTRATION, object="parcel", variation=1, seed=5))
     with pytest.raises(Refused, match="running"):

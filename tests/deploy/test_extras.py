@@ -61,6 +61,7 @@ def test_a_headless_runner_needs_none_of_them(tmp_path: Path) -> None:
     assert "installed" not in ended.stderr
 
 
+@pytest.mark.long
 def test_a_page_needs_no_simulator_and_a_simulator_no_page(tmp_path: Path) -> None:
     ended = run_without(
         EXTRAS["sim"],
@@ -94,6 +95,7 @@ def test_a_plant_in_the_process_does_without_the_vendors_client(tmp_path: Path) 
     assert ended.returncode == 0, ended.stderr
 
 
+@pytest.mark.long
 def test_only_the_wire_needs_the_vendors_client(tmp_path: Path) -> None:
     program = """
 import sys

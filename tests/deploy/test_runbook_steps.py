@@ -29,7 +29,7 @@ MORE = {"guide": ("--seconds=0.3",), "calibrate": ("--seconds=0.3",)}
 # what a page takes for granted: it begins with arms that are unlocked
 BEGINS_READY = ("calibration.md", "recovery.md", "upgrade.md")
 # whose commands stand on the other pages too
-LONG = ("calibration.md", "daily.md", "upgrade.md")
+LONG = ("calibration.md", "daily.md", "first_power_on.md", "upgrade.md")
 
 
 def commands(page: Path) -> list[str]:

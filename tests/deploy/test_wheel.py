@@ -134,6 +134,7 @@ def test_the_stack_comes_up_with_its_pages_and_models(installed: dict[str, str],
         assert "rice_box" in client.get("/api/status").json()["objects"]
 
 
+@pytest.mark.long
 def test_a_demonstration_is_recorded_without_a_clone(installed: dict[str, str], tmp_path: Path) -> None:
     taught = rtstack(installed, tmp_path, "teach", "ref.mcap")
     assert taught.returncode == 0, taught.stderr
@@ -150,6 +151,7 @@ def test_the_command_line_offers_a_packages_controller(
         assert ("joint_tracking" in refused.stderr) is offered
 
 
+@pytest.mark.long
 def test_a_packages_controller_grabs_the_box(extended: dict[str, str], reference: Path, tmp_path: Path) -> None:
     """Through the same judge, log and result as ours; which package it was stands in the log."""
     asked = ("trial", "--reference", reference, "--controller", "joint_tracking", "--log", "trial.mcap", "--json")

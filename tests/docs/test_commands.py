@@ -25,7 +25,7 @@ NOT_RUN = {
     "on a desktop": 2,
 }
 # whose commands take long, and are those of tests/cli and tests/deploy too
-LONG = ("docs/howto/cell.md", "docs/howto/desk.md", "docs/howto/robot.md")
+LONG = ("docs/howto/cell.md", "docs/howto/desk.md", "docs/howto/policy.md", "docs/howto/robot.md")
 
 
 def _uses(page: Path) -> list[Block]:

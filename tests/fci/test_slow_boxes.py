@@ -34,7 +34,8 @@ def _hold(pair: FciPair) -> None:
 
 
 @pytest.mark.alone
-@pytest.mark.parametrize("profile", [pytest.param("honest", marks=pytest.mark.long), "harsh"])
+@pytest.mark.long
+@pytest.mark.parametrize("profile", ["honest", "harsh"])
 def test_starts_and_stops_of_one_arm_cost_the_other_one_nothing(profile) -> None:
     with serve("--profile", profile, "--slower", str(SLOWER)) as served:
         pair = open_pair(served.left, served.right)

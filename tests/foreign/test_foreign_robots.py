@@ -207,6 +207,7 @@ def played(robot, cell_file, command_line, tmp_path, described) -> Callable[[Pat
     return play
 
 
+@pytest.mark.long
 def test_a_recording_is_played(demonstration, played) -> None:
     played(demonstration.path)
 

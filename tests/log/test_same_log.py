@@ -17,8 +17,9 @@ def trial(reference: Path, log: Path, cell: str) -> None:
 
 
 @pytest.mark.alone
+@pytest.mark.long
 @pytest.mark.timeout(1200)
-@pytest.mark.parametrize("kind", ["direct", pytest.param("lockstep", marks=pytest.mark.long)])
+@pytest.mark.parametrize("kind", ["direct", "lockstep"])
 def test_the_same_command_gives_the_same_messages_quiet_and_loaded(kind: str, demonstration, tmp_path: Path) -> None:
     quiet, loaded = tmp_path / "quiet.mcap", tmp_path / "loaded.mcap"
     trial(demonstration.path, quiet, kind)
