@@ -12,6 +12,7 @@ import pytest
 
 from hal.cell import Cell
 from hal.collisions import CollisionBehaviour
+from hal.fci.pair import STALE_IN_LOCKSTEP_S
 from rtstack.cells import default_cell_file, open_cell
 from rtstack.cells.simulator import Simulator
 from rtstack.control.watch import FREE_AFTER_S
@@ -204,7 +205,8 @@ def as_told(behaviour: CollisionBehaviour) -> tuple[list[float], list[float]]:
     return list(behaviour.collision_torques), list(behaviour.collision_forces)
 
 
-def test_the_thresholds_on_the_wire_are_those_of_the_next_motion(cell, demonstration, relays):
+def test_the_thresholds_on_the_wire_are_those_of_the_next_motion(cell, demonstration, relays, monkeypatch):
+    monkeypatch.setattr("hal.fci.pair.STALE_S", STALE_IN_LOCKSTEP_S)  # nothing is late in lockstep, but this machine
     simulator, *both = relays
     host, port = simulator.tracker.address
     simulator.tracker.close()

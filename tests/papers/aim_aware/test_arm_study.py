@@ -104,7 +104,7 @@ def _rows(edges: dict[str, tuple[float, float]], some: dict[str, tuple[float, fl
     rows = []
     for deg in np.arange(-20.0, 21.0, 2.0):
         for case in range(2):
-            row: dict[str, float | str] = {"inclination_deg": float(deg)}
+            row: dict[str, float | str] = {"inclination_deg": float(deg), "approach_deg": 100.0 + 10.0 * case}
             for name, (low, high) in edges.items():
                 wide = some[name] if some and case else (low, high)
                 row[f"verdict_{name}"] = "expected" if wide[0] <= deg <= wide[1] else "unexpected"
