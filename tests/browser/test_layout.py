@@ -12,7 +12,9 @@ WATCH = """() => {
   window.shifts = [];
   new PerformanceObserver((list) => {
     for (const shift of list.getEntries()) {
-      const what = shift.sources.map(({node, previousRect, currentRect}) => `${node?.nodeName}#${node?.id ?? ''} `
+      const moved = shift.sources.filter(({previousRect: p, currentRect: c}) => p.x !== c.x || p.y !== c.y);
+      if (!moved.length) continue; // in its place, to the pixel: it became wider
+      const what = moved.map(({node, previousRect, currentRect}) => `${node?.nodeName}#${node?.id ?? ''} `
         + `"${(node?.textContent ?? '').trim().slice(0, 30)}" ${previousRect.x},${previousRect.y} -> ${currentRect.x},${currentRect.y}`);
       window.shifts.push([shift.value, ...what]);
     }
