@@ -12,6 +12,7 @@ pytestmark = pytest.mark.browser
 PATIENCE_MS = 60_000
 
 
+@pytest.mark.long
 def test_a_token_is_made_used_and_revoked_and_a_viewer_is_invited(browser, tmp_path):
     with serve_console(tmp_path) as served:
         context = browser.new_context(base_url=served.base, permissions=["clipboard-read", "clipboard-write"])

@@ -48,11 +48,11 @@ def stage(browser, demonstration, tmp_path_factory):
 @pytest.mark.parametrize(
     ("address", "tab", "width", "height"),
     [
-        ("/", "#tab-hand", 1280, 720),
+        pytest.param("/", "#tab-hand", 1280, 720, marks=pytest.mark.long),
         pytest.param("/", "#tab-demonstration", 1280, 720, marks=pytest.mark.long),
-        pytest.param("/", "#tab-trial", 1280, 720, marks=pytest.mark.long),
+        ("/", "#tab-trial", 1280, 720),
         pytest.param("/", "#tab-trial", 1920, 1080, marks=pytest.mark.long),
-        ("/", "#tab-trial", 390, 844),
+        pytest.param("/", "#tab-trial", 390, 844, marks=pytest.mark.long),
         pytest.param("/trials", "", 1280, 720, marks=pytest.mark.long),
         pytest.param("/trials", "", 820, 1180, marks=pytest.mark.long),
         pytest.param("/logs", "", 1280, 720, marks=pytest.mark.long),

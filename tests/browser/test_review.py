@@ -313,6 +313,7 @@ def box_of(locator):
     return box
 
 
+@pytest.mark.long
 def test_logs_over_a_log_differences_references_and_layouts(page, logs):
     """Four logs over one, the same one a second time is none; what is drawn is what the logs have."""
     for name in ("third", "fourth", "fifth"):
@@ -358,6 +359,7 @@ def test_logs_over_a_log_differences_references_and_layouts(page, logs):
     open_log(page, "first.mcap", "?signals=left.force_norm,left.tau_J.4")
 
 
+@pytest.mark.long
 def test_a_compared_log_that_ends_earlier_says_so_and_long_legends_hide_no_curve(page, logs):
     before = page.url
     page.set_viewport_size({"width": 1280, "height": 720})
@@ -384,6 +386,7 @@ def first_impact_s(log):
 
 
 def test_what_is_on_the_screen_comes_down(page, logs, tmp_path):
+    open_log(page, "first.mcap", "?signals=left.force_norm,left.tau_J.4")
     for suffix in ("pdf", "svg", "png", "csv", "mcap"):
         expect(page.locator(f"#{suffix}")).to_have_attribute("href", re.compile("^/api/logs/"))
         with page.expect_download() as download:

@@ -26,7 +26,18 @@ def stage(browser, demonstration, tmp_path_factory):
 TYPED = "[...document.querySelectorAll('input, textarea')].map((field) => field.value).join('|')"
 
 
-@pytest.mark.parametrize("way", WAYS, ids=str)
+# what differs from another way by its width alone, or by one more field
+MORE = (
+    ("/trials", "#past-failures"), ("/campaigns", "#start input[name=workers]"), ("/logs", "#kind"),
+    ("/recordings/{log}", "#impact"), ("/access", "body"), ("/logs/0000000000000000", "body"), ("/", "#event"),
+    ("/logs/{log}", "body"),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "way",
+    [pytest.param(way, marks=pytest.mark.long if (way.page, way.focus) in MORE else [], id=str(way)) for way in WAYS],
+)
 def test_stop_arrives(stage, way):
     page = stage.page
     come_to(page, way, stage.served.base, stage.ids)

@@ -204,6 +204,7 @@ def test_progress_without_a_terminal_is_a_line_now_and_then(capsys):
     assert len(said) == 5
 
 
+@pytest.mark.long
 def test_a_log_becomes_a_picture_that_moves(trial, tmp_path):
     target = tmp_path / "grab.webp"
     asked = ("plot", trial, "--output", target, "--from", "1.2", "--to", "1.35")

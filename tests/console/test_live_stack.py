@@ -159,6 +159,7 @@ def test_when_one_dies_in_a_motion_it_says_which_and_ends_everything(stack, modu
         assert log_of(stack).metadata["result"]["failure_reason"].startswith(end)
 
 
+@pytest.mark.long
 def test_a_supervisor_that_is_killed_in_a_motion_leaves_nothing_and_the_next_one_starts(stack):
     port = int(stack.line.split(":")[-1].split("/")[0])
     run = stack.run

@@ -79,9 +79,9 @@ class Running:
     ("fault", "said", "right"),
     [
         ("object_lost", "anna pressed STOP", True),
-        ("object_lost", "anna asked for a recovery", False),
+        pytest.param("object_lost", "anna asked for a recovery", False, marks=pytest.mark.long),
         ("joint_reflex", "anna asked for a recovery", True),
-        ("tracker_lost", "anna pressed STOP", False),
+        pytest.param("tracker_lost", "anna pressed STOP", False, marks=pytest.mark.long),
     ],
 )
 def test_what_the_operator_did_is_timed_and_judged(served, fault, said, right):

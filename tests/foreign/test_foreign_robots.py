@@ -34,7 +34,7 @@ from rtstack.trials.start_motion import start_motion
 from rtstack.trials.teleoperation import run_teleoperation
 from tests.support.foreign_robot import ForeignRobot, addresses, served
 
-pytestmark = [pytest.mark.alone, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.alone, pytest.mark.long, pytest.mark.timeout(900)]
 JOB = 3
 TICKS = 1500  # of the hold: the command's ten seconds are for metal
 BEAT_MS = 50
@@ -52,7 +52,7 @@ STALLS = (
 )  # fmt: skip
 
 
-@pytest.fixture(scope="module", params=["franka-sim", pytest.param("franky-sim", marks=pytest.mark.long)])
+@pytest.fixture(scope="module", params=["franka-sim", "franky-sim"])
 def robot(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ForeignRobot]:
     """Two arms of another author's, in the pose in which they begin."""
     with served(request.param, tmp_path_factory.mktemp(request.param), addresses()) as robot:
@@ -118,7 +118,6 @@ def tell(robot: ForeignRobot, what: str, log: Log, description: CellDescription)
     assert 1e3 * largest < LARGEST_ERROR_MM
 
 
-@pytest.mark.long  # tests/check judges the same findings in make test
 def test_check_holds_both_arms(robot, described, record_property) -> None:
     findings: dict[str, Finding] = {}
     for _ in range(ATTEMPTS):
@@ -178,7 +177,6 @@ def free_log(robot, cell_file, tmp_path_factory) -> Path:
     return kept_time(robot, run, tmp_path_factory.mktemp("free"))
 
 
-@pytest.mark.long
 def test_an_empty_cell_is_moved_in(robot, free_log, described) -> None:
     log = read_log(free_log)
     assert np.ptp(log.topic("/left/control")["pose_ref"][:, :3], axis=0).max() > 0.1  # m
@@ -207,7 +205,6 @@ def played(robot, cell_file, command_line, tmp_path, described) -> Callable[[Pat
     return play
 
 
-@pytest.mark.long
 def test_a_recording_is_played(demonstration, played) -> None:
     played(demonstration.path)
 

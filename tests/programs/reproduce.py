@@ -47,11 +47,12 @@ NOMINAL = "nominal"  # the condition of which the others of a sensitivity campai
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One step that has ended: whether it was right, how long all its runs took, and when it ended."""
+    """One step that has ended: whether it was right, how long all its runs took, when it ended, and of which commit."""
 
     ok: bool
     seconds: float
     ended: str
+    commit: str
 
 
 def commands(options: argparse.Namespace, name: str) -> list[str]:
@@ -91,23 +92,21 @@ def run(options: argparse.Namespace) -> dict[str, Step]:
             )
         if status in (-signal.SIGINT, 128 + signal.SIGINT):
             raise KeyboardInterrupt
-        ended[name] = Step(status == 0, round(spent[name], 1), datetime.now(UTC).isoformat(timespec="minutes"))
+        when = datetime.now(UTC).isoformat(timespec="minutes")
+        ended[name] = Step(status == 0, round(spent[name], 1), when, _commit())
         write_whole(state, json.dumps({"ended": {each: asdict(step) for each, step in ended.items()}, "spent": spent}))
     return ended
 
 
 def page(options: argparse.Namespace, ended: Mapping[str, Step]) -> str:
     """Return the page, as Markdown."""
-    commit = subprocess.run(
-        ["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=False
-    )
     total_min = sum(step.seconds for step in ended.values()) / 60.0
     lines = [
         "# Reproduced",
         "",
         f"`make reproduce{' QUICK=1`: a sample of the trials' if options.quick else '`: all trials'}, by version "
-        f"{version('rtstack')}. Commit "
-        f"{commit.stdout.strip() or 'unknown'}, {max((step.ended for step in ended.values()), default='never')}, "
+        f"{version('rtstack')}. Commit {', '.join(sorted({step.commit for step in ended.values()}))}, "
+        f"{max((step.ended for step in ended.values()), default='never')}, "
         f"{options.workers} workers on {os.cpu_count()} CPUs: {total_min:.0f} minutes.",
         "",
         "| what | minutes | |",
@@ -124,6 +123,13 @@ def page(options: argparse.Namespace, ended: Mapping[str, Step]) -> str:
         if name in ended and file.exists():
             lines += ["", f"## {title}", "", *_claims(json.loads(file.read_text()))]
     return "\n".join(lines) + "\n"
+
+
+def _commit() -> str:
+    said = subprocess.run(
+        ["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    return said.stdout.strip() or "unknown"
 
 
 def _claims(report: Mapping) -> list[str]:
