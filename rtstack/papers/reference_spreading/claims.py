@@ -188,9 +188,8 @@ def _peaks(evaluation: Evaluation) -> list[Claim]:
             "the highest desired force around the impact is lower than without reference spreading or interim mode",
             "highest force norm in the 200 ms: " + "; ".join(f"{NAMES[c].lower()} {shown(window[c])}" for c in NAMES),
             order((window[PROPOSED], window[c]) for c in (NO_RS, NO_INTERIM)),
-            "With both it is highest where the post-impact mode has begun, with the proposed controller a tenth of a "
-            "second after the detection: the demonstration's grip, and how far the pads are from their places by then. "
-            "It tells little about the impact.",
+            "With both it is highest in the post-impact mode, a tenth of a second or more after the detection: the "
+            "demonstration's grip, and how far the pads are from their places by then. It tells little of the impact.",
         ),
         Claim(
             "Figure 8",
