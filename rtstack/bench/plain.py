@@ -51,12 +51,11 @@ class PlainLimits:
     def acceleration(self, room: Array, speed: Array) -> Array:
         """Return the largest acceleration towards a position limit, `room` rad before it, at `speed` (12)-(13)."""
         root = np.sqrt(2.0 * self.deceleration * np.maximum(room, 0.0))
-        braked = root - self.offset
         tangent = self.deceleration / self.offset * room - self.offset / 2
-        allowed = np.where(tangent > 0.0, np.minimum(braked, self.dq_max), tangent)
+        allowed = np.where(tangent > 0.0, root - self.offset, tangent)
         slope = np.where(tangent > 0.0, self.deceleration / np.maximum(root, 1e-9), self.deceleration / self.offset)
-        slope = np.where((tangent > 0.0) & (braked > self.dq_max), 0.0, slope)
-        return np.maximum((allowed - speed) / 0.02 - slope * speed, -self.braking)
+        braked = (allowed - speed) / 0.02 - slope * speed
+        return np.maximum(np.minimum(braked, (self.dq_max - speed) / 0.02), -self.braking)
 
 
 @dataclass(frozen=True, slots=True)

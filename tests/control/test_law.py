@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from rtstack.bench.plain import PlainArm, PlainLimits, PlainSetpoint, PlainState
@@ -70,6 +70,7 @@ def test_both_ticks_have_the_same_limits_from_two_sources():
     seed=st.integers(0, 2**31), weight=st.sampled_from([0.0, 0.3, 1.0]), ticks=st.integers(1, 4), tasks=st.booleans(),
     tight=st.booleans(),
 )  # fmt: skip
+@example(seed=2177387, weight=0.0, ticks=1, tasks=True, tight=True)  # at full speed, before the position's line
 @settings(max_examples=100, deadline=None)
 def test_compiled_and_plain_tick_agree(cell, seed, weight, ticks, tasks, tight):
     """With both task laws, an error of the robot's gravity compensation that is made up for, and a cell's limits."""
