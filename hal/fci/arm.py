@@ -61,8 +61,12 @@ class FciArm:
         self.reconnected: Callable[[], None] = lambda: None  # told when `socket` is another one
         self._setup = (tool, collisions or CollisionBehaviour())
         self._connect()
-        if not self.reflex():
-            self._configure()
+        try:
+            if not self.reflex():
+                self._configure()
+        except BaseException:
+            shut_down(self._requests)  # the traceback may keep the vendor's object alive, and its robot has one client
+            raise
 
     def _connect(self) -> None:
         before = [open_sockets(kind) for kind in _KINDS]
