@@ -23,6 +23,7 @@ def test_each_arm_counts_by_its_own_clock_and_loses_nothing_to_the_other_ones_ph
     assert drift == pytest.approx(1e-3, abs=4e-4)
 
 
+@pytest.mark.alone  # a link that lost 20 packets would raise
 def test_a_state_shows_the_torque_that_answered_the_one_before(fresh_server) -> None:
     """By each arm's own clock, where nothing was lost: a client starts its next torque from what the robot has."""
     with fresh_server("--phase-us", "500", "--drift-ppm", "50") as served:
