@@ -14,15 +14,16 @@ def judge(run: ArmRun, rows: Sequence[Row]) -> list[Claim]:
     if not rows:
         return []
     found = {name: bands(rows, name) for name in run.study.tunings}
+    why = {name: _at_angles(rows, name, each) for name, each in found.items()}
     claims: list[Claim] = []
     for name, column in run.columns.items():
-        claims += _of_tuning(run, f"Figure 8({name})", column, found[name], _at_angles(rows, name, found[name]))
+        claims += _of_tuning(run, f"Figure 8({name})", column, found[name], why[name])
     last = list(found)[-1]
     return [
         *claims,
         growing("IV-B", found),
         _one_sided(run, f"Figure 8({last})", found[last]),
-        *(_asymmetric(run, f"Figure 8({name})", each, _at_angles(rows, name, each)) for name, each in found.items()),
+        *(_asymmetric(run, f"Figure 8({name})", each, why[name]) for name, each in found.items()),
     ]
 
 
@@ -33,7 +34,7 @@ def difference_deg(found: Bands) -> float | None:
 
 
 def _at_angles(rows: Sequence[Row], tuning: str, found: Bands) -> str:
-    """Say which approach angles disagree at the inclinations that are neither always nor never expected."""
+    """Count what was expected by approach angle, at the inclinations that are neither always nor never expected."""
     words = []
     for inclination, share in found.shares.items():
         if not 0.0 < share < 1.0:
@@ -44,7 +45,7 @@ def _at_angles(rows: Sequence[Row], tuning: str, found: Bands) -> str:
             said = [row[f"verdict_{tuning}"] == "expected" for row in here if row["approach_deg"] == angle]
             counts.append(f"{sum(said)} of {len(said)} at {angle:g} deg")
         words.append(f"at {inclination:g} deg {', '.join(counts)}")
-    return f"The approach angle decides. Expected {'; '.join(words)}." if words else ""
+    return f"Expected, by approach angle: {'; '.join(words)}." if words else ""
 
 
 def _of_tuning(run: ArmRun, where: str, column: ArmColumn, found: Bands, why: str) -> list[Claim]:
